@@ -1,0 +1,126 @@
+"""The kinematic connection on SE(3), derived exactly from the basis of se(3) with SymPy.
+
+A twist is xi = (v, w), linear first; e_1..e_3 translate, e_4..e_6 rotate. Everything follows from the 4x4 basis
+matrices E_i:
+
+* structure coefficients: [e_i, e_j] = sum_k C^k_ij e_k, from the matrix commutator (body twists belong to
+  left-invariant fields, spatial twists to right-invariant ones, whose bracket is the opposite);
+* the body connection: torsion-free, and a translation field is carried along by a rotation as a vector of the
+  body, grad_{e_i} e_j = e_i x e_j for i rotational and j translational, while rotations share their bracket
+  evenly between the two orders (the bi-invariant connection of SO(3)) and translations are flat;
+* the spatial connection: the body's with the two lower indices exchanged;
+* the hybrid connection (linear velocity of the tip and angular velocity, both in base axes): the body
+  connection seen in another moving basis, the gauge transformation with T = blkdiag(R, R).
+
+The sign that the torsion-free condition fixes is Gamma^k_ji - Gamma^k_ij = C^k_ij (the paper's appendix; its
+Section 2 has it reversed), with Gamma^k_ij the e_k component of grad_{e_j} e_i, and the correction of the joint
+stiffness is (Gamma F)_ij = sum_k Gamma^k_ij F_k.
+
+Source: Lachner, Nah, Hogan, "A Physically Consistent Stiffness Formulation for Contact-Rich Manipulation"
+(2025, arXiv 2503.06802), Section 2 and appendix.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, Literal, TypeAlias
+
+import sympy as sp
+
+Representation = Literal["body", "spatial", "hybrid"]
+REPRESENTATIONS: tuple[Representation, ...] = ("body", "spatial", "hybrid")
+
+_TRANSLATIONS = range(3)
+_ROTATIONS = range(3, 6)
+_BASIS = range(6)
+
+Coefficients: TypeAlias = Any
+"""A SymPy array of exact rationals of shape (6, 6, 6), indexed [k, i, j]: upper index k, lower indices i, j."""
+
+
+def basis_matrix(i: int) -> sp.ImmutableMatrix:
+    """E_i, the 4x4 matrix of the i-th basis twist (0-based, linear first): E_i = [[w]x, v; 0, 0]."""
+    return _hat([sp.Integer(i == k) for k in _BASIS])
+
+
+def _hat(xi: list[sp.Expr]) -> sp.ImmutableMatrix:
+    vx, vy, vz, wx, wy, wz = xi
+    return sp.ImmutableMatrix([[0, -wz, wy, vx], [wz, 0, -wx, vy], [-wy, wx, 0, vz], [0, 0, 0, 0]])
+
+
+def _vee(matrix: sp.Matrix) -> list[sp.Expr]:
+    m = matrix
+    xi = [m[0, 3], m[1, 3], m[2, 3], m[2, 1], m[0, 2], m[1, 0]]
+    if sp.simplify(_hat(xi) - m) != sp.zeros(4, 4):
+        raise ArithmeticError(f"{m} is not in se(3)")
+    return xi
+
+
+@cache
+def structure_coefficients(representation: Representation) -> Coefficients:
+    """C^k_ij of the brackets [e_i, e_j] = C^k_ij e_k of the representation's frame field.
+
+    Body: the matrix commutator. Spatial: its opposite (right-invariant fields). Hybrid: translations along base
+    axes commute with everything, while rotations in base axes bracket as right-invariant fields of SO(3).
+    """
+    c = [[[sp.Integer(0)] * 6 for _ in _BASIS] for _ in _BASIS]
+    for i in _BASIS:
+        for j in _BASIS:
+            ei, ej = basis_matrix(i), basis_matrix(j)
+            bracket = _vee(ei * ej - ej * ei)
+            if representation == "spatial":
+                bracket = [-b for b in bracket]
+            elif representation == "hybrid":
+                bracket = [-b if i in _ROTATIONS and j in _ROTATIONS else sp.Integer(0) for b in bracket]
+            for k in _BASIS:
+                c[k][i][j] = bracket[k]
+    return sp.ImmutableDenseNDimArray(c)
+
+
+@cache
+def connection_coefficients(representation: Representation) -> Coefficients:
+    """Gamma^k_ij of the kinematic connection, as exact rationals [k, i, j].
+
+    Each is torsion-free for its own frame field: Gamma^k_ji - Gamma^k_ij = C^k_ij of the same representation.
+    """
+    if representation == "hybrid":
+        return _hybrid_from_body()
+    c = structure_coefficients("body")
+    gamma = [[[sp.Integer(0)] * 6 for _ in _BASIS] for _ in _BASIS]
+    for k in _BASIS:
+        for i in _BASIS:
+            for j in _BASIS:
+                # grad_{e_j} e_i: field i, direction j.
+                if j in _ROTATIONS and i in _TRANSLATIONS:
+                    value = c[k, j, i]
+                elif j in _ROTATIONS and i in _ROTATIONS:
+                    value = c[k, j, i] / 2
+                else:
+                    value = sp.Integer(0)
+                if representation == "body":
+                    gamma[k][i][j] = value
+                else:
+                    gamma[k][j][i] = value
+    return sp.ImmutableDenseNDimArray(gamma)
+
+
+def _hybrid_from_body() -> Coefficients:
+    """The body connection in the hybrid frame field h_a = sum_i R_ai e_i (a, i both linear or both angular).
+
+    grad_{h_b} h_a = h_b(R_ai) e_i + R_ai R_bj grad_{e_j} e_i. Cross products are equivariant under rotations, so
+    the coefficients are those at R = 1, where h_b(R) = [e_b]x for a rotation and 0 for a translation.
+    """
+    body = connection_coefficients("body")
+    gamma = [[[body[k, a, b] for b in _BASIS] for a in _BASIS] for k in _BASIS]
+    for b in _ROTATIONS:
+        turn = basis_matrix(b)[:3, :3]
+        for a in _BASIS:
+            for i in range(3):
+                gamma[i + 3 * (a // 3)][a][b] += turn[a % 3, i]
+    return sp.ImmutableDenseNDimArray(gamma)
+
+
+def gamma_F(representation: Representation, wrench: list[sp.Expr]) -> sp.ImmutableMatrix:
+    """(Gamma F)_ij = sum_k Gamma^k_ij F_k as a 6x6 SymPy matrix, [N] and [N m]; ``wrench`` is (f, m)."""
+    gamma = connection_coefficients(representation)
+    return sp.ImmutableMatrix(6, 6, lambda i, j: sum((gamma[k, i, j] * wrench[k] for k in _BASIS), sp.Integer(0)))

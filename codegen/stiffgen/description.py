@@ -1,0 +1,520 @@
+"""URDF file -> :class:`Description`: links and joints with checked numbers, and every problem of the file.
+
+The file is untrusted input. It is parsed once by lxml without entities, DTDs or network; what a chain needs
+(links, inertials, joints) is checked and handed to yourdfpy, which reads the elements. Origins are the one
+exception: yourdfpy turns roll-pitch-yaw into a float matrix whose last digit depends on the machine's libm, so
+the angles themselves are kept and turned into matrices by :mod:`stiffgen.geometry`.
+
+Meshes, materials, transmissions, gazebo and unknown elements are never looked at.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import yourdfpy
+from lxml import etree
+
+from stiffgen.errors import DescriptionError
+
+MAX_BYTES = 32 * 2**20
+MAX_JOINTS = 10_000
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+MOVING_TYPES = ("revolute", "continuous", "prismatic")
+
+Vector = tuple[float, float, float]
+
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
+_XACRO = b"www.ros.org/wiki/xacro"
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """``<inertial>`` of a link: mass [kg], centre of mass [m] and orientation [rad] in the link frame, and
+    (ixx, ixy, ixz, iyy, iyz, izz) [kg m^2] about the centre of mass in that orientation's axes.
+    """
+
+    mass: float
+    com: Vector
+    rpy: Vector
+    tensor: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """``<mimic>``: this joint stands at ``multiplier * q[joint] + offset``."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class JointElement:
+    """A ``<joint>`` as the file has it (SI units, radians). ``axis`` is of unit length, or zero on a joint
+    that does not move. Limits that the file leaves out are infinite.
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    xyz: Vector
+    rpy: Vector
+    axis: Vector
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something wrong with the file. ``element`` is "file", "joint NAME" or "link NAME": a problem of the file
+    refuses every chain, one of a joint or link only the chains that use it.
+    """
+
+    element: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Description:
+    """The checked content of a URDF file. ``joints`` is keyed by joint name, ``inertials`` by link name (None:
+    the link has no ``<inertial>``); ``digest`` is the SHA-256 of the file's bytes.
+    """
+
+    file: str
+    digest: str
+    robot: str
+    inertials: dict[str, Inertial | None]
+    joints: dict[str, JointElement]
+    problems: tuple[Problem, ...]
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Link names in file order."""
+        return tuple(self.inertials)
+
+    @property
+    def parent_joint(self) -> dict[str, JointElement]:
+        """The joint above each link; the root has none."""
+        return {joint.child: joint for joint in self.joints.values()}
+
+    @property
+    def root(self) -> str:
+        """The link that is no joint's child."""
+        above = self.parent_joint
+        return next(link for link in self.links if link not in above)
+
+    @property
+    def leaves(self) -> tuple[str, ...]:
+        """The links that are no joint's parent, in file order: the usual tips."""
+        parents = {joint.parent for joint in self.joints.values()}
+        return tuple(link for link in self.links if link not in parents)
+
+
+def read_description(path: str | Path) -> Description:
+    """Read a URDF file.
+
+    Problems of single joints and links are left in ``problems``; see :func:`stiffgen.load_chain` for which of
+    them refuse a chain.
+
+    Raises:
+        DescriptionError: the file cannot be read, is no URDF, or its tree of links is broken. All problems of
+            the file are in the error.
+
+    """
+    path = Path(path)
+    data = _read_bytes(path)
+    robot = _parse_xml(path.name, data)
+    checker = _Checker(robot)
+    problems = tuple(checker.run())
+    if any(p.element == "file" for p in problems):
+        raise DescriptionError(path.name, [p.text for p in problems])
+    model = _read_with_yourdfpy(checker)
+    return Description(
+        file=path.name,
+        digest=hashlib.sha256(data).hexdigest(),
+        robot=model.name,
+        inertials={link.name: _inertial(link, checker) for link in model.links},
+        joints={joint.name: _joint(joint, checker) for joint in model.joints},
+        problems=problems,
+    )
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        if path.is_dir():
+            raise DescriptionError(str(path), ["is a folder; name the URDF file in it"])
+        with path.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise DescriptionError(str(path), [f"cannot be read ({reason}); check the path"]) from error
+    except ValueError as error:  # a NUL byte in the path
+        raise DescriptionError(repr(str(path)), [f"is no file name ({error})"]) from error
+    if len(data) > MAX_BYTES:
+        limit = MAX_BYTES // 2**20
+        raise DescriptionError(
+            path.name, [f"is larger than {limit} MiB; a robot description holds no meshes: is this the right file?"]
+        )
+    return data
+
+
+def _parse_xml(file: str, data: bytes) -> etree._Element:
+    parser = etree.XMLParser(
+        resolve_entities=False,
+        load_dtd=False,
+        no_network=True,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    xacro = (
+        "is a xacro file, a template of a URDF; expand it first: xacro INPUT.xacro > OUTPUT.urdf "
+        "(ROS package 'xacro', also on the Python registry), then give OUTPUT.urdf"
+    )
+    try:
+        root = etree.fromstring(data, parser)
+    except etree.XMLSyntaxError as error:
+        if _XACRO in data or b"<xacro:" in data:
+            raise DescriptionError(file, [xacro]) from error
+        reason = (error.msg or "empty file").rstrip(".")
+        raise DescriptionError(file, [f"is not well-formed XML: {reason}; give a URDF file"]) from error
+    except ValueError as error:
+        raise DescriptionError(file, [f"is not well-formed XML: {error}; give a URDF file"]) from error
+    tree = root.getroottree()
+    if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
+        raise DescriptionError(file, ["has a DOCTYPE; a URDF needs none: remove the <!DOCTYPE ...> declaration"])
+    # xacro itself leaves its namespace declared on the files it has expanded: only its elements count.
+    if any(isinstance(e.tag, str) and e.tag.startswith("{") and "xacro" in e.tag for e in root.iter()):
+        raise DescriptionError(file, [xacro])
+    if root.tag != "robot":
+        raise DescriptionError(file, [f"root element is <{root.tag}>, expected <robot>; give a URDF file"])
+    return root
+
+
+class _Checker:
+    """Walks the XML once, yields the problems, and keeps what reading needs afterwards."""
+
+    def __init__(self, robot: etree._Element) -> None:
+        self.robot = robot
+        self.links: dict[str, etree._Element] = {}
+        self.joints: dict[str, etree._Element] = {}
+        self.parents: dict[str, str] = {}  # child link -> joint
+        self.numbers: dict[tuple[etree._Element, str], tuple[float, ...]] = {}
+        self.broken_mimics: set[str] = set()
+
+    def run(self) -> Iterator[Problem]:
+        if not self.robot.get("name", "").strip():
+            yield Problem("file", '<robot> has no name; add name="..."')
+        yield from self._named("link", self.links)
+        yield from self._named("joint", self.joints)
+        if not self.links:
+            yield Problem("file", "has no <link>; a robot needs at least two links and a joint between them")
+        if len(self.joints) > MAX_JOINTS:
+            yield Problem("file", f"has {len(self.joints)} joints, more than the {MAX_JOINTS} that stiffgen reads")
+            return
+        for name, element in self.joints.items():
+            yield from self._joint(name, element)
+        for name, element in self.links.items():
+            yield from self._link(name, element)
+        yield from self._tree()
+
+    def _named(self, tag: str, into: dict[str, etree._Element]) -> Iterator[Problem]:
+        for position, element in enumerate(self.robot.findall(tag), start=1):
+            name = element.get("name", "")
+            if not name.strip():
+                yield Problem("file", f'<{tag}> number {position} has no name; add name="..."')
+            elif name in into:
+                yield Problem("file", f"{tag} '{name}' stands twice; rename one of the two")
+            else:
+                into[name] = element
+
+    def _joint(self, name: str, element: etree._Element) -> Iterator[Problem]:
+        this = f"joint {name}"
+        kind = element.get("type")
+        if kind not in JOINT_TYPES:
+            said = "has no type" if kind is None else f"has the unknown type '{kind}'"
+            yield Problem("file", f"joint '{name}' {said}; valid types: {', '.join(JOINT_TYPES)}")
+        ends = {}
+        for tag in ("parent", "child"):
+            end = element.find(tag)
+            link = None if end is None else end.get("link")
+            if not link:
+                yield Problem("file", f"joint '{name}' has no <{tag} link=\"...\"/>; add it")
+            elif link not in self.links:
+                yield Problem("file", f"joint '{name}': its {tag} link '{link}' does not exist; {_among(self.links)}")
+            else:
+                ends[tag] = link
+        if "child" in ends:
+            other = self.parents.setdefault(ends["child"], name)
+            if other != name:
+                yield Problem(
+                    "file",
+                    f"link '{ends['child']}' is the child of joint '{other}' and of joint '{name}'; "
+                    "a URDF is a tree: give each link one parent joint",
+                )
+        moving = kind in MOVING_TYPES
+        yield from self._origin(this, element)
+        yield from self._axis(this, element, moving)
+        limit = element.find("limit")
+        if limit is not None:
+            for key in ("lower", "upper", "velocity", "effort"):
+                yield from self._number(this, limit, key, 1, infinite=True)
+            lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
+            if moving and kind != "continuous" and lower > upper:
+                yield Problem(this, f"joint '{name}': lower limit {lower:g} is above upper limit {upper:g}; swap them")
+            for key in ("velocity", "effort"):
+                if self.numbers.get((limit, key), (0.0,))[0] < 0:
+                    yield Problem(this, f"joint '{name}': <limit {key}> is negative; give its magnitude")
+        yield from self._mimic(this, name, element)
+
+    def _axis(self, this: str, element: etree._Element, moving: bool) -> Iterator[Problem]:
+        axis = element.find("axis")
+        if axis is None:
+            return
+        problems = list(self._number(this, axis, "xyz", 3))
+        if not moving:
+            return  # real files have zero or malformed axes on fixed joints; nobody reads them
+        yield from problems
+        xyz = self.numbers.get((axis, "xyz"), (1.0, 0.0, 0.0))
+        length = math.hypot(*xyz)
+        if not 1e-6 < length < 1e150:
+            yield Problem(
+                this, f'{_title(this)}: its axis {_show(xyz)} has no direction; give a vector like xyz="0 0 1"'
+            )
+
+    def _mimic(self, this: str, name: str, element: etree._Element) -> Iterator[Problem]:
+        mimic = element.find("mimic")
+        if mimic is None:
+            return
+        for key in ("multiplier", "offset"):
+            yield from self._number(this, mimic, key, 1)
+        followed = [name]
+        while mimic is not None:
+            master = mimic.get("joint", "")
+            wrong = None
+            if master not in self.joints:
+                wrong = f"mimics the unknown joint '{master}'; {_among(self.joints)}"
+            elif master in followed:
+                wrong = f"mimics in a circle ({' -> '.join([*followed, master])}); break it"
+            elif self.joints[master].get("type") not in MOVING_TYPES:
+                wrong = f"mimics '{master}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
+            if wrong:
+                self.broken_mimics.add(name)
+                yield Problem(this, f"joint '{followed[-1]}' {wrong}")
+                return
+            followed.append(master)
+            mimic = self.joints[master].find("mimic")
+
+    def _link(self, name: str, element: etree._Element) -> Iterator[Problem]:
+        this = f"link {name}"
+        inertial = element.find("inertial")
+        if inertial is None:
+            return
+        yield from self._origin(this, inertial)
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
+        for tag, child, keys in (
+            ("mass", mass, ("value",)),
+            ("inertia", inertia, ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
+        ):
+            if child is None:
+                yield Problem(this, f"link '{name}': <inertial> has no <{tag}>; add it or remove <inertial>")
+                return
+            for key in keys:
+                if child.get(key) is None:
+                    yield Problem(this, f"link '{name}': <{tag}> has no '{key}'; add it")
+                yield from self._number(this, child, key, 1)
+        assert mass is not None and inertia is not None
+        value = self.numbers.get((mass, "value"), (0.0,))[0]
+        if value < 0:
+            yield Problem(this, f"link '{name}': mass {value:g} kg is negative")
+        xx, xy, xz, yy, yz, zz = (
+            self.numbers.get((inertia, key), (0.0,))[0] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        if not _physical(xx, xy, xz, yy, yz, zz):
+            yield Problem(
+                this,
+                f"link '{name}': no rigid body has this inertia tensor (principal moments must be positive and "
+                "none above the sum of the other two); correct <inertia>",
+            )
+
+    def _origin(self, this: str, element: etree._Element) -> Iterator[Problem]:
+        origin = element.find("origin")
+        if origin is not None:
+            for key in ("xyz", "rpy"):
+                yield from self._number(this, origin, key, 3)
+
+    def _number(
+        self, this: str, element: etree._Element, key: str, count: int, *, infinite: bool = False
+    ) -> Iterator[Problem]:
+        text = element.get(key)
+        if text is None:
+            return
+        words = text.split()
+        where = f'{_title(this)}: <{element.tag} {key}="{text[:60]}">'
+        if len(words) != count:
+            many = "a number" if count == 1 else f"{count} numbers"
+            yield Problem(this, f"{where} holds {len(words)} words, expected {many}")
+            return
+        values = []
+        for word in words:
+            if infinite and word.lower().lstrip("+-") in ("inf", "infinity"):
+                values.append(-math.inf if word.startswith("-") else math.inf)
+                continue
+            value = float(word) if _NUMBER.match(word) else math.nan
+            if not math.isfinite(value):
+                yield Problem(this, f"{where}: '{word[:40]}' is not a finite decimal number")
+                return
+            values.append(value)
+        self.numbers[element, key] = tuple(values)
+
+    def _tree(self) -> Iterator[Problem]:
+        roots = [link for link in self.links if link not in self.parents]
+        if self.links and len(roots) > 1 and self.joints:
+            yield Problem("file", f"has {len(roots)} root links ({_listed(roots)}); connect them by joints to one tree")
+        parent_of = {}
+        for child, joint in self.parents.items():
+            end = self.joints[joint].find("parent")
+            parent_of[child] = None if end is None else end.get("link")
+        done: set[str] = set()
+        for start in self.links:
+            path: list[str] = []
+            on_path: set[str] = set()
+            link: str | None = start
+            while link is not None and link not in done:
+                if link in on_path:
+                    circle = path[path.index(link) :]
+                    yield Problem("file", f"links form a circle ({_listed(circle)}); a URDF is a tree: cut one joint")
+                    break
+                path.append(link)
+                on_path.add(link)
+                link = parent_of.get(link)
+            done.update(path)
+
+
+def _physical(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
+    # Principal moments of a symmetric 3x3 matrix in closed form; 1 % slack, since CAD exports are rounded.
+    mean = (xx + yy + zz) / 3
+    spread = math.sqrt(((xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2 * (xy**2 + xz**2 + yz**2)) / 6)
+    if spread == 0:
+        return mean >= 0
+    a, b, c = ((value - mean) / spread for value in (xx, yy, zz))
+    d, e, f = xy / spread, xz / spread, yz / spread
+    half_det = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2
+    angle = math.acos(min(1.0, max(-1.0, half_det))) / 3
+    high = mean + 2 * spread * math.cos(angle)
+    low = mean + 2 * spread * math.cos(angle + 2 * math.pi / 3)
+    middle = 3 * mean - high - low
+    return low >= -0.01 * abs(high) and high <= 1.01 * (low + middle)
+
+
+def _read_with_yourdfpy(checker: _Checker) -> yourdfpy.urdf.Robot:
+    """Hand yourdfpy the links and joints alone, without what failed the checks of single elements."""
+    copy = etree.Element("robot", {"name": checker.robot.get("name", "")})
+    for name, link in checker.links.items():
+        kept = etree.SubElement(copy, "link", {"name": name})
+        inertial = link.find("inertial")
+        if inertial is not None and inertial.find("mass") is not None and inertial.find("inertia") is not None:
+            _copy(checker, kept, inertial, ("mass", "inertia"))
+    for name, joint in checker.joints.items():
+        kept = etree.SubElement(copy, "joint", {"name": name, "type": joint.get("type", "")})
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            etree.SubElement(kept, tag, {"link": "" if end is None else end.get("link", "")})
+        for tag in ("axis", "limit", "mimic"):
+            child = joint.find(tag)
+            if child is not None and not (tag == "mimic" and name in checker.broken_mimics):
+                made = etree.SubElement(kept, tag)
+                _copy_numbers(checker, made, child)
+                if tag == "mimic":
+                    made.set("joint", child.get("joint", ""))
+    stream = io.BytesIO(etree.tostring(copy, encoding="utf-8"))
+    return yourdfpy.URDF.load(stream, build_scene_graph=False, load_meshes=False).robot
+
+
+def _copy(checker: _Checker, into: etree._Element, element: etree._Element, tags: tuple[str, ...]) -> None:
+    made = etree.SubElement(into, str(element.tag))
+    for tag in tags:
+        child = element.find(tag)
+        if child is not None:
+            _copy_numbers(checker, etree.SubElement(made, tag), child)
+
+
+def _copy_numbers(checker: _Checker, into: etree._Element, element: etree._Element) -> None:
+    for key in map(str, element.attrib):
+        values = checker.numbers.get((element, key))
+        if values is not None:
+            into.set(key, " ".join(map(repr, values)))
+
+
+def _placement(element: etree._Element | None, checker: _Checker) -> tuple[Vector, Vector]:
+    origin = None if element is None else element.find("origin")
+    zero = (0.0, 0.0, 0.0)
+    if origin is None:
+        return zero, zero
+    xyz, rpy = (checker.numbers.get((origin, key), zero) for key in ("xyz", "rpy"))
+    return (xyz[0], xyz[1], xyz[2]), (rpy[0], rpy[1], rpy[2])
+
+
+def _inertial(link: yourdfpy.urdf.Link, checker: _Checker) -> Inertial | None:
+    if link.inertial is None:
+        return None
+    com, rpy = _placement(checker.links[link.name].find("inertial"), checker)
+    i = link.inertial.inertia.tolist()
+    return Inertial(float(link.inertial.mass), com, rpy, (i[0][0], i[0][1], i[0][2], i[1][1], i[1][2], i[2][2]))
+
+
+def _joint(joint: yourdfpy.urdf.Joint, checker: _Checker) -> JointElement:
+    xyz, rpy = _placement(checker.joints[joint.name], checker)
+    axis = [0.0, 0.0, 0.0]
+    if joint.type in MOVING_TYPES:
+        raw = joint.axis.tolist()
+        length = math.hypot(*raw)
+        axis = [value / length for value in raw] if length > 0 else axis
+    limit = joint.limit or yourdfpy.urdf.Limit()
+    bounded = joint.type in ("revolute", "prismatic") and joint.limit is not None
+    # The format's default of a left-out bound is 0; a left-out <limit> bounds nothing.
+    lower, upper = (limit.lower or 0.0, limit.upper or 0.0) if bounded else (-math.inf, math.inf)
+    mimic = joint.mimic
+    return JointElement(
+        name=joint.name,
+        type=joint.type,
+        parent=joint.parent,
+        child=joint.child,
+        xyz=xyz,
+        rpy=rpy,
+        axis=(axis[0], axis[1], axis[2]),
+        lower=lower,
+        upper=upper,
+        velocity=math.inf if limit.velocity is None else limit.velocity,
+        effort=math.inf if limit.effort is None else limit.effort,
+        mimic=None if mimic is None else Mimic(mimic.joint, float(mimic.multiplier), float(mimic.offset)),
+    )
+
+
+def _title(this: str) -> str:
+    kind, name = this.split(" ", 1)
+    return f"{kind} '{name}'"
+
+
+def _show(values: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
+
+
+def _listed(names: list[str] | tuple[str, ...], most: int = 12) -> str:
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
+
+
+def _among(names: dict[str, etree._Element]) -> str:
+    return f"valid names: {_listed(list(names))}" if names else "there is none"

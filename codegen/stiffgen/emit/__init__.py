@@ -1,0 +1,1 @@
+"""Kernel table -> files: C source and header, NumPy ufunc module, CMake package, Python package, manifest."""

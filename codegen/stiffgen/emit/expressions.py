@@ -1,0 +1,291 @@
+"""CasADi graph -> C statements.
+
+Nodes that are used more than once or named by a section become ``const double`` locals; the rest is nested into
+the expression that uses it. The order of statements follows the graph, which follows the Python code that built
+it: no hash, address or platform enters, so the same chain prints the same bytes everywhere.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+_WIDTH = 100
+_SUM, _PRODUCT, _UNARY, _ATOM = range(4)
+
+Key = tuple[str, int | float, int]
+"""(kind, first, second): node numbers, a constant's value or an input's number."""
+
+
+@dataclass
+class Operations:
+    """Arithmetic operations by kind."""
+
+    add: int = 0
+    multiply: int = 0
+    sincos: int = 0
+
+    def __add__(self, other: Operations) -> Operations:
+        return Operations(self.add + other.add, self.multiply + other.multiply, self.sincos + other.sincos)
+
+    def times(self, count: int) -> Operations:
+        """The same, ``count`` times over."""
+        return Operations(self.add * count, self.multiply * count, self.sincos * count)
+
+    @property
+    def total(self) -> int:
+        """All operations; a sine and a cosine count one each."""
+        return self.add + self.multiply + self.sincos
+
+
+@dataclass(frozen=True)
+class Named:
+    """A group of intermediate values that the code shall show under these names, below a comment."""
+
+    comment: str
+    values: Sequence[tuple[str, ca.SX]]
+
+
+@dataclass(frozen=True)
+class Printed:
+    """C statements, one a line (long ones wrapped), with the operations they cost."""
+
+    lines: list[str]
+    operations: Operations
+
+
+@dataclass
+class _Graph:
+    """Operations numbered in order of first use; equal operations share a number."""
+
+    keys: list[Key] = field(default_factory=list)
+    numbers: dict[Key, int] = field(default_factory=dict)
+
+    def add(self, kind: str, a: int | float = 0, b: int = 0) -> int:
+        key = self._canonical(kind, a, b)
+        if isinstance(key, int):
+            return key
+        if key not in self.numbers:
+            self.numbers[key] = len(self.keys)
+            self.keys.append(key)
+        return self.numbers[key]
+
+    def _canonical(self, kind: str, a: int | float, b: int) -> Key | int:
+        """Signs are pulled out of products and into differences (exact in floating point)."""
+        if kind == "const" and a < 0:
+            return "neg", self.add("const", -a), 0
+        if kind == "neg":
+            inner = self.keys[int(a)]
+            if inner[0] == "neg":
+                return int(inner[1])
+            if inner[0] == "sub":
+                return self.add("sub", inner[2], int(inner[1]))
+        if kind == "mul":
+            for factor, other in ((int(a), b), (b, int(a))):
+                if self.keys[factor][0] == "neg":
+                    return self.add("neg", self.add("mul", int(self.keys[factor][1]), other))
+            a, b = sorted((int(a), b), key=self._constants_first)
+        if kind == "add":
+            if self.keys[b][0] == "neg":
+                return self.add("sub", a, int(self.keys[b][1]))
+            if self.keys[int(a)][0] == "neg":
+                return self.add("sub", b, int(self.keys[int(a)][1]))
+        if kind == "sub":
+            if self.keys[b][0] == "neg":
+                return self.add("add", a, int(self.keys[b][1]))
+            if self.keys[int(a)][0] == "neg":
+                return self.add("neg", self.add("add", int(self.keys[int(a)][1]), b))
+        return kind, a, b
+
+    def _constants_first(self, number: int) -> tuple[bool, int]:
+        return self.keys[number][0] != "const", number
+
+    def operands(self, number: int) -> tuple[int, ...]:
+        kind, a, b = self.keys[number]
+        if kind in ("const", "input"):
+            return ()
+        return (int(a), b) if kind in ("add", "sub", "mul") else (int(a),)
+
+
+_BINARY = {ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul"}
+_UNARY_OPS = {ca.OP_NEG: "neg", ca.OP_SIN: "sin", ca.OP_COS: "cos"}
+
+
+def _build(function: ca.Function) -> tuple[_Graph, list[int]]:
+    graph = _Graph()
+    registers: dict[int, int] = {}
+    outputs = [graph.add("const", 0.0)] * function.nnz_out(0)
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        into = function.instruction_output(k)
+        from_ = function.instruction_input(k)
+        if operation == ca.OP_OUTPUT:
+            outputs[into[1]] = registers[from_[0]]
+        elif operation == ca.OP_INPUT:
+            registers[into[0]] = graph.add("input", from_[1])
+        elif operation == ca.OP_CONST:
+            registers[into[0]] = graph.add("const", float(function.instruction_constant(k)))
+        elif operation in _BINARY:
+            registers[into[0]] = graph.add(_BINARY[operation], registers[from_[0]], registers[from_[1]])
+        elif operation in _UNARY_OPS:
+            registers[into[0]] = graph.add(_UNARY_OPS[operation], registers[from_[0]])
+        elif operation == ca.OP_SQ:
+            registers[into[0]] = graph.add("mul", registers[from_[0]], registers[from_[0]])
+        elif operation == ca.OP_TWICE:
+            registers[into[0]] = graph.add("mul", graph.add("const", 2.0), registers[from_[0]])
+        else:
+            raise NotImplementedError(
+                f"CasADi operation {operation} has no C printing; add it to _BINARY or _UNARY_OPS"
+            )
+    return graph, outputs
+
+
+def print_statements(
+    inputs: Sequence[tuple[ca.SX, str]],
+    outputs: Sequence[tuple[str, ca.SX]],
+    named: Sequence[Named] = (),
+    *,
+    heading: str = "",
+) -> Printed:
+    """Print the statements that compute ``outputs``.
+
+    Args:
+        inputs: scalar symbols with their C text.
+        outputs: C lvalues with scalar expressions, printed in this order.
+        named: groups of scalar intermediates to name, in order of computation.
+        heading: comment over the outputs.
+
+    Returns:
+        Lines without indentation.
+
+    """
+    symbols = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
+    named_values = [(name, value) for group in named for name, value in group.values]
+    everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
+    graph, numbers = _build(ca.Function("f", [symbols], [everything]))
+    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs])
+    following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
+    for group in named:
+        members = [(name, number) for _, (number, (name, _)) in zip(group.values, following, strict=False)]
+        writer.group(group.comment, members)
+    if heading:
+        writer.lines += ["", f"/* {heading} */"] if writer.lines else [f"/* {heading} */"]
+    for (lvalue, _), number in zip(outputs, numbers, strict=False):
+        writer.assign(lvalue, number)
+    return Printed(writer.lines, writer.operations)
+
+
+class _Writer:
+    def __init__(self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str]) -> None:
+        self.graph = graph
+        self.inputs = inputs
+        self.lines: list[str] = []
+        self.operations = Operations()
+        self.text: dict[int, str] = {}  # nodes that have a C name
+        self.temporaries = 0
+        self.uses = self._count_uses(outputs)
+
+    def _count_uses(self, outputs: Sequence[int]) -> dict[int, int]:
+        uses: dict[int, int] = {}
+        pending = list(outputs)
+        while pending:
+            number = pending.pop()
+            uses[number] = uses.get(number, 0) + 1
+            if uses[number] == 1 or self.graph.keys[number][0] == "neg":  # a sign is transparent
+                pending.extend(self.graph.operands(number))
+        return uses
+
+    def group(self, comment: str, members: Sequence[tuple[str, int]]) -> None:
+        opened = False
+        for name, number in members:
+            # A negated value goes without a name of its own: its sign is written where it is used.
+            kind = self.graph.keys[number][0]
+            if number in self.uses and number not in self.text and kind not in ("const", "input", "neg"):
+                if not opened:
+                    self.lines += ["", f"/* {comment} */"] if self.lines else [f"/* {comment} */"]
+                    opened = True
+                self._define(name, number)
+
+    def assign(self, lvalue: str, number: int) -> None:
+        self._prepare(number)
+        self._write(f"{lvalue} = {self._expression(number)[0]};")
+
+    def _is_leaf(self, number: int) -> bool:
+        kind, a, _ = self.graph.keys[number]
+        return kind in ("const", "input") or (kind == "neg" and self._is_leaf(int(a)))
+
+    def _define(self, name: str, number: int) -> None:
+        self._prepare(number)
+        self._write(f"const double {name} = {self._expression(number)[0]};")
+        self.text[number] = name
+
+    def _prepare(self, number: int) -> None:
+        """Define the shared operands below a node, deepest first."""
+        stack: list[tuple[int, Iterator[int]]] = [(number, iter(self.graph.operands(number)))]
+        visited = {number}
+        while stack:
+            current, operands = stack[-1]
+            below = next((o for o in operands if o not in visited and o not in self.text), None)
+            if below is not None:
+                visited.add(below)
+                stack.append((below, iter(self.graph.operands(below))))
+                continue
+            stack.pop()
+            shared = self.uses[current] > 1 and self.graph.keys[current][0] != "neg"
+            if current != number and shared and not self._is_leaf(current):
+                self._write(f"const double t{self.temporaries} = {self._expression(current)[0]};")
+                self.text[current] = f"t{self.temporaries}"
+                self.temporaries += 1
+
+    def _expression(self, number: int) -> tuple[str, int]:
+        if number in self.text:
+            return self.text[number], _ATOM
+        kind, a, b = self.graph.keys[number]
+        if kind == "const":
+            return c_double(float(a)), _ATOM
+        if kind == "input":
+            return self.inputs[int(a)], _ATOM
+        if kind in ("sin", "cos"):
+            self.operations.sincos += 1
+            return f"{kind}({self._expression(int(a))[0]})", _ATOM
+        if kind == "neg":
+            return f"-{self._nested(int(a), _UNARY)}", _UNARY
+        if kind == "mul":
+            self.operations.multiply += 1
+            return f"{self._nested(int(a), _PRODUCT)} * {self._nested(b, _UNARY)}", _PRODUCT
+        self.operations.add += 1
+        sign = "+" if kind == "add" else "-"
+        # The right operand of a sum keeps its parentheses: floating-point addition is not associative.
+        return f"{self._nested(int(a), _SUM)} {sign} {self._nested(b, _PRODUCT)}", _SUM
+
+    def _nested(self, number: int, at_least: int) -> str:
+        text, precedence = self._expression(number)
+        return text if precedence >= at_least else f"({text})"
+
+    def _write(self, statement: str) -> None:
+        self.lines += wrap(statement)
+
+
+def wrap(statement: str) -> list[str]:
+    """Break a statement before operators so that it fits the page; continuations are indented by four."""
+    pieces = re.split(r" (?=[-+*] (?![^\[]*\]))", statement)
+    lines = [pieces[0]]
+    for piece in pieces[1:]:
+        joined = f"{lines[-1]} {piece}"
+        if len(joined) <= _WIDTH - (4 if len(lines) > 1 else 0):
+            lines[-1] = joined
+        else:
+            lines.append(piece)
+    return [lines[0], *("    " + line for line in lines[1:])]
+
+
+def c_double(value: float) -> str:
+    """The shortest C literal that reads back as this double."""
+    if value == float("inf"):
+        return "INFINITY"
+    if value == float("-inf"):
+        return "-INFINITY"
+    return repr(value)

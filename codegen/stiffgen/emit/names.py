@@ -1,0 +1,65 @@
+"""Names from a robot description, made safe for C, CMake, Python and paths.
+
+A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_]
+become "_" (runs become one, none stay at the ends), a leading digit gets the prefix "robot_", more than 40
+characters are cut, and a word that C, C++, Python or CMake reserve gets the suffix "_robot". Joint and link names
+never become identifiers; they stand in string literals and comments, escaped by the functions below.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+import unicodedata
+
+from stiffgen.errors import StiffgenError
+
+MAX_LENGTH = 40
+
+_C_AND_CPP = """
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class
+    compl concept const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype
+    default delete do double dynamic_cast else enum explicit export extern false float for friend goto if inline
+    int long mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public register
+    reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast struct switch
+    template this thread_local throw true try typedef typeid typename union unsigned using virtual void volatile
+    wchar_t while xor xor_eq main errno stdin stdout stderr linux unix math string test all install
+"""
+_PYTHON = {word.lower() for word in (*keyword.kwlist, *keyword.softkwlist)}
+_RESERVED = frozenset(_C_AND_CPP.split()) | _PYTHON
+
+
+def identifier(name: str) -> str:
+    """The identifier that stands for a robot's name (rule in the module's docstring)."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    made = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_") or "robot"
+    if made[0].isdigit():
+        made = f"robot_{made}"
+    made = made[:MAX_LENGTH].rstrip("_")
+    return f"{made}_robot" if made.lower() in _RESERVED or made.lower().startswith("stiffgen") else made
+
+
+def checked_identifier(name: str) -> str:
+    """A name that the user chose, which must already follow the rule.
+
+    Raises:
+        StiffgenError: it does not; the message has the nearest name that does.
+
+    """
+    if identifier(name) != name:
+        raise StiffgenError(
+            f"--name '{name}' is no usable name for a C library and a Python module; nearest: --name {identifier(name)}"
+        )
+    return name
+
+
+def c_string(text: str) -> str:
+    """A C string literal; everything but plain ASCII as octal escapes of its UTF-8 bytes."""
+    plain = set(range(0x20, 0x7F)) - {ord(c) for c in '"\\?'}
+    return '"' + "".join(chr(b) if b in plain else f"\\{b:03o}" for b in text.encode("utf-8", "replace")) + '"'
+
+
+def comment(text: str) -> str:
+    """Text that can stand in a C or CMake comment, in Markdown or a docstring: printable ASCII without markup."""
+    plain = "".join(c if " " <= c <= "~" and c not in '*\\`<>|"?#@$' else "_" for c in text)
+    return plain[:80] or "_"

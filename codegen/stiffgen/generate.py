@@ -1,0 +1,133 @@
+"""URDF -> a robot's folder: render, compile, and swap it into place."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from stiffgen.chain import load_chain
+from stiffgen.emit.build import build_module
+from stiffgen.emit.names import checked_identifier, identifier
+from stiffgen.emit.render import MANIFEST, is_manifest, render
+from stiffgen.errors import OutputError
+
+
+def generate(
+    urdf: str | Path,
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    name: str | None = None,
+    output: str | Path = "generated",
+    build: bool = True,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Path:
+    """Write the folder ``output/name`` with a robot's C code and Python module.
+
+    The folder is written beside its place and swapped in when complete: on any error what was there before is
+    untouched.
+
+    Args:
+        urdf: path of the URDF file.
+        tip: tip link (default: the only leaf link).
+        base: base link (default: the root link).
+        name: prefix of the C names and name of the Python module (default: from the robot's name).
+        output: folder that gets the robot's folder.
+        build: compile the Python module.
+        progress: called with a few words before each step.
+
+    Returns:
+        Path of the robot's folder.
+
+    Raises:
+        DescriptionError, ChainError: see :func:`stiffgen.load_chain`.
+        OutputError: the folder cannot be written, or something else stands in its place.
+        BuildError: the C code did not compile.
+
+    """
+    progress(f"reading {Path(urdf).name}")
+    chain = load_chain(urdf, tip=tip, base=base)
+    name = identifier(chain.robot) if name is None else checked_identifier(name)
+    output = Path(output)
+    target = output / name
+    refuse_foreign(target)
+    progress(f"deriving and printing the kernels of {name}")
+    texts = render(chain, name)
+    created = not output.exists()
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{name}.", dir=output))
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written ({error.strerror}); choose another --output") from error
+    try:
+        for file, text in texts.items():
+            (staging / file).write_text(text, encoding="utf-8", newline="\n")
+        if build:
+            progress(f"compiling {name}")
+            build_module(staging, name)
+        _swap(staging, target)
+    except BaseException:
+        shutil.rmtree(staging, ignore_errors=True)
+        if created and not any(output.iterdir()):
+            output.rmdir()
+        raise
+    return target
+
+
+def refuse_foreign(target: Path) -> None:
+    """Raise OutputError unless ``target`` is free or holds nothing but what stiffgen wrote there."""
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        raise OutputError(f"{target}: is not a folder; move it away or choose another --name or --output")
+    if not target.exists():
+        return
+    manifest = read_manifest(target)
+    if manifest is None:
+        raise OutputError(
+            f"{target}: exists and was not written by stiffgen (it has no {MANIFEST} of stiffgen); "
+            "move it away or choose another --name or --output"
+        )
+    known = {MANIFEST, "__pycache__", *manifest["files"]}
+    foreign = sorted(
+        entry.name for entry in target.iterdir() if entry.name not in known and entry.suffix not in (".so", ".pyd")
+    )
+    if foreign:
+        raise OutputError(
+            f"{target}: holds files that stiffgen did not write ({', '.join(foreign[:5])}); move them away first"
+        )
+
+
+def read_manifest(folder: Path) -> dict[str, Any] | None:
+    """The manifest of a generated folder, or None if it has none."""
+    try:
+        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content if is_manifest(content) else None
+
+
+def _swap(staging: Path, target: Path) -> None:
+    umask = os.umask(0)
+    os.umask(umask)
+    try:
+        staging.chmod(0o777 & ~umask)  # mkdtemp makes private folders
+        if not target.exists():
+            staging.rename(target)
+            return
+        old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
+        target.rename(old / target.name)
+        try:
+            staging.rename(target)
+        except OSError:
+            (old / target.name).rename(target)
+            raise
+        finally:
+            shutil.rmtree(old, ignore_errors=True)
+    except OSError as error:
+        raise OutputError(
+            f"{target}: cannot be replaced ({error.strerror}); close what uses it and try again"
+        ) from error

@@ -1,0 +1,177 @@
+"""Rigid placements in high precision, rounded once.
+
+URDF gives orientations as decimal roll-pitch-yaw. The generated code holds rotation matrices, and its bytes
+must not depend on the machine's libm: matrices are made and multiplied with 50 digits (mpmath, pure integer
+arithmetic) and rounded to double once, at the end.
+
+An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple: files write 1.57079632679 and mean a
+right angle. The matrix then has its exact zeros and ones, and the printed kinematics its short form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import mpmath
+
+_DIGITS = 50
+_RIGHT_ANGLE_TOLERANCE = 1e-11  # [rad]
+_NEGLIGIBLE = 1e-15  # [m], [kg m], [kg m^2] or of a rotation matrix
+
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+Vector = tuple[float, float, float]
+
+_context = mpmath.mp.clone()
+_context.dps = _DIGITS
+mpf = _context.mpf
+Real: TypeAlias = Any  # an mpmath number; its class is made at run time
+
+
+def exact(value: float | Real) -> Real:
+    """The decimal number that a double was read from (0.228 + 0.192 is then 0.42, as the file's author meant)."""
+    return mpf(repr(value)) if isinstance(value, float) else mpf(value)
+
+
+IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Pose of one frame in another with high-precision entries (mpmath numbers): x_outer = R x_inner + p."""
+
+    rotation: tuple[tuple[Real, ...], ...]
+    translation: tuple[Real, ...]
+
+    @staticmethod
+    def identity() -> Placement:
+        """The frame itself."""
+        return Placement(_exact(IDENTITY), (mpf(0), mpf(0), mpf(0)))
+
+    @staticmethod
+    def from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> Placement:
+        """URDF's ``<origin>``: translation [m] and fixed-axis roll, pitch, yaw [rad], R = Rz(y) Ry(p) Rx(r)."""
+        (cr, sr), (cp, sp), (cy, sy) = (_cos_sin(angle) for angle in rpy)
+        rotation = (
+            (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+            (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+            (-sp, cp * sr, cp * cr),
+        )
+        return Placement(rotation, tuple(exact(v) for v in xyz))
+
+    @staticmethod
+    def rotation_about(axis: Sequence[float], angle: float) -> Placement:
+        """Rotation by ``angle`` [rad] about a unit axis through the origin (Rodrigues)."""
+        c, s = _cos_sin(angle)
+        x, y, z = (mpf(v) for v in axis)
+        t = 1 - c
+        rotation = (
+            (t * x * x + c, t * x * y - s * z, t * x * z + s * y),
+            (t * x * y + s * z, t * y * y + c, t * y * z - s * x),
+            (t * x * z - s * y, t * y * z + s * x, t * z * z + c),
+        )
+        return Placement(rotation, (mpf(0), mpf(0), mpf(0)))
+
+    @staticmethod
+    def translated(by: Sequence[float | Real]) -> Placement:
+        """A frame with the same axes whose origin is at ``by`` [m]."""
+        return Placement(_exact(IDENTITY), tuple(exact(v) for v in by))
+
+    def __matmul__(self, inner: Placement) -> Placement:
+        rotation = multiply(self.rotation, inner.rotation)
+        turned = apply(self.rotation, inner.translation)
+        return Placement(rotation, tuple(a + b for a, b in zip(turned, self.translation, strict=True)))
+
+    def inverse(self) -> Placement:
+        """The outer frame in the inner one."""
+        back = tuple(zip(*self.rotation, strict=True))
+        return Placement(back, tuple(-v for v in apply(back, self.translation)))
+
+    def rounded(self) -> tuple[Matrix, Vector]:
+        """Rotation and translation as doubles, each entry correctly rounded."""
+        r, p = self.rotation, self.translation
+        return (_vector(r[0]), _vector(r[1]), _vector(r[2])), _vector(p)
+
+
+def multiply(a: Sequence[Sequence[Real]], b: Sequence[Sequence[Real]]) -> tuple[tuple[Real, ...], ...]:
+    """Product of two 3x3 matrices."""
+    columns = list(zip(*b, strict=True))
+    return tuple(tuple(sum(x * y for x, y in zip(row, col, strict=True)) for col in columns) for row in a)
+
+
+def apply(a: Sequence[Sequence[Real]], v: Sequence[Real]) -> tuple[Real, ...]:
+    """Product of a 3x3 matrix and a vector."""
+    return tuple(sum(x * y for x, y in zip(row, v, strict=True)) for row in a)
+
+
+def aligning_rotation(axis: Vector) -> Matrix:
+    """A rotation A with A (0, 0, 1) = axis (unit), rounded: any joint then turns about its frame's z axis."""
+    sign = 1 if axis[2] >= 0 else -1
+    x, y, z = (sign * mpf(v) for v in axis)
+    k = 1 / (1 + z)
+    shortest_turn = ((1 - k * x * x, -k * x * y, x), (-k * x * y, 1 - k * y * y, y), (-x, -y, z))
+    half_turn = _exact(((1.0, 0.0, 0.0), (0.0, float(sign), 0.0), (0.0, 0.0, float(sign))))
+    return Placement(multiply(shortest_turn, half_turn), (mpf(0),) * 3).rounded()[0]
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass [kg], first moment m*c [kg m] and inertia tensor about the frame's origin [kg m^2], as high-precision
+    numbers in one frame; bodies in the same frame add up.
+    """
+
+    mass: Real
+    moment: tuple[Real, ...]
+    tensor: tuple[tuple[Real, ...], ...]
+
+    @staticmethod
+    def zero() -> Inertia:
+        """No mass at all."""
+        return Inertia(mpf(0), (mpf(0),) * 3, ((mpf(0),) * 3,) * 3)
+
+    @staticmethod
+    def of_body(mass: float, tensor: Sequence[float], frame: Placement) -> Inertia:
+        """A body whose (ixx, ixy, ixz, iyy, iyz, izz) is about its centre of mass, the origin of ``frame``."""
+        m = exact(mass)
+        xx, xy, xz, yy, yz, zz = (exact(v) for v in tensor)
+        r, c = frame.rotation, frame.translation
+        turned = multiply(multiply(r, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))), tuple(zip(*r, strict=True)))
+        square = sum(v * v for v in c)
+        steiner = tuple(
+            tuple(turned[i][j] + m * ((square if i == j else 0) - c[i] * c[j]) for j in range(3)) for i in range(3)
+        )
+        return Inertia(m, tuple(m * v for v in c), steiner)
+
+    def __add__(self, other: Inertia) -> Inertia:
+        return Inertia(
+            self.mass + other.mass,
+            tuple(a + b for a, b in zip(self.moment, other.moment, strict=True)),
+            tuple(
+                tuple(a + b for a, b in zip(ra, rb, strict=True))
+                for ra, rb in zip(self.tensor, other.tensor, strict=True)
+            ),
+        )
+
+
+def _cos_sin(angle: float) -> tuple[Real, mpf]:
+    quarter = _context.pi / 2
+    position = exact(angle)
+    turns = int(_context.nint(position / quarter))
+    if abs(position - turns * quarter) < _RIGHT_ANGLE_TOLERANCE:
+        return ((mpf(1), mpf(0)), (mpf(0), mpf(1)), (mpf(-1), mpf(0)), (mpf(0), mpf(-1)))[turns % 4]
+    return _context.cos(position), _context.sin(position)
+
+
+def _exact(matrix: Matrix) -> tuple[tuple[Real, ...], ...]:
+    return tuple(tuple(mpf(v) for v in row) for row in matrix)
+
+
+def rounded(value: Real) -> float:
+    """The nearest double; what is left of a cancellation at 50 digits (or below 1e-15 of a unit) is zero."""
+    return 0.0 if abs(value) < _NEGLIGIBLE else float(value)
+
+
+def _vector(values: Sequence[Real]) -> Vector:
+    x, y, z = (rounded(v) for v in values)
+    return x, y, z
