@@ -6,11 +6,10 @@ import hashlib
 import json
 import math
 from dataclasses import asdict
+from importlib.metadata import version
 from typing import Any
 
-import casadi as ca
 import jinja2
-import sympy as sp
 
 from stiffgen._version import __version__
 from stiffgen.chain import Body, Chain, Coordinate, Joint
@@ -202,7 +201,7 @@ def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
 def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str:
     content = {
         "generator": _GENERATOR,
-        "versions": {"stiffgen": __version__, "casadi": ca.__version__, "sympy": sp.__version__},
+        "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
         "name": name,
         "urdf": {"file": chain.source, "sha256": chain.digest},
         "kernels": {
