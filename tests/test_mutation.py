@@ -8,12 +8,14 @@ put together the way the generated code does it, one half computed and mirrored.
 from __future__ import annotations
 
 import itertools
+import re
 
 import numpy as np
 import pytest
+from c_program import run_kernels
 
 from stiffgen.connection import REPRESENTATIONS
-from stiffgen.verify import References, check_kernels, gamma_F, kernels_of
+from stiffgen.verify import References, check_kernels, gamma_F, kernels_of, relative_error
 
 PERTURBATION = 1e-6
 
@@ -97,3 +99,64 @@ def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
             blind += 1
     assert missed == []
     assert blind == n * n * 6  # symmetry alone would have caught none of them
+
+
+OPERATOR = re.compile(r" ([-+]) (?![^\[]*\])")
+
+
+def sign_mutants(source, rep):
+    """The C source with one + or - of the representation's kernels exchanged, for every one of them."""
+    inside = False
+    offset = 0
+    for line in source.splitlines(keepends=True):
+        if re.match(rf"void iiwa14_{rep}_", line):
+            inside = True
+        elif line.startswith("}"):
+            inside = False
+        if inside and not line.lstrip().startswith(("/*", "for", "void")):
+            for match in OPERATOR.finditer(line):
+                at = offset + match.start(1)
+                yield line.strip(), source[:at] + ("-" if match[1] == "+" else "+") + source[at + 1 :]
+        offset += len(line)
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_no_sign_in_the_generated_c_can_be_wrong(rep, golden, robot_folder, tmp_path):
+    """Exchange one sign of the printed kernels at a time, compile, and compare with the golden values."""
+    samples = golden[:2]
+    general = np.random.default_rng(4).normal(size=(6, 6)) * 100
+    calls, expected = [], []
+    for sample in samples:
+        values = sample.by[rep]
+        J = values["jacobian"]
+        conventional = values["kinematic_stiffness"] + J.T @ general @ J
+        for name, arguments, value in (
+            ("kinematic_stiffness", (sample.q, sample.wrench), values["kinematic_stiffness"]),
+            ("connection_correction", (sample.wrench,), values["gamma_F"]),
+            ("joint_stiffness", (sample.q, sample.wrench, sample.task_stiffness), values["joint_stiffness"]),
+            ("joint_stiffness_uncorrected", (sample.q, sample.wrench, general), conventional),
+        ):
+            calls.append((f"{rep}_{name}", arguments, 49 if value.shape == (7, 7) else 36))
+            expected.append(value)
+        calls.append((f"{rep}_jacobian_transpose_derivative", (sample.q,), 294))
+        expected.append((values["kinematic_stiffness"], sample.wrench))
+
+    def agrees(found, wanted):
+        if isinstance(wanted, tuple):
+            wanted, wrench = wanted
+            found = np.einsum("ibk,k->bi", found.reshape(7, 7, 6), wrench)
+        return relative_error(found.reshape(1, *wanted.shape), wanted[None]) <= 1e-12
+
+    def passes(source):
+        mutant = tmp_path / "mutant"
+        mutant.mkdir(exist_ok=True)
+        (mutant / "iiwa14.h").write_text((robot_folder / "iiwa14.h").read_text())
+        (mutant / "iiwa14.c").write_text(source)
+        found = run_kernels(mutant, "iiwa14", calls, "cc", "c99", ["-O0"], tmp_path)
+        return all(agrees(f, w) for f, w in zip(found, expected, strict=True))
+
+    source = (robot_folder / "iiwa14.c").read_text()
+    assert passes(source)
+    mutants = list(sign_mutants(source, rep))
+    assert len(mutants) > 50
+    assert [line for line, mutant in mutants if passes(mutant)] == []
