@@ -28,8 +28,8 @@ test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(WORKERS)
 
 lint: $(VENV)/installed-test
-	$(BIN)/ruff check codegen tests examples
-	$(BIN)/ruff format --check codegen tests examples
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
 check-generated: $(VENV)/installed

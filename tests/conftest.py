@@ -10,9 +10,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from filelock import FileLock
-
 import stiffgen
+from filelock import FileLock
 from stiffgen.verify import import_robot
 
 ROOT = Path(__file__).resolve().parent.parent

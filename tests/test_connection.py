@@ -6,7 +6,6 @@ import itertools
 
 import pytest
 import sympy as sp
-
 from stiffgen.connection import (
     REPRESENTATIONS,
     basis_matrix,

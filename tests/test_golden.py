@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from c_program import run_kernels
 from conftest import compilers, require_compiler
-
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.verify import relative_error
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import ROOT
-
 import stiffgen
+from conftest import ROOT
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.kinematics import forward_kinematics, joint_jacobian
 from stiffgen.verify import References, check_kernels, relative_error
@@ -47,7 +46,8 @@ def test_jacobians_are_the_derivative_of_the_pose(chain, model):
             assert np.allclose(hybrid[3:], [w[2, 1], w[0, 2], w[1, 0]], rtol=0, atol=1e-13)
 
 
-LINK = '<link name="{0}"><inertial><origin xyz="0.01 -0.02 0.05" rpy="0.3 0.2 0.1"/><mass value="1.5"/>{1}</inertial></link>'
+COM = '<origin xyz="0.01 -0.02 0.05" rpy="0.3 0.2 0.1"/>'
+LINK = '<link name="{0}"><inertial>' + COM + '<mass value="1.5"/>{1}</inertial></link>'
 INERTIA = '<inertia ixx="0.02" ixy="0.001" ixz="-0.002" iyy="0.03" iyz="0.003" izz="0.025"/>'
 JOINT = (
     '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/>'
@@ -61,7 +61,7 @@ MIXED = "".join(
         *(LINK.format(f"l{k}", INERTIA) for k in range(9)),
         JOINT.format("mount", "fixed", "l0", "l1", "0.1 0.2 0.3", "0.1 -0.4 0.7", "", ""),
         JOINT.format("lift", "prismatic", "l1", "l2", "0 0 0.2", "0.2 0 0", '<axis xyz="0 0 -1"/>', ""),
-        JOINT.format("waist", "continuous", "l2", "l3", "0.3 0 0.1", "0 1.5707963267948966 0", '<axis xyz="1 2 -2"/>', ""),
+        JOINT.format("waist", "continuous", "l2", "l3", "0.3 0 0.1", "0 1.57079632679 0", '<axis xyz="1 2 -2"/>', ""),
         JOINT.format("bracket", "fixed", "l3", "l4", "0 0.1 0", "1.5707963267948966 0 0", '<axis xyz="0 0 0"/>', ""),
         JOINT.format("elbow", "revolute", "l4", "l5", "0 0 0.4", "0 0 0.5", '<axis xyz="0 -1 0"/>', ""),
         JOINT.format(

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from conftest import ROOT
-
 import stiffgen
+from conftest import ROOT
 from stiffgen.verify import relative_error
 
 FRAMES = {
