@@ -15,8 +15,9 @@ from stiffgen.program import as_operand, evaluate
 class StiffnessModel:
     """The kernels of a chain as dense ``casadi.Function`` objects under their names.
 
-    ``model.forward_kinematics``, ``model.mass_matrix`` (if the chain has masses), and for each representation ``model.hybrid.jacobian``,
-    ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``, ``hybrid``). Arguments and results have the
+    ``model.forward_kinematics``, ``model.mass_matrix`` (unless the chain's masses were left out), and for each
+    representation ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``,
+    ``hybrid``). Arguments and results have the
     shapes of the kernel table, except that ``jacobian_transpose_derivative`` (n, n, 6), of more dimensions than
     CasADi has, comes as (n*n, 6): row i*n + b holds dJ[:, b]/dq_i.
 
