@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.description import MOVING_TYPES, Description, JointElement, read_description
-from stiffgen.errors import ChainError, DescriptionError
-from stiffgen.geometry import Inertia, Matrix, Placement, Vector, mpf, rounded
+from stiffgen.description import LARGEST, MOVING_TYPES, Description, JointElement, read_description
+from stiffgen.errors import ChainError, DescriptionError, listed, printable
+from stiffgen.geometry import Inertia, Matrix, Placement, Vector, exact, mpf, rounded
 
 MAX_MOVING_JOINTS = 128
 
@@ -73,8 +73,9 @@ class Chain:
 
     ``joints`` are the moving joints in order; ``coordinates`` are the entries of q (fewer than joints where
     joints mimic). ``tip_rotation`` and ``tip_translation`` place the tip link in the last joint's frame.
-    ``massless`` names the links on the moving part that have no ``<inertial>``. ``source`` is the URDF's file
-    name without its folder, ``digest`` the SHA-256 of its bytes.
+    ``massless`` names the links on the moving part that have no ``<inertial>``. Where ``masses`` is False, all
+    masses were left out on request: every body is zero, and a mass matrix would be meaningless. ``source`` is the
+    URDF's file name without its folder, ``digest`` the SHA-256 of its bytes.
     """
 
     robot: str
@@ -87,6 +88,7 @@ class Chain:
     massless: tuple[str, ...]
     source: str
     digest: str
+    masses: bool = True
 
     @property
     def dof(self) -> int:
@@ -102,7 +104,7 @@ class Chain:
         )
 
 
-def load_chain(urdf: str | Path, *, tip: str | None = None, base: str | None = None) -> Chain:
+def load_chain(urdf: str | Path, *, tip: str | None = None, base: str | None = None, masses: bool = True) -> Chain:
     """Read the chain between two links of a URDF file.
 
     Args:
@@ -110,6 +112,8 @@ def load_chain(urdf: str | Path, *, tip: str | None = None, base: str | None = N
         tip: link at the end of the chain; its frame is where the wrench acts. May be left out if the robot has
             a single leaf link.
         base: link at the start of the chain, an ancestor of the tip; default: the root link.
+        masses: False leaves out all masses, and with them everything that the file says of links and joints
+            beside the chain: for files whose inertias are wrong, if no mass matrix is wanted.
 
     Returns:
         The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry.
@@ -119,50 +123,57 @@ def load_chain(urdf: str | Path, *, tip: str | None = None, base: str | None = N
         ChainError: no such link, no moving joint between base and tip, or a joint type that has no coordinate.
 
     """
-    return chain_between(read_description(urdf), tip=tip, base=base)
+    return chain_between(read_description(urdf), tip=tip, base=base, masses=masses)
 
 
-def chain_between(description: Description, *, tip: str | None = None, base: str | None = None) -> Chain:
+def chain_between(
+    description: Description, *, tip: str | None = None, base: str | None = None, masses: bool = True
+) -> Chain:
     """:func:`load_chain` on a description that has been read already."""
     file = description.file
     tip = _tip(description, tip)
     base = description.root if base is None else base
     if base not in description.inertials:
-        raise ChainError(f"{file}: base link '{base}' does not exist; valid names: {_listed(description.links)}")
+        raise ChainError(
+            f"{file}: base link '{printable(base)}' does not exist; valid names: {listed(description.links)}"
+        )
     path = _path(description, base, tip)
+    between = f"between '{printable(base)}' and '{printable(tip)}'"
     for element in path:
         if element.type in ("floating", "planar"):
             raise ChainError(
-                f"{file}: joint '{element.name}' between '{base}' and '{tip}' is {element.type}, which has no single "
-                f"coordinate; choose a base behind it: --base {element.child}"
+                f"{file}: joint '{printable(element.name)}' {between} is {element.type}, which has no single "
+                f"coordinate; choose a base behind it: --base {printable(element.child)}"
             )
-    moving = [element for element in path if element.type in MOVING_TYPES]
+    couplings = _Couplings(description)
+    moving = [element for element in path if couplings.moves(element)]
     if not moving:
         raise ChainError(
-            f"{file}: no moving joint between base '{base}' and tip '{tip}'; "
-            f"choose another tip, leaf links: {_listed(description.leaves)}"
+            f"{file}: no moving joint between base '{printable(base)}' and tip '{printable(tip)}'; "
+            f"choose another tip, leaf links: {listed(description.leaves)}"
         )
     if len(moving) > MAX_MOVING_JOINTS:
         raise ChainError(
-            f"{file}: {len(moving)} moving joints between '{base}' and '{tip}', more than {MAX_MOVING_JOINTS}; "
-            "choose a nearer base"
+            f"{file}: {len(moving)} moving joints {between}, more than {MAX_MOVING_JOINTS}; choose a nearer base"
         )
-    couplings = [_coupling(description, element) for element in moving]
-    masters = list(dict.fromkeys(master.name for master, _, _ in couplings))
-    carried = _carried(description, path)
-    _refuse_problems(description, path, couplings, carried)
+    carried = _carried(description, path, moving) if masses else {}
+    _refuse_problems(description, path, moving, carried)
 
     placements = [Placement.identity()]  # of each joint's frame in the one before; the last is the tip's
     for element in path:
-        placements[-1] = placements[-1] @ Placement.from_xyz_rpy(element.xyz, element.rpy)
-        if element.type in MOVING_TYPES:
+        if couplings.moves(element):
+            placements[-1] = placements[-1] @ Placement.from_xyz_rpy(element.xyz, element.rpy)
             placements.append(Placement.identity())
+        else:
+            placements[-1] = placements[-1] @ _held(couplings, element)
     placements, slides = _slide_origins(moving, placements)
+    masters = list(dict.fromkeys(couplings[element].master.name for element in moving))
+    bodies = _bodies(description, couplings, carried, slides)
 
     joints = []
-    for element, placement, slide, coupling in zip(moving, placements, slides, couplings, strict=False):
+    for element, placement, body in zip(moving, placements, bodies, strict=False):
         rotation, translation = placement.rounded()
-        master, multiplier, offset = coupling
+        coupling = couplings[element]
         joints.append(
             Joint(
                 name=element.name,
@@ -171,14 +182,14 @@ def chain_between(description: Description, *, tip: str | None = None, base: str
                 rotation=rotation,
                 translation=translation,
                 axis=element.axis,
-                body=_body(description, carried[element.name], slide.inverse()),
-                coordinate=masters.index(master.name),
-                multiplier=multiplier,
-                offset=offset,
+                body=body,
+                coordinate=masters.index(coupling.master.name),
+                multiplier=coupling.multiplier,
+                offset=coupling.offset,
             )
         )
     tip_rotation, tip_translation = placements[-1].rounded()
-    on_moving_part = [link for element in moving for link, _ in carried[element.name]]
+    on_moving_part = [link for links in carried.values() for link, _ in links]
     return Chain(
         robot=description.robot,
         base=base,
@@ -190,6 +201,7 @@ def chain_between(description: Description, *, tip: str | None = None, base: str
         massless=tuple(link for link in on_moving_part if description.inertials[link] is None),
         source=file,
         digest=description.digest,
+        masses=masses,
     )
 
 
@@ -222,14 +234,14 @@ def _slide_origins(moving: list[JointElement], placements: list[Placement]) -> t
 
 
 def _tip(description: Description, tip: str | None) -> str:
-    leaves = _listed(description.leaves)
+    leaves = listed(description.leaves)
     if tip is None:
         if len(description.leaves) != 1:
             raise ChainError(f"{description.file}: has several leaf links; choose one with --tip: {leaves}")
         return description.leaves[0]
     if tip not in description.inertials:
         raise ChainError(
-            f"{description.file}: tip link '{tip}' does not exist; leaf links: {leaves} "
+            f"{description.file}: tip link '{printable(tip)}' does not exist; leaf links: {leaves} "
             "('stiffgen inspect' lists all links)"
         )
     return tip
@@ -243,66 +255,123 @@ def _path(description: Description, base: str, tip: str) -> list[JointElement]:
         if link not in above:
             ancestors = [element.parent for element in reversed(path)]
             raise ChainError(
-                f"{description.file}: base '{base}' is no ancestor of tip '{tip}'; "
-                f"possible bases: {_listed(ancestors) or '(none)'}"
+                f"{description.file}: base '{printable(base)}' is no ancestor of tip '{printable(tip)}'; "
+                f"possible bases: {listed(ancestors) or '(none)'}"
             )
         path.append(above[link])
         link = above[link].parent
     return path[::-1]
 
 
-def _coupling(description: Description, element: JointElement) -> tuple[JointElement, float, float]:
-    """Follow mimics to the master: position = multiplier * q[master] + offset."""
-    multiplier, offset = 1.0, 0.0
-    while element.mimic is not None:
-        offset += multiplier * element.mimic.offset
-        multiplier *= element.mimic.multiplier
-        element = description.joints[element.mimic.joint]
-    return element, multiplier, offset
+@dataclass(frozen=True)
+class _Coupling:
+    """A joint stands at ``multiplier * q[master] + offset``."""
+
+    master: JointElement
+    multiplier: float
+    offset: float
 
 
-def _carried(description: Description, path: list[JointElement]) -> dict[str, list[tuple[str, Placement]]]:
-    """Links that move rigidly with each moving joint of the chain, placed in the joint's frame.
+class _Couplings:
+    """Follows every joint's ``<mimic>`` to the master at the end, each joint once."""
+
+    def __init__(self, description: Description) -> None:
+        self.description = description
+        self._known: dict[str, _Coupling] = {}
+
+    def __getitem__(self, element: JointElement) -> _Coupling:
+        followers: list[JointElement] = []
+        while element.name not in self._known and element.mimic is not None:
+            followers.append(element)
+            element = self.description.joints[element.mimic.joint]
+        coupling = self._known.setdefault(element.name, _Coupling(element, 1.0, 0.0))
+        for follower in reversed(followers):
+            assert follower.mimic is not None
+            coupling = _Coupling(
+                coupling.master,
+                follower.mimic.multiplier * coupling.multiplier,
+                follower.mimic.multiplier * coupling.offset + follower.mimic.offset,
+            )
+            if not max(abs(coupling.multiplier), abs(coupling.offset)) <= LARGEST:
+                raise DescriptionError(
+                    self.description.file,
+                    [
+                        f"joint '{printable(follower.name)}': along its chain of <mimic> elements multiplier or offset "
+                        f"grow beyond {LARGEST:g}; correct them"
+                    ],
+                )
+            self._known[follower.name] = coupling
+        return coupling
+
+    def moves(self, element: JointElement) -> bool:
+        """Whether the joint has or follows a coordinate; one that mimics a fixed joint stands still."""
+        if element.type not in MOVING_TYPES:
+            return False
+        coupling = self[element]
+        return coupling.master.type in MOVING_TYPES and coupling.multiplier != 0
+
+
+def _held(couplings: _Couplings, element: JointElement) -> Placement:
+    """Placement of a joint's child in its parent while all coordinates off the chain are zero."""
+    placement = Placement.from_xyz_rpy(element.xyz, element.rpy)
+    if element.type not in MOVING_TYPES:
+        return placement
+    position = couplings[element].offset
+    if position == 0:
+        return placement
+    if element.type == "prismatic":
+        return placement @ Placement.translated([exact(position) * exact(v) for v in element.axis])
+    return placement @ Placement.rotation_about(element.axis, position)
+
+
+def _carried(
+    description: Description, path: list[JointElement], moving: list[JointElement]
+) -> dict[str, list[tuple[str, JointElement | None]]]:
+    """Links that move rigidly with each moving joint of the chain, parents first, each with the joint that holds
+    it (None: the moving joint itself).
 
     Joints off the chain are held at zero, so a gripper's fingers count as payload.
     """
     children: dict[str, list[JointElement]] = {}
     for element in description.joints.values():
         children.setdefault(element.parent, []).append(element)
-    moving = {element.name for element in path if element.type in MOVING_TYPES}
-    carried: dict[str, list[tuple[str, Placement]]] = {}
-    for element in path:
-        if element.name not in moving:
-            continue
+    names = {element.name for element in moving}
+    carried: dict[str, list[tuple[str, JointElement | None]]] = {}
+    for element in moving:
         links = carried.setdefault(element.name, [])
-        stack = [(element.child, Placement.identity())]
+        stack: list[tuple[str, JointElement | None]] = [(element.child, None)]
         while stack:
-            link, frame = stack.pop()
-            links.append((link, frame))
-            for below in reversed(children.get(link, [])):
-                if below.name not in moving:
-                    stack.append((below.child, frame @ _at_zero(description, below)))
+            link, above = stack.pop()
+            links.append((link, above))
+            stack.extend((below.child, below) for below in reversed(children.get(link, [])) if below.name not in names)
     return carried
 
 
-def _at_zero(description: Description, element: JointElement) -> Placement:
-    placement = Placement.from_xyz_rpy(element.xyz, element.rpy)
-    if element.mimic is None or element.type not in MOVING_TYPES:
-        return placement
-    _, _, position = _coupling(description, element)
-    if element.type == "prismatic":
-        return placement @ Placement.translated([position * v for v in element.axis])
-    return placement @ Placement.rotation_about(element.axis, position)
+def _bodies(
+    description: Description,
+    couplings: _Couplings,
+    carried: dict[str, list[tuple[str, JointElement | None]]],
+    slides: list[Placement],
+) -> list[Body]:
+    """Everything that each moving joint carries; ``slides`` place its frame in the URDF's joint frame."""
+    if not carried:
+        return [_body(Inertia.zero()) for _ in slides]
+    bodies = []
+    for links, slide in zip(carried.values(), slides, strict=True):
+        total = Inertia.zero()
+        frames: dict[str, Placement] = {}
+        for link, above in links:
+            frame = slide.inverse() if above is None else frames[above.parent] @ _held(couplings, above)
+            frames[link] = frame
+            inertial = description.inertials[link]
+            if inertial is not None:
+                at_com = frame @ Placement.from_xyz_rpy(inertial.com, inertial.rpy)
+                total = total + Inertia.of_body(inertial.mass, inertial.tensor, at_com)
+        bodies.append(_body(total))
+    return bodies
 
 
-def _body(description: Description, links: list[tuple[str, Placement]], joint_frame: Placement) -> Body:
-    """Everything that a joint carries; ``joint_frame`` is the URDF's joint frame in the joint's own."""
-    total = Inertia.zero()
-    for link, frame in links:
-        inertial = description.inertials[link]
-        if inertial is not None:
-            at_com = joint_frame @ frame @ Placement.from_xyz_rpy(inertial.com, inertial.rpy)
-            total = total + Inertia.of_body(inertial.mass, inertial.tensor, at_com)
+def _body(total: Inertia) -> Body:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = total.tensor
     mass, x, y, z, *tensor = (rounded(v) for v in (total.mass, *total.moment, xx, xy, xz, yy, yz, zz))
     return Body(mass, (x, y, z), (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]))
@@ -311,18 +380,30 @@ def _body(description: Description, links: list[tuple[str, Placement]], joint_fr
 def _refuse_problems(
     description: Description,
     path: list[JointElement],
-    couplings: list[tuple[JointElement, float, float]],
-    carried: dict[str, list[tuple[str, Placement]]],
+    moving: list[JointElement],
+    carried: dict[str, list[tuple[str, JointElement | None]]],
 ) -> None:
-    used = {f"joint {element.name}" for element in path}
-    used |= {f"joint {master.name}" for master, _, _ in couplings}
-    above = description.parent_joint
-    for links in carried.values():
-        used |= {f"link {link}" for link, _ in links}
-        used |= {f"joint {above[link].name}" for link, _ in links}
-    problems = [problem.text for problem in description.problems if problem.element in used]
+    held = [above for links in carried.values() for _, above in links if above is not None]
+    on_chain = _followed(description, moving)
+    used = _followed(description, [*path, *held]) | {f"link {link}" for links in carried.values() for link, _ in links}
+    problems = [
+        problem.text
+        for problem in description.problems
+        if problem.element in used and (not problem.bounds or problem.element in on_chain)
+    ]
     if problems:
         raise DescriptionError(description.file, problems)
+
+
+def _followed(description: Description, elements: list[JointElement]) -> set[str]:
+    """The joints and all that they mimic, as :class:`Problem` names them."""
+    names: set[str] = set()
+    for start in elements:
+        element: JointElement | None = start
+        while element is not None and element.name not in names:
+            names.add(element.name)
+            element = None if element.mimic is None else description.joints[element.mimic.joint]
+    return {f"joint {name}" for name in names}
 
 
 def _coordinate(element: JointElement) -> Coordinate:
@@ -334,8 +415,3 @@ def _coordinate(element: JointElement) -> Coordinate:
         velocity=element.velocity,
         effort=element.effort,
     )
-
-
-def _listed(names: tuple[str, ...] | list[str], most: int = 20) -> str:
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -6,6 +6,7 @@ Exit code 0: done; 1: a check failed; 2: refused input or usage. Refusals are on
 from __future__ import annotations
 
 import argparse
+import io
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,7 @@ from rich.table import Table
 import stiffgen
 from stiffgen.description import Description, JointElement, read_description
 from stiffgen.emit.names import comment
-from stiffgen.errors import StiffgenError
+from stiffgen.errors import DescriptionError, StiffgenError
 from stiffgen.generate import generate
 from stiffgen.verify import Check, verify
 
@@ -27,14 +28,15 @@ from stiffgen.verify import Check, verify
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     options = _parser().parse_args(arguments)
-    errors = Console(stderr=True, soft_wrap=True, highlight=False)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of any script, terminals of any encoding
     try:
         return int(options.run(options))
     except StiffgenError as error:
-        errors.print(f"stiffgen: {error}", markup=False)
+        print(f"stiffgen: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        errors.print("stiffgen: interrupted")
+        print("stiffgen: interrupted", file=sys.stderr)
         return 130
 
 
@@ -49,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
     command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
     command.add_argument("--output", type=Path, default=Path("generated"), metavar="DIR", help="default: generated")
+    command.add_argument("--no-masses", action="store_true", help="ignore all masses; the mass matrix is left out")
     command.add_argument("--no-build", action="store_true", help="write the sources only, do not compile")
     command.set_defaults(run=_generate)
 
@@ -103,6 +106,7 @@ def _generate(options: argparse.Namespace) -> int:
             name=options.name,
             output=options.output,
             build=not options.no_build,
+            masses=not options.no_masses,
             progress=progress,
         )
     print(folder)
@@ -110,7 +114,10 @@ def _generate(options: argparse.Namespace) -> int:
 
 
 def _inspect(options: argparse.Namespace) -> int:
-    description = read_description(options.urdf)
+    try:
+        description = read_description(options.urdf)
+    except DescriptionError as error:
+        raise StiffgenError(error.full) from error  # all problems, where other commands show the first ones
     console = _table_console()
     moving = sum(joint.type not in ("fixed",) for joint in description.joints.values())
     console.print(
@@ -122,9 +129,8 @@ def _inspect(options: argparse.Namespace) -> int:
     console.print("tips (leaf links): " + ", ".join(comment(leaf) for leaf in description.leaves), markup=False)
     if not description.problems:
         return 0
-    console.print(f"{len(description.problems)} problems, each of which refuses the chains that use the element:")
-    for problem in description.problems:
-        console.print(f"  {problem.text}", markup=False, soft_wrap=True)
+    print(f"{len(description.problems)} problems, each of which refuses the chains that use the element:")
+    print("\n".join(f"  {problem.text}" for problem in description.problems))
     return 1
 
 
@@ -132,7 +138,8 @@ def _joint_table(description: Description) -> Table:
     table = Table(show_edge=False, pad_edge=False)
     for column in ("joint", "type", "axis", "lower", "upper", "velocity", "effort", "link", "mass [kg]"):
         table.add_column(
-            column, justify="right" if column in ("lower", "upper", "velocity", "effort", "mass [kg]") else "left"
+            escape(column),
+            justify="right" if column in ("lower", "upper", "velocity", "effort", "mass [kg]") else "left",
         )
     for joint in _from_root(description):
         inertial = description.inertials[joint.child]

@@ -25,6 +25,7 @@ def generate(
     name: str | None = None,
     output: str | Path = "generated",
     build: bool = True,
+    masses: bool = True,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -39,6 +40,7 @@ def generate(
         name: prefix of the C names and name of the Python module (default: from the robot's name).
         output: folder that gets the robot's folder.
         build: compile the Python module.
+        masses: False ignores all masses of the file and leaves the mass matrix out.
         progress: called with a few words before each step.
 
     Returns:
@@ -51,7 +53,7 @@ def generate(
 
     """
     progress(f"reading {Path(urdf).name}")
-    chain = load_chain(urdf, tip=tip, base=base)
+    chain = load_chain(urdf, tip=tip, base=base, masses=masses)
     name = identifier(chain.robot) if name is None else checked_identifier(name)
     output = Path(output)
     target = output / name

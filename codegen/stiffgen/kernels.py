@@ -350,3 +350,8 @@ KERNELS: tuple[Kernel, ...] = (
     *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep)),
 )  # fmt: skip
 """All kernels, in the order in which they are printed."""
+
+
+def chain_kernels(chain: Chain) -> tuple[Kernel, ...]:
+    """The kernels that a chain has: all, less the mass matrix where its masses were left out."""
+    return tuple(kernel for kernel in KERNELS if chain.masses or kernel.name != "mass_matrix")

@@ -8,15 +8,16 @@ import casadi as ca
 
 from stiffgen.chain import Chain
 from stiffgen.connection import REPRESENTATIONS
-from stiffgen.kernels import KERNELS, Kernel
+from stiffgen.kernels import Kernel, chain_kernels
 from stiffgen.program import as_operand, evaluate
 
 
 class StiffnessModel:
     """The kernels of a chain as dense ``casadi.Function`` objects under their names.
 
-    ``model.forward_kinematics``, ``model.mass_matrix``, and for each representation ``model.hybrid.jacobian``,
-    ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``, ``hybrid``). Arguments and results have the
+    ``model.forward_kinematics``, ``model.mass_matrix`` (unless the chain's masses were left out), and for each
+    representation ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``,
+    ``hybrid``). Arguments and results have the
     shapes of the kernel table, except that ``jacobian_transpose_derivative`` (n, n, 6), of more dimensions than
     CasADi has, comes as (n*n, 6): row i*n + b holds dJ[:, b]/dq_i.
 
@@ -35,7 +36,7 @@ class StiffnessModel:
         self.chain = chain
         for representation in REPRESENTATIONS:
             setattr(self, representation, SimpleNamespace())
-        for kernel in KERNELS:
+        for kernel in chain_kernels(chain):
             owner = getattr(self, kernel.representation) if kernel.representation else self
             setattr(owner, kernel.name, casadi_function(chain, kernel))
 

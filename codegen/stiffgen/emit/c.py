@@ -10,7 +10,7 @@ import casadi as ca
 from stiffgen.chain import Chain
 from stiffgen.emit.expressions import Named, Operations, Printed, print_statements
 from stiffgen.emit.names import comment
-from stiffgen.kernels import KERNELS, Kernel
+from stiffgen.kernels import Kernel, chain_kernels
 from stiffgen.program import Array, Gather, Map, Operand, Recursion, as_operand, operand_shape
 
 
@@ -37,7 +37,7 @@ class Code:
 def print_chain(chain: Chain) -> Code:
     """Print every kernel of a chain."""
     printer = _ChainPrinter(chain)
-    kernels = tuple((kernel, printer.kernel(kernel)) for kernel in KERNELS)
+    kernels = tuple((kernel, printer.kernel(kernel)) for kernel in chain_kernels(chain))
     return Code(tuple(printer.recursions.values()), kernels, bool(printer.guarded))
 
 
