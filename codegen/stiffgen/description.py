@@ -398,7 +398,7 @@ class _Checker:
                 continue  # said already
             if tag == "mass" and values[0] < 0:
                 yield Problem(this, f"{title}: mass {values[0]:g} kg is negative; correct <mass>")
-            if tag == "inertia" and not _physical(*values):
+            if tag == "inertia" and not physical_inertia(*values):
                 yield Problem(
                     this,
                     f"{title}: no rigid body has this inertia tensor (principal moments must be positive and "
@@ -477,8 +477,9 @@ class _Checker:
             done.update(path)
 
 
-def _physical(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
-    # Principal moments of a symmetric 3x3 matrix in closed form; 1 % slack, since CAD exports are rounded.
+def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
+    """Whether a rigid body can have this inertia tensor about its centre of mass (1 % slack: exports are rounded)."""
+    # Principal moments of a symmetric 3x3 matrix in closed form.
     largest = max(map(abs, (xx, xy, xz, yy, yz, zz)))
     if largest == 0:
         return True

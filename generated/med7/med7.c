@@ -7,7 +7,7 @@
 #error "compile without -ffast-math and -ffinite-math-only: they drop the NaN contract of med7.h"
 #endif
 
-enum { N = 7 };
+enum { N = 7 }; /* coordinates */
 
 const char *const med7_joints[N] = {
     "A1",
@@ -62,7 +62,7 @@ static double finite_or_nan(double x)
 }
 
 /* Jacobian columns of the moving joints, body representation. 36 additions, 78 multiplications, 12 sines and cosines. */
-static void body_columns(const double q[N], double jacobian[6][7])
+static void body_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s1 = sin(q[1]);
@@ -166,7 +166,7 @@ static void body_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, spatial representation. 42 additions, 85 multiplications, 12 sines and cosines. */
-static void spatial_columns(const double q[N], double jacobian[6][7])
+static void spatial_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);
@@ -276,7 +276,7 @@ static void spatial_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, hybrid representation. 44 additions, 81 multiplications, 12 sines and cosines. */
-static void hybrid_columns(const double q[N], double jacobian[6][7])
+static void hybrid_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);

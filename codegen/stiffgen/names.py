@@ -66,3 +66,8 @@ def comment(text: str) -> str:
     """Text that can stand in a C or CMake comment, in Markdown or a docstring: printable ASCII without markup."""
     plain = "".join(c if " " <= c <= "~" and c not in '*\\`<>|"?#@$[]' else "_" for c in text)
     return plain[:80] or "_"
+
+
+def c_comment(text: str) -> str:
+    """A line of our own with names from a file in it, made safe for a C comment: no end of comment, no line splice."""
+    return "".join(c if " " <= c <= "~" and c not in "*\\?" else "_" for c in text)
