@@ -339,6 +339,8 @@ class _Checker:
         axis = element.find("axis")
         if axis is None:
             return
+        if axis.get("xyz") is None:
+            yield Problem(this, f'{_title(this)}: its <axis> has no xyz; add xyz="0 0 1" or the like')
         yield from self._number(this, axis, "xyz", 3)
         xyz = self.numbers.get((axis, "xyz"), (1.0, 0.0, 0.0))
         if not math.hypot(*xyz) > 1e-6:
