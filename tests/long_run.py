@@ -54,9 +54,9 @@ def check_broken(seed: int, file: Path) -> str:
         return "refused" if str(error) else "WRONG empty message"
     try:
         oracle = PinocchioChain(data, chain.tip)
+        errors = disagreements(chain, oracle, np.random.default_rng(seed), most=0)
     except (ValueError, SyntaxError, AttributeError):
         return "read"  # by stiffgen alone
-    errors = disagreements(chain, oracle, np.random.default_rng(seed), most=0)
     return f"WRONG {errors}" if errors else "agrees"
 
 

@@ -32,14 +32,16 @@ class State:
         return kinematic + J.T @ corrected_stiffness @ J
 
 
-def readable_by_pinocchio(xml: str | bytes) -> ET.Element:
-    """The tree with links, inertials and joints alone, and the limits that urdfdom insists on."""
+def readable_by_pinocchio(xml: str | bytes, masses: bool = True) -> ET.Element:
+    """The tree with links, inertials (on request) and joints alone, and the limits that urdfdom insists on."""
     source = ET.fromstring(xml)
     robot = ET.Element("robot", {"name": source.get("name") or "robot"})
     for link in source.findall("link"):
         kept = ET.SubElement(robot, "link", {"name": link.get("name", "")})
         inertial = link.find("inertial")
-        if inertial is not None:
+        if inertial is not None and masses:
+            for number in inertial:  # urdfdom drops an inertial for a blank behind a number
+                number.attrib.update({key: value.strip() for key, value in number.attrib.items()})
             kept.append(inertial)
     for joint in source.findall("joint"):
         kept = ET.SubElement(robot, "joint", dict(joint.attrib))
@@ -56,8 +58,8 @@ def readable_by_pinocchio(xml: str | bytes) -> ET.Element:
 class PinocchioChain:
     """Raises ValueError where Pinocchio itself does not read the robot, or a mimic relation is broken."""
 
-    def __init__(self, xml: str | bytes, tip: str, base: str | None = None) -> None:
-        self.xml = readable_by_pinocchio(xml)
+    def __init__(self, xml: str | bytes, tip: str, base: str | None = None, *, masses: bool = True) -> None:
+        self.xml = readable_by_pinocchio(xml, masses)
         self.model = pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
         self.data = self.model.createData()
         self.joints = {joint.get("name", ""): joint for joint in self.xml.findall("joint")}
@@ -79,7 +81,7 @@ class PinocchioChain:
         self.columns = [self._column(name) for name in self.moving]
         self.offsets = np.zeros(self.model.nv)
         for name, joint in self.joints.items():
-            if joint.get("type") in MOVING:
+            if joint.get("type") in MOVING and (masses or name in moving):
                 self.offsets[self._column(name)] = self._relation(name)[2]
 
     def _column(self, joint: str) -> int:
@@ -119,6 +121,8 @@ class PinocchioChain:
             for name, frame in FRAMES.items()
         }
         pose = (into_base * data.oMf[tip]).homogeneous
+        if not np.isfinite(mass).all():  # inertias near 1e308 in links that the chain does not even carry
+            raise ValueError("Pinocchio itself overflows")
         stacked = {name: np.stack(values) for name, values in derivative.items()}
         return State(pose, rates.T @ mass @ rates, jacobian, stacked)
 

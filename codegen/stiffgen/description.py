@@ -193,7 +193,7 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
     except (etree.XMLSyntaxError, ValueError) as error:
         if _XACRO.search(data):
             raise DescriptionError(file, [xacro]) from error
-        reason = printable(str(error) or "empty file", 200).rstrip(".")
+        reason = printable(getattr(error, "msg", None) or str(error) or "empty file", 200).rstrip(".")
         raise DescriptionError(file, [f"is not well-formed XML: {reason}; give a URDF file"]) from error
     tree = root.getroottree()
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
