@@ -195,12 +195,22 @@ def _opening(total: collections.Counter[str]) -> list[str]:
 def _section(title: str, rows: list[Row], still: int) -> list[str]:
     lines = [f"## {title}", ""]
     if rows:
-        lines += ["| file | chains | moving joints | agree | agree without masses | refused |", "|---|---|---|---|---|---|"]
+        lines += [
+            "| file | chains | moving joints | agree | agree without masses | refused |",
+            "|---|---|---|---|---|---|",
+        ]
     common = _common_folder([row.file for row in rows])
     for row in rows:
         span = "" if not row.joints else f"{min(row.joints)}-{max(row.joints)}"
         refused = "all" if not row.joints else len(row.refused)
-        cells = (row.file.removeprefix(common), row.chains if row.joints else "", span, row.agreed, row.without_masses, refused)
+        cells = (
+            row.file.removeprefix(common),
+            row.chains if row.joints else "",
+            span,
+            row.agreed,
+            row.without_masses,
+            refused,
+        )
         lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
     if rows:
         lines.append("")
@@ -208,7 +218,10 @@ def _section(title: str, rows: list[Row], still: int) -> list[str]:
         lines += [f"{still} files have no moving joint.", ""]
     reasons = {}
     for row in rows:
-        for kind, text in (("without masses", getattr(row, "refused_masses", "")), ("refused", "; ".join(row.refused[:1]))):
+        for kind, text in (
+            ("without masses", getattr(row, "refused_masses", "")),
+            ("refused", "; ".join(row.refused[:1])),
+        ):
             if text:
                 reasons[f"- `{row.file.removeprefix(common)}`, {kind}: {_escaped(text)}"] = None
         for wrong in row.wrong:

@@ -13,9 +13,7 @@ from stiffgen.chain import chain_between
 from stiffgen.description import Description, read_description
 from stiffgen.errors import DescriptionError, StiffgenError
 
-INERTIAL = (
-    '<inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial>'
-)
+INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial>'
 ARM = f"""<?xml version="1.0"?>
 <robot name="arm">
   <link name="base"/>
@@ -191,7 +189,9 @@ def test_what_real_files_have_changes_nothing(read, name):
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "iso-8859-1"])
 def test_encodings(read, encoding):
-    text = ARM.replace('version="1.0"', f'version="1.0" encoding="{encoding.removesuffix("-sig")}"').replace("hand", "händ")
+    text = ARM.replace('version="1.0"', f'version="1.0" encoding="{encoding.removesuffix("-sig")}"').replace(
+        "hand", "händ"
+    )
     assert "händ" in read(text.encode(encoding)).links
 
 
