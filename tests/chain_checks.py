@@ -5,7 +5,6 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 from pinocchio_oracle import PinocchioChain
-
 from stiffgen.chain import Chain
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.kernels import Kernel, chain_kernels

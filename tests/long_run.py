@@ -22,7 +22,6 @@ import numpy as np
 from chain_checks import disagreements
 from pinocchio_oracle import PinocchioChain
 from random_urdf import Plain, broken_file, random_robot
-
 from stiffgen.chain import chain_between
 from stiffgen.description import read_description
 from stiffgen.emit.names import identifier

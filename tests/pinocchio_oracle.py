@@ -60,8 +60,6 @@ class PinocchioChain:
 
     def __init__(self, xml: str | bytes, tip: str, base: str | None = None, *, masses: bool = True) -> None:
         self.xml = readable_by_pinocchio(xml, masses)
-        self.model = pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
-        self.data = self.model.createData()
         self.joints = {joint.get("name", ""): joint for joint in self.xml.findall("joint")}
         above = {joint.find("child").get("link"): joint for joint in self.joints.values()}
         path, link = [], tip
@@ -70,6 +68,13 @@ class PinocchioChain:
             link = above[link].find("parent").get("link")
         assert base in (None, link), f"{base} is no ancestor of {tip}"
         self.base, self.tip = link, tip
+        if not masses:  # nothing beside the chain matters then, and Pinocchio need not be able to read it
+            on_chain = {link, *(joint.find("child").get("link") for joint in path)}
+            for element in list(self.xml):
+                if element.get("name") not in on_chain if element.tag == "link" else element not in path:
+                    self.xml.remove(element)
+        self.model = pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
+        self.data = self.model.createData()
         moving = [joint.get("name", "") for joint in reversed(path) if joint.get("type") in MOVING]
         relations = {name: self._relation(name) for name in moving}
         self.moving = [name for name in moving if relations[name][1] != 0]

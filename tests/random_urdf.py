@@ -68,7 +68,7 @@ class Robot:
 
 
 def random_robot(source: Source, most_moving: int) -> Robot:
-    """A chain with 1..most_moving moving joints in a tree that goes on before its base, beside it and beyond its tip."""
+    """A chain of 1..most_moving moving joints in a tree that goes on before its base, beside it and beyond its tip."""
     path = [source.pick(("revolute", "continuous", "prismatic")) for _ in range(source.integer(1, most_moving))]
     for _ in range(source.integer(0, 3)):
         path.insert(source.integer(0, len(path)), "fixed")
@@ -162,9 +162,10 @@ BAD_WORDS = (
     "0", "1e-320", "1e308", "--1", "1e", "١ ٢ ٣", "0 0 0", "0 0 0 0", "\u00a01", "'", "<", "&#0;", "&x;", "&#155;",
 )  # fmt: skip
 JUNK = (
-    "<link/>", "<joint/>", '<link name="l0"/>', '<joint name="j0" type="revolute"/>', "</robot>", "<robot>", "\x00", "\x1b",
-    "<!DOCTYPE a>", "<!-- -- -->", "<a:b/>", "<xacro:if/>", "<?xml version='1.0'?>", "<![CDATA[", "&amp;", "\ufeff", "<",
-    '<joint name="j0" type="fixed"><parent link="l1"/><child link="l0"/></joint>', "<mimic joint='j1'/>",
+    "<link/>", "<joint/>", '<link name="l0"/>', '<joint name="j0" type="revolute"/>', "</robot>", "<robot>", "\x00",
+    "\x1b", "<!DOCTYPE a>",
+    "<!-- -- -->", "<a:b/>", "<xacro:if/>", "<?xml version='1.0'?>", "<![CDATA[", "&amp;", "\ufeff",
+    "<", '<joint name="j0" type="fixed"><parent link="l1"/><child link="l0"/></joint>', "<mimic joint='j1'/>",
 )  # fmt: skip
 
 

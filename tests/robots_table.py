@@ -22,7 +22,6 @@ import numpy as np
 from chain_checks import disagreements
 from lxml import etree
 from pinocchio_oracle import PinocchioChain
-
 from stiffgen.chain import Chain, chain_between
 from stiffgen.description import Description, read_description
 from stiffgen.errors import ChainError, StiffgenError
@@ -177,17 +176,17 @@ def _opening(total: collections.Counter[str]) -> list[str]:
         "# Robots",
         "",
         "Every URDF file of the packages below, every chain from its root to a leaf link that has a moving joint, held",
-        "against Pinocchio to 1e-9 of the largest entry at a random posture: pose, mass matrix, and the Jacobian in body,",
-        "spatial and hybrid representation; of each file's first chain (up to 12 coordinates) also dJ^T/dq and the joint",
-        "stiffness. Where a floating or planar joint lies on the way, the base is the link behind it. Written by",
-        "`tests/robots_table.py`.",
+        "against Pinocchio to 1e-9 of the largest entry at a random posture: pose, mass matrix, and the Jacobian in",
+        "body, spatial and hybrid representation; of each file's first chain (up to 12 coordinates) also dJ^T/dq and",
+        "the joint stiffness. Where a floating or planar joint lies on the way, the base is the link behind it. Written",
+        "by `tests/robots_table.py`.",
         "",
         f"- {total['files']} files, {total['still']} of them without a moving joint (furniture, cameras, toys).",
         f"- {compared} chains of 1 to {total['most']} moving joints: {total['agreed']} agree in everything,",
-        f"  {total['without masses']} agree in everything but the mass matrix, which stiffgen refuses for the reason given"
-        " (`--no-masses` leaves it out),",
+        f"  {total['without masses']} agree in everything but the mass matrix, which stiffgen refuses for the reason",
+        "  given (`--no-masses` leaves it out),",
         f"  {total['wrong']} disagree.",
-        f"- {total['refused']} chains and {total['refused files']} whole files are refused, each with the reason given.",
+        f"- {total['refused']} chains and {total['refused files']} whole files are refused for the reasons given.",
         "",
     ]
 

@@ -11,13 +11,12 @@ import pytest
 from chain_checks import disagreements, value
 from pinocchio_oracle import PinocchioChain, readable_by_pinocchio
 from random_urdf import Plain, random_robot
-from test_description import ARM, INERTIAL, replaced
-
 from stiffgen import StiffnessModel, load_chain
 from stiffgen.chain import MAX_MOVING_JOINTS, Chain
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError, DescriptionError
 from stiffgen.kernels import KERNELS
+from test_description import ARM, INERTIAL, replaced
 
 URDF = Path(__file__).parents[1] / "urdf"
 
@@ -98,7 +97,8 @@ def test_mimic(tmp_path, name):
 def test_mimics_of_mimics_and_of_joints_off_the_chain(tmp_path):
     crank = (
         f'<link name="crank">{INERTIAL}</link><joint name="motor" type="revolute"><parent link="base"/>'
-        '<child link="crank"/><axis xyz="0 1 1"/><limit lower="-0.5" upper="0.7" velocity="8" effort="9"/></joint></robot>'
+        '<child link="crank"/><axis xyz="0 1 1"/><limit lower="-0.5" upper="0.7" velocity="8" effort="9"/></joint>'
+        "</robot>"
     )
     text = replaced(
         ("</robot>", crank),
@@ -190,7 +190,7 @@ def test_many_turns(tmp_path, angle):
 
 def test_masses_left_out_on_request(tmp_path):
     text = replaced(('izz="0.03"', 'izz="0.3"'))
-    with pytest.raises(DescriptionError, match="'upper'.*--no-masses"):
+    with pytest.raises(DescriptionError, match=r"'upper'.*--no-masses"):
         loaded(tmp_path, text)
     chain = loaded(tmp_path, text, masses=False)
     assert not chain.masses and chain.massless == ()

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from stiffgen import load_chain
 from stiffgen.chain import chain_between
 from stiffgen.description import Description, read_description
@@ -77,7 +76,9 @@ FAULTS = {
     "no robot name": ([(' name="arm"', "")], ["<robot>", "name", "add"]),
     "nameless link": ([('<link name="hand"/>', '<link name="hand"/><link/>')], ["<link> number 5", "no name", "add"]),
     "nameless joint": ([('joint name="wrist"', "joint")], ["<joint> number 3", "no name", "add"]),
-    "link twice": ([('<link name="hand"/>', '<link name="hand"/><link name="hand"/>')], ["link 'hand'", "twice", "rename"]),
+    "link twice": (
+        [('<link name="hand"/>', '<link name="hand"/><link name="hand"/>')], ["link 'hand'", "twice", "rename"],
+    ),
     "joint twice": ([('name="wrist"', 'name="elbow"')], ["joint 'elbow'", "twice", "rename"]),
     "no type": ([(' type="fixed"', "")], ["joint 'wrist'", "no type", "revolute"]),
     "unknown type": ([('"fixed"', '"spherical"')], ["joint 'wrist'", "'spherical'", "prismatic"]),
@@ -94,7 +95,8 @@ FAULTS = {
     "zero axis": ([('xyz="0 1 0"', 'xyz="0 0 0"')], ["joint 'elbow'", "axis", 'xyz="0 0 1"']),
     "tiny axis": ([('xyz="0 1 0"', 'xyz="0 1e-300 0"')], ["joint 'elbow'", "axis", 'xyz="0 0 1"']),
     "axis without xyz": ([('axis xyz="0 1 0"', "axis")], ["joint 'elbow'", "<axis>", "add"]),
-    "two numbers": ([('xyz="0.4 0 0"', 'xyz="0.4 0"')], ["joint 'elbow'", '<origin xyz="0.4 0">', "2 words", "3 numbers"]),
+    "two numbers": ([('xyz="0.4 0 0"', 'xyz="0.4 0"')],
+                    ["joint 'elbow'", '<origin xyz="0.4 0">', "2 words", "3 numbers"]),
     "nan": ([('xyz="0.4 0 0"', 'xyz="nan 0 0"')], ["joint 'elbow'", "<origin xyz=", "'nan'", "finite"]),
     "inf": ([('xyz="0.4 0 0"', 'xyz="0 inf 0"')], ["joint 'elbow'", "<origin xyz=", "'inf'", "finite"]),
     "1e400": ([('xyz="0.4 0 0"', 'xyz="0 0 1e400"')], ["joint 'elbow'", "<origin xyz=", "'1e400'", "finite"]),
@@ -154,7 +156,8 @@ def test_all_problems_at_once_also_those_of_the_file(read):
 
 # What real files have and stiffgen must take without a word; each is the same arm as before.
 HARMLESS = {
-    "comments": [("<robot", "<!-- <robot> --><robot"), ('<link name="hand"/>', '<!-- <link name="x"/> --><link name="hand"/>')],
+    "comments": [("<robot", "<!-- <robot> --><robot"),
+                 ('<link name="hand"/>', '<!-- <link name="x"/> --><link name="hand"/>')],
     "double hyphen in a comment": [("</robot>", "<!-- a -- b --></robot>")],
     "undeclared prefix": [("</robot>", '<drake:x y:z="1"/></robot>'), ("<limit ", '<limit drake:acceleration="1" ')],
     "declared prefix": [("<robot ", '<robot xmlns:gz="http://gz" '), ("</robot>", "<gz:joint/></robot>")],
@@ -164,12 +167,15 @@ HARMLESS = {
     "blank line first": [("<?xml", "\n<?xml")],
     "no declaration": [('<?xml version="1.0"?>', "")],
     "gazebo": [("</robot>", '<gazebo reference="x"><joint name="elbow"/><link name="hand"/></gazebo></robot>')],
-    "transmission": [("</robot>", '<transmission><joint name="elbow"><mimic joint="?"/></joint></transmission></robot>')],
+    "transmission": [("</robot>",
+                      '<transmission><joint name="elbow"><mimic joint="?"/></joint></transmission></robot>')],
     "sensor": [("</robot>", '<sensor name="s"><parent link="nowhere"/><origin xyz="a b c"/></sensor></robot>')],
     "meshes": [('<link name="hand"/>',
-                '<link name="hand"><visual><geometry><mesh filename="package://x/y.dae" scale="1 1"/></geometry></visual>'
+                '<link name="hand"><visual><geometry><mesh filename="package://x/y.dae" scale="1 1"/></geometry>'
+                '</visual>'
                 '<collision><geometry><box size="nan"/></geometry></collision></link>')],
-    "fixed joint's zero axis": [('<joint name="wrist" type="fixed">', '<joint name="wrist" type="fixed"><axis xyz="0 0 0"/>')],
+    "fixed joint's zero axis": [('<joint name="wrist" type="fixed">',
+                                 '<joint name="wrist" type="fixed"><axis xyz="0 0 0"/>')],
     "fixed joint's junk": [('<joint name="wrist" type="fixed">',
                             '<joint name="wrist" type="fixed"><axis/><limit lower="" upper="x"/><mimic joint="y"/>')],
     "spaces and signs": [('xyz="0.4 0 0"', 'xyz=" +.4\t-0.  0e5\n"')],
@@ -276,7 +282,10 @@ def test_a_follower_of_a_broken_follower_is_refused(read):
         ("<mujoco/>", ["MJCF", "give a URDF"]),
         ("<html/>", ["<html>", "<robot>"]),
         ("<robot name='s'><group name='arm'/></robot>", ["<link>", "SRDF"]),
-        ('<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"/></robot>', ["xacro INPUT"]),
+        (
+            '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m"/></robot>',
+            ["xacro INPUT"],
+        ),
         ('<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include/></robot>', ["xacro INPUT"]),
         ('<robot name="a"><xacro:macro name="m"/></robot>', ["xacro INPUT"]),
         ('<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro>', ["xacro INPUT"]),

@@ -9,7 +9,6 @@ import re
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from stiffgen.emit.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
 from stiffgen.errors import StiffgenError
 
@@ -20,11 +19,15 @@ SLOW = settings(derandomize=True, max_examples=500, deadline=None)
 @pytest.mark.parametrize(
     ("name", "made"),
     [
-        ("iiwa14", "iiwa14"), ("LBR iiwa 14 R820", "LBR_iiwa_14_R820"), ("3dof", "robot_3dof"), ("", "robot"), ("---", "robot"),
-        ("Käfer", "Kafer"), ("机器人", "robot"), ("double", "robot_double"), ("Class", "robot_Class"), ("None", "robot_None"),
-        ("match", "robot_match"), ("AUX", "robot_AUX"), ("__x__", "x"), ("a//../b", "a_b"), ("../../etc/passwd", "etc_passwd"),
+        ("iiwa14", "iiwa14"), ("LBR iiwa 14 R820", "LBR_iiwa_14_R820"), ("3dof", "robot_3dof"), ("", "robot"),
+        ("---", "robot"),
+        ("Käfer", "Kafer"), ("机器人", "robot"), ("double", "robot_double"), ("Class", "robot_Class"),
+        ("None", "robot_None"),
+        ("match", "robot_match"), ("AUX", "robot_AUX"), ("__x__", "x"), ("a//../b", "a_b"),
+        ("../../etc/passwd", "etc_passwd"),
         ("stiffgen", "robot_stiffgen"), ("stiffgen_damping", "robot_stiffgen_damping"), ("a" * 99, "a" * 40),
-        ("a" * 39 + "_b", "a" * 39), ("9" * 99, "robot_" + "9" * 34), ("x;rm -rf /", "x_rm_rf"), ("١٢", "robot"), ("ﬁ", "fi"),
+        ("a" * 39 + "_b", "a" * 39), ("9" * 99, "robot_" + "9" * 34), ("x;rm -rf /", "x_rm_rf"), ("١٢", "robot"),
+        ("ﬁ", "fi"),
     ],
 )  # fmt: skip
 def test_the_rule(name, made):

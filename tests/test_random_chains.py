@@ -11,7 +11,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pinocchio_oracle import PinocchioChain
 from random_urdf import Plain, Robot, broken_files, random_robot, robots
-
 from stiffgen.chain import Chain, chain_between
 from stiffgen.description import read_description
 from stiffgen.errors import StiffgenError
