@@ -193,7 +193,7 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
     except (etree.XMLSyntaxError, ValueError) as error:
         if _XACRO.search(data):
             raise DescriptionError(file, [xacro]) from error
-        reason = printable(str(error) or "empty file", 200).rstrip(".")
+        reason = printable(getattr(error, "msg", None) or str(error) or "empty file", 200).rstrip(".")
         raise DescriptionError(file, [f"is not well-formed XML: {reason}; give a URDF file"]) from error
     tree = root.getroottree()
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
@@ -339,6 +339,8 @@ class _Checker:
         axis = element.find("axis")
         if axis is None:
             return
+        if axis.get("xyz") is None:
+            yield Problem(this, f'{_title(this)}: its <axis> has no xyz; add xyz="0 0 1" or the like')
         yield from self._number(this, axis, "xyz", 3)
         xyz = self.numbers.get((axis, "xyz"), (1.0, 0.0, 0.0))
         if not math.hypot(*xyz) > 1e-6:
