@@ -20,8 +20,8 @@ with atheris.instrument_imports(include=["stiffgen.description", "stiffgen.chain
     from stiffgen.description import read_description
 
 from random_urdf import Plain, broken_file, random_robot
-from stiffgen.emit.names import c_string, comment, identifier
 from stiffgen.errors import DescriptionError, StiffgenError
+from stiffgen.names import c_string, comment, identifier
 
 _DICTIONARY = r"""
 "<robot name=\""

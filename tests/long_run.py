@@ -24,8 +24,8 @@ from pinocchio_oracle import PinocchioChain
 from random_urdf import Plain, broken_file, random_robot
 from stiffgen.chain import chain_between
 from stiffgen.description import read_description
-from stiffgen.emit.names import identifier
 from stiffgen.errors import StiffgenError
+from stiffgen.names import identifier
 
 HANG = 10  # [s]
 

@@ -9,8 +9,8 @@ import re
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from stiffgen.emit.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
 from stiffgen.errors import StiffgenError
+from stiffgen.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
 
 ANY_TEXT = st.text(st.characters(), max_size=200)  # with surrogates and control characters
 SLOW = settings(derandomize=True, max_examples=500, deadline=None)

@@ -112,16 +112,16 @@ def _lock(text: str) -> tuple[str, float]:
 
 
 def _tool(options: argparse.Namespace) -> Tool | None:
-    given: dict[str, Any] = {
-        field: getattr(options, f"tool_{field}")
-        for field in ("xyz", "rpy", "mass", "com", "inertia")
-        if getattr(options, f"tool_{field}") is not None
-    }
+    given: dict[str, Any] = {}
+    for field in ("xyz", "rpy", "mass", "com", "inertia"):
+        value = getattr(options, f"tool_{field}")
+        if value is not None:
+            given[field] = tuple(value) if isinstance(value, list) else value
     if not given:
         return None
     if options.tool == "runtime" and ("xyz" in given or "rpy" in given):
         raise StiffgenError("--tool runtime takes the tool's pose at run time; leave out --tool-xyz and --tool-rpy")
-    return Tool(**{field: tuple(value) if isinstance(value, list) else value for field, value in given.items()})
+    return Tool(**given)
 
 
 class _Progress:
