@@ -1,13 +1,18 @@
 # make generate   virtual environment, then generate and build every robot in urdf/, and print one real result
 # make test       all tests                      make check-generated   regenerate and compare with what is committed
 # make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
+# make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
+# make robots     real robots against Pinocchio, into docs/robots.md
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 URDFS := $(sort $(wildcard urdf/*.urdf))
 WORKERS ?= 2
 
-.PHONY: generate test lint check-generated clean
+FUZZ ?= -max_total_time=600
+COUNT ?= 100000
+
+.PHONY: generate test lint check-generated fuzz random-robots robots clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -39,7 +44,20 @@ check-generated: $(VENV)/installed
 	  || { echo "generated/ is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
 	echo "generated/ is what the generator writes"
 
+$(VENV)/installed-fuzz: $(VENV)/installed-test
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,fuzz]'
+	@touch $@
+
+fuzz: $(VENV)/installed-fuzz
+	$(BIN)/python tests/fuzz_reader.py build/fuzz-corpus $(FUZZ)
+
+random-robots: $(VENV)/installed-test
+	$(BIN)/python tests/long_run.py --chains $(COUNT) --files $(COUNT)
+
+robots: $(VENV)/installed-test
+	$(BIN)/python tests/robots_table.py build/robots docs/robots.md
+
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f generated/*/*.so

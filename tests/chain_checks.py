@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+
 from pinocchio_oracle import PinocchioChain
 from stiffgen.chain import Chain
 from stiffgen.connection import REPRESENTATIONS

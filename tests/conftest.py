@@ -10,8 +10,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-import stiffgen
 from filelock import FileLock
+
+import stiffgen
 from stiffgen.verify import import_robot
 
 ROOT = Path(__file__).resolve().parent.parent

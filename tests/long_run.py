@@ -19,6 +19,7 @@ from pathlib import Path
 from types import FrameType
 
 import numpy as np
+
 from chain_checks import disagreements
 from pinocchio_oracle import PinocchioChain
 from random_urdf import Plain, broken_file, random_robot

@@ -19,8 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from chain_checks import disagreements
 from lxml import etree
+
+from chain_checks import disagreements
 from pinocchio_oracle import PinocchioChain
 from stiffgen.chain import Chain, chain_between
 from stiffgen.description import Description, read_description

@@ -7,6 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
+
 from c_program import STRICT, language_flags, run_kernels
 from conftest import compilers, require_compiler
 from stiffgen.kernels import KERNELS

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+
 from chain_checks import disagreements, value
 from pinocchio_oracle import PinocchioChain, readable_by_pinocchio
 from random_urdf import Plain, random_robot

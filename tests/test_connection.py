@@ -6,6 +6,7 @@ import itertools
 
 import pytest
 import sympy as sp
+
 from stiffgen.connection import (
     REPRESENTATIONS,
     basis_matrix,

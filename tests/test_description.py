@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from stiffgen import load_chain
 from stiffgen.chain import chain_between
 from stiffgen.description import Description, read_description

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+
 import stiffgen
 from conftest import ROOT, URDF
 from stiffgen.emit.render import chain_from_manifest, render

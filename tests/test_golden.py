@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from c_program import run_kernels
 from conftest import compilers, require_compiler
 from stiffgen.connection import REPRESENTATIONS

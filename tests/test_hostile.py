@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from stiffgen.chain import chain_between
 from stiffgen.description import MAX_BYTES, MAX_JOINTS, read_description
 from stiffgen.errors import DescriptionError, StiffgenError

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+
 import stiffgen
 from conftest import ROOT
 from stiffgen.connection import REPRESENTATIONS

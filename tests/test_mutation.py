@@ -12,6 +12,7 @@ import re
 
 import numpy as np
 import pytest
+
 from c_program import run_kernels
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.verify import References, check_kernels, gamma_F, kernels_of, relative_error

@@ -9,6 +9,7 @@ import re
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from stiffgen.errors import StiffgenError
 from stiffgen.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+
 from stiffgen.kernels import KERNELS
 from stiffgen.model import casadi_function
 from stiffgen.verify import Samples, kernels_of

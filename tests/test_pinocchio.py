@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+
 import stiffgen
 from conftest import ROOT
 from stiffgen.verify import relative_error

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chain_checks import disagreements
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
+from chain_checks import disagreements
 from pinocchio_oracle import PinocchioChain
 from random_urdf import Plain, Robot, broken_files, random_robot, robots
 from stiffgen.chain import Chain, chain_between

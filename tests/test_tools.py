@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pinocchio as pin
 import pytest
+
 import stiffgen
 from conftest import ROOT, URDF
 from stiffgen.cli import main

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import dask.array as da
 import numpy as np
 import pytest
+
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.kernels import KERNELS
 from stiffgen.verify import Samples, kernels_of
