@@ -52,7 +52,7 @@ fuzz: $(VENV)/installed-fuzz
 	$(BIN)/python tests/fuzz_reader.py build/fuzz-corpus $(FUZZ)
 
 random-robots: $(VENV)/installed-test
-	$(BIN)/python tests/long_run.py --chains $(COUNT) --files $(COUNT)
+	$(BIN)/python tests/long_run.py --chains $(COUNT) --broken $(COUNT)
 
 robots: $(VENV)/installed-test
 	$(BIN)/python tests/robots_table.py build/robots docs/robots.md
