@@ -68,12 +68,11 @@ class PinocchioChain:
             link = above[link].find("parent").get("link")
         assert base in (None, link), f"{base} is no ancestor of {tip}"
         self.base, self.tip = link, tip
-        if not masses:  # nothing beside the chain matters then, and Pinocchio need not be able to read it
-            on_chain = {link, *(joint.find("child").get("link") for joint in path)}
-            for element in list(self.xml):
-                if element.get("name") not in on_chain if element.tag == "link" else element not in path:
-                    self.xml.remove(element)
-        self.model = pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
+        try:
+            self.model = self._model()
+        except ValueError:  # a fault beside the chain; what the chain does not use is cut away
+            self._prune(path, masses)
+            self.model = self._model()
         self.data = self.model.createData()
         moving = [joint.get("name", "") for joint in reversed(path) if joint.get("type") in MOVING]
         relations = {name: self._relation(name) for name in moving}
@@ -86,8 +85,27 @@ class PinocchioChain:
         self.columns = [self._column(name) for name in self.moving]
         self.offsets = np.zeros(self.model.nv)
         for name, joint in self.joints.items():
-            if joint.get("type") in MOVING and (masses or name in moving):
+            if joint.get("type") in MOVING and self.model.existJointName(name) and (masses or name in moving):
                 self.offsets[self._column(name)] = self._relation(name)[2]
+
+    def _model(self) -> pin.Model:
+        return pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
+
+    def _prune(self, path: list[ET.Element], masses: bool) -> None:
+        kept = {self.base, *(joint.find("child").get("link") for joint in path)}
+        first = next(joint for joint in reversed(path) if joint.get("type") in MOVING)
+        beyond = [first.find("child").get("link")] if masses else []
+        while beyond:
+            link = beyond.pop()
+            kept.add(link)
+            beyond += [
+                j.find("child").get("link") for j in self.joints.values() if j.find("parent").get("link") == link
+            ]
+        for element in list(self.xml):
+            if (element.get("name") if element.tag == "link" else element.find("child").get("link")) not in kept or (
+                element.tag == "joint" and element.find("child").get("link") == self.base
+            ):
+                self.xml.remove(element)
 
     def _column(self, joint: str) -> int:
         return self.model.joints[self.model.getJointId(joint)].idx_v

@@ -95,6 +95,13 @@ def test_mimic(tmp_path, name):
     assert_agrees(chain, text)
 
 
+def test_a_multiplier_of_zero_makes_no_coordinate(tmp_path):
+    text = replaced(('<axis xyz="0 1 0"/>', '<mimic joint="grip" multiplier="0" offset="0.4"/>'))
+    chain = loaded(tmp_path, text, tip="hand")
+    assert [c.name for c in chain.coordinates] == ["shoulder"]
+    assert_agrees(chain, text)
+
+
 def test_mimics_of_mimics_and_of_joints_off_the_chain(tmp_path):
     crank = (
         f'<link name="crank">{INERTIAL}</link><joint name="motor" type="revolute"><parent link="base"/>'

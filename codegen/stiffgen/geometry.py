@@ -19,7 +19,6 @@ import mpmath
 
 _DIGITS = 50
 _RIGHT_ANGLE_TOLERANCE = 1e-11  # [rad]
-_MANY_TURNS = 1e9  # [rad], where a double's digits no longer tell a right angle
 _NEGLIGIBLE = 1e-15  # [m], [kg m], [kg m^2] or of a rotation matrix
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -168,8 +167,6 @@ class Inertia:
 def _cos_sin(angle: float) -> tuple[Real, Real]:
     quarter = _context.pi / 2
     position = exact(angle)
-    if abs(position) > _MANY_TURNS:
-        return _context.cos(position), _context.sin(position)
     turns = int(_context.nint(position / quarter))
     if abs(position - turns * quarter) < _RIGHT_ANGLE_TOLERANCE:
         return ((mpf(1), mpf(0)), (mpf(0), mpf(1)), (mpf(-1), mpf(0)), (mpf(0), mpf(-1)))[turns % 4]
