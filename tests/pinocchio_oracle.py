@@ -102,9 +102,9 @@ class PinocchioChain:
                 j.find("child").get("link") for j in self.joints.values() if j.find("parent").get("link") == link
             ]
         for element in list(self.xml):
-            if (element.get("name") if element.tag == "link" else element.find("child").get("link")) not in kept or (
-                element.tag == "joint" and element.find("child").get("link") == self.base
-            ):
+            child = element.find("child")
+            link = element.get("name") if child is None else child.get("link")
+            if link not in kept or (child is not None and link == self.base):
                 self.xml.remove(element)
 
     def _column(self, joint: str) -> int:

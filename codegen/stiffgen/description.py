@@ -25,7 +25,7 @@ from lxml import etree
 from stiffgen.errors import DescriptionError, listed, printable
 from stiffgen.geometry import unit
 
-# The largest description in docs/robots.md has 0.2 MB and 150 joints. A parsed byte can cost 50 bytes of memory.
+# The largest description in docs/robots.md has 0.2 MB. A parsed byte can cost 50 bytes of memory.
 MAX_BYTES = 4 * 2**20
 MAX_JOINTS = 5_000
 LARGEST = 1e12  # of a length, an angle, a mass or a moment of inertia; keeps every sum and product finite
