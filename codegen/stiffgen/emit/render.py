@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import asdict
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -21,6 +22,8 @@ from stiffgen.kernels import Argument, Kernel
 from stiffgen.program import Array
 
 MANIFEST = "manifest.json"
+RUNTIME = Path(__file__).parent.parent / "runtime"
+"""Robot-independent C, copied beside the kernels."""
 _GENERATOR = "stiffgen"
 
 
