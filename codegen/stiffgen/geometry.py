@@ -154,7 +154,7 @@ class Inertia:
         )
 
 
-def _cos_sin(angle: float) -> tuple[Real, mpf]:
+def _cos_sin(angle: float) -> tuple[Real, Real]:
     quarter = _context.pi / 2
     position = exact(angle)
     turns = int(_context.nint(position / quarter))

@@ -1,0 +1,45 @@
+# make generate   virtual environment, then generate and build every robot in urdf/, and print one real result
+# make test       all tests                      make check-generated   regenerate and compare with what is committed
+# make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+URDFS := $(sort $(wildcard urdf/*.urdf))
+WORKERS ?= 2
+
+.PHONY: generate test lint check-generated clean
+.DELETE_ON_ERROR:
+
+$(VENV)/installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("stiffgen needs Python 3.10 or newer; set PYTHON=") if sys.version_info < (3, 10) else 0'
+	@$(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/installed-test: $(VENV)/installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,lint]'
+	@touch $@
+
+generate: $(VENV)/installed
+	@set -e; for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf; done
+	@$(BIN)/python examples/bowl_posture.py
+
+test: $(VENV)/installed-test
+	$(BIN)/python -m pytest -n $(WORKERS)
+
+lint: $(VENV)/installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+check-generated: $(VENV)/installed
+	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
+	for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf --no-build --output "$$fresh" >/dev/null; done; \
+	diff -r -x '*.so' -x '*.pyd' -x __pycache__ "$$fresh" generated \
+	  || { echo "generated/ is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
+	echo "generated/ is what the generator writes"
+
+clean:
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -f generated/*/*.so

@@ -1,0 +1,37 @@
+"""Joint stiffness of the iiwa 14 at a posture of the paper's bowl-wiping trajectory, corrected and conventional.
+
+Run by ``make generate``. The task stiffness is the paper's (hybrid frame), the wrench is of the size it reports.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from generated import iiwa14  # noqa: E402
+
+TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
+TASK_STIFFNESS = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])  # N/m and N m/rad
+WRENCH = np.array([5.0, -10.0, 15.0, 4.0, -3.0, 8.0])  # N and N m, applied by the environment to the robot
+
+
+def main() -> None:
+    trajectory = np.loadtxt(TRAJECTORY, delimiter=",")
+    sample = trajectory.shape[1] // 2
+    q = trajectory[:, sample]
+    corrected = iiwa14.hybrid.joint_stiffness(q, WRENCH, TASK_STIFFNESS)
+    conventional = iiwa14.hybrid.joint_stiffness_uncorrected(q, WRENCH, TASK_STIFFNESS)
+    with np.printoptions(precision=2, suppress=True, linewidth=100):
+        print(f"iiwa14, bowl-wiping sample {sample}, q [rad] = {q}")
+        print(f"wrench applied by the environment [N, N m] = {WRENCH}")
+        for title, stiffness in (("corrected", corrected), ("conventional", conventional)):
+            antisymmetric = (stiffness - stiffness.T) / 2
+            print(f"\njoint stiffness, {title} [N m/rad]:\n{stiffness}")
+            print(f"largest singular value of its antisymmetric part: {np.linalg.norm(antisymmetric, 2):.4f} N m/rad")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""Compile a generated robot together with a small main and read back what its kernels return, bit by bit."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
+
+
+def language_flags(language: str) -> list[str]:
+    """Flags that make a C or C++ compiler take the .c file in the given language."""
+    return ["-x", "c++", f"-std={language}"] if language.startswith("c++") else ["-x", "c", f"-std={language}"]
+
+
+def run_kernels(
+    folder: Path,
+    name: str,
+    calls: Sequence[tuple[str, Sequence[np.ndarray], int]],
+    compiler: str,
+    language: str,
+    flags: Sequence[str],
+    work: Path,
+) -> list[np.ndarray]:
+    """Call kernels (name, arguments, size of the result) from a C program and return their flat results."""
+    body = []
+    for index, (kernel, arguments, size) in enumerate(calls):
+        names = []
+        for k, argument in enumerate(arguments):
+            values = ", ".join(_literal(v) for v in np.asarray(argument, dtype=float).ravel())
+            body.append(f"    static const double a{index}_{k}[] = {{{values}}};")
+            names.append(f"a{index}_{k}")
+        body.append(f"    {name}_{kernel}({', '.join(names)}, result);")
+        body.append(f"    show(result, {size});")
+    source = "\n".join(
+        [
+            f'#include "{name}.h"',
+            "#include <math.h>",
+            "#include <stdio.h>",
+            "static double result[4096];",
+            "static void show(const double *x, int n)",
+            '{ for (int k = 0; k < n; ++k) { printf("%a ", x[k]); } printf("\\n"); }',
+            "int main(void)",
+            "{",
+            *body,
+            "    return 0;",
+            "}",
+            "",
+        ]
+    )
+    main = work / "main.c"
+    main.write_text(source)
+    program = work / "program"
+    command = [compiler, *language_flags(language), *flags, f"-I{folder}", str(folder / f"{name}.c"), str(main)]
+    subprocess.run([*command, "-o", str(program), "-lm"], check=True, cwd=work)
+    output = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
+    return [np.array([float.fromhex(word) for word in line.split()]) for line in output.splitlines()]
+
+
+def _literal(value: float) -> str:
+    if np.isnan(value):
+        return "NAN"
+    if np.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return repr(float(value))

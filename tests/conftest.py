@@ -1,0 +1,77 @@
+"""Shared fixtures: the golden values, the iiwa 14's chain and model, and its folder, generated and compiled once."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import stiffgen
+from filelock import FileLock
+from stiffgen.verify import import_robot
+
+ROOT = Path(__file__).resolve().parent.parent
+URDF = ROOT / "urdf" / "iiwa14.urdf"
+
+
+class Sample:
+    """One state of the golden file: attributes of arrays, and ``by[representation]`` with the results."""
+
+    def __init__(self, data: dict) -> None:
+        self.q, self.wrench, self.task_stiffness, self.pose = (
+            np.array(data[key]) for key in ("q", "wrench", "task_stiffness", "pose")
+        )
+        self.by = {
+            rep: {key: np.array(value) for key, value in data[rep].items()} for rep in ("body", "spatial", "hybrid")
+        }
+        self.potential = {key: np.array(value) for key, value in data["potential"].items()}
+
+
+@pytest.fixture(scope="session")
+def golden() -> list[Sample]:
+    data = json.loads((ROOT / "tests" / "data" / "golden_iiwa14.json").read_text())
+    return [Sample(sample) for sample in data["samples"]]
+
+
+@pytest.fixture(scope="session")
+def chain() -> stiffgen.Chain:
+    return stiffgen.load_chain(URDF, tip="link_ee")
+
+
+@pytest.fixture(scope="session")
+def model(chain: stiffgen.Chain) -> stiffgen.StiffnessModel:
+    return stiffgen.StiffnessModel(chain)
+
+
+@pytest.fixture(scope="session")
+def robot_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """The iiwa 14's folder, generated and compiled once for all workers. Not to be written to."""
+    base = tmp_path_factory.getbasetemp()
+    output = (base if worker_id == "master" else base.parent) / "generated"
+    with FileLock(str(output) + ".lock"):
+        if not (output / "iiwa14").exists():
+            stiffgen.generate(URDF, output=output)
+    return output / "iiwa14"
+
+
+@pytest.fixture(scope="session")
+def robot(robot_folder: Path) -> ModuleType:
+    return import_robot(robot_folder)
+
+
+def compilers() -> list[str]:
+    """gcc and clang. On CI both must be there; elsewhere a missing one is left out and said so by the test."""
+    return ["gcc", "clang"]
+
+
+def require_compiler(name: str) -> str:
+    found = shutil.which(name)
+    if found is None:
+        if os.environ.get("CI"):
+            pytest.fail(f"{name} is missing; .ci/run installs it")
+        pytest.skip(f"{name} is not installed (Debian: apt-get install {name})")
+    return found

@@ -1,0 +1,211 @@
+"""Writing a robot's folder: same bytes, swapped in whole or not at all, movable, and never over foreign files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import stiffgen
+from conftest import ROOT, URDF
+from stiffgen.emit.render import chain_from_manifest, render
+from stiffgen.errors import BuildError, OutputError, StiffgenError
+
+FILES = {
+    "iiwa14.h", "iiwa14.c", "iiwa14_ufunc.c", "CMakeLists.txt", "__init__.py", "__init__.pyi", "README.md",
+    "manifest.json",
+}  # fmt: skip
+
+
+def listing(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def test_same_bytes_again(chain):
+    assert render(chain, "iiwa14") == render(stiffgen.load_chain(URDF), "iiwa14")
+
+
+def test_same_bytes_in_another_process_and_place(chain, tmp_path):
+    """Another hash seed, working directory and output path."""
+    code = f"import stiffgen; stiffgen.generate({str(URDF)!r}, output='deep/er', build=False)"
+    environment = {"PYTHONHASHSEED": "12345", "PATH": "/usr/bin:/bin", "LC_ALL": "C"}
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, env=environment)
+    written = {p.name: p.read_text(encoding="utf-8") for p in (tmp_path / "deep" / "er" / "iiwa14").iterdir()}
+    assert written == render(chain, "iiwa14")
+
+
+@pytest.mark.parametrize("robot", ["iiwa14", "iiwa7", "med14", "med7"])
+def test_committed_folder_is_up_to_date(robot):
+    texts = render(stiffgen.load_chain(ROOT / "urdf" / f"{robot}.urdf"), robot)
+    committed = ROOT / "generated" / robot
+    for file, text in texts.items():
+        assert (committed / file).read_text(encoding="utf-8") == text, f"run 'make generate': {robot}/{file} differs"
+
+
+def test_files(robot_folder):
+    built = {path.name for path in robot_folder.iterdir()} - FILES
+    assert len({name for name in built if name != "__pycache__"}) == 1
+    assert any(name.startswith("iiwa14_ufunc.") for name in built)
+
+
+def test_no_traces_of_the_machine(chain):
+    for file, text in render(chain, "iiwa14").items():
+        assert str(ROOT) not in text, file
+        assert "/home" not in text and "/tmp" not in text and "http" not in text, file
+
+
+def test_manifest(chain, robot_folder):
+    manifest = json.loads((robot_folder / "manifest.json").read_text())
+    assert manifest["urdf"] == {"file": "iiwa14.urdf", "sha256": chain.digest}
+    assert set(manifest["versions"]) == {"stiffgen", "casadi", "sympy"}
+    assert manifest["kernels"]["hybrid_joint_stiffness"]["signature"] == "(7),(6),(6,6)->(7,7)"
+    assert manifest["kernels"]["hybrid_joint_stiffness"]["operations"]["total"] > 500
+    assert chain_from_manifest(manifest) == chain
+
+
+def test_sine_and_cosine_once_a_joint(robot_folder):
+    """In each function body, each sine and cosine is written once."""
+    for body in (robot_folder / "iiwa14.c").read_text().split("\n}\n"):
+        for function in ("sin", "cos"):
+            for joint in range(7):
+                assert body.count(f" {function}(q[{joint}])") <= 1
+
+
+def test_moved_folder_imports(robot_folder, tmp_path):
+    shutil.copytree(robot_folder, tmp_path / "elsewhere" / "arm")
+    code = "import arm, numpy; print(arm.hybrid.jacobian(numpy.zeros(7)).shape)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path / "elsewhere", capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "(6, 7)"
+
+
+def test_unbuilt_folder_says_what_to_do(tmp_path):
+    stiffgen.generate(URDF, output=tmp_path, build=False)
+    done = subprocess.run(
+        [sys.executable, "-c", "import iiwa14"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0
+    assert "make generate" in done.stderr
+
+
+def test_regenerating_replaces_the_folder(tmp_path):
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False)
+    (folder / "iiwa14.c").write_text("edited")
+    (folder / "iiwa14_ufunc.cpython-00.so").write_text("old build")
+    assert stiffgen.generate(URDF, output=tmp_path, build=False) == folder
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert [path.name for path in tmp_path.iterdir()] == ["iiwa14"]
+    assert folder.stat().st_mode & 0o077
+
+
+@pytest.mark.parametrize("content", [{}, {"notes.txt": "mine"}, {"manifest.json": "{}"}, {"manifest.json": "[1]"}])
+def test_foreign_folders_are_never_overwritten(content, tmp_path):
+    target = tmp_path / "iiwa14"
+    target.mkdir()
+    for file, text in content.items():
+        (target / file).write_text(text)
+    before = listing(tmp_path)
+    with pytest.raises(OutputError, match="not written by stiffgen"):
+        stiffgen.generate(URDF, output=tmp_path, build=False)
+    assert listing(tmp_path) == before
+
+
+def test_a_users_file_in_a_generated_folder_is_kept(tmp_path):
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False)
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"notes\.txt"):
+        stiffgen.generate(URDF, output=tmp_path, build=False)
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+def test_a_link_or_file_in_the_way(tmp_path):
+    (tmp_path / "target").mkdir()
+    (tmp_path / "iiwa14").symlink_to(tmp_path / "target")
+    with pytest.raises(OutputError, match="not a folder"):
+        stiffgen.generate(URDF, output=tmp_path, build=False)
+    assert listing(tmp_path / "target") == []
+
+
+@pytest.mark.parametrize("existing", [True, False])
+def test_a_failing_compiler_leaves_nothing_behind(existing, tmp_path, monkeypatch):
+    output = tmp_path / "out"
+    if existing:
+        stiffgen.generate(URDF, output=output, build=False)
+        (output / "iiwa14" / "iiwa14.c").write_text("as it was")
+    before = listing(tmp_path)
+    broken = tmp_path / "broken-cc"
+    broken.write_text(
+        "#!/bin/sh\n"
+        "for a in \"$@\"; do case $a in *iiwa14.c) echo 'my last words' >&2; exit 3;; esac; done\n"
+        'exec cc "$@"\n'
+    )
+    broken.chmod(0o755)
+    monkeypatch.setenv("CC", str(broken))
+    with pytest.raises(BuildError, match="my last words"):
+        stiffgen.generate(URDF, output=output)
+    broken.unlink()
+    assert listing(tmp_path) == before
+
+
+def test_a_missing_compiler_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", "no-such-cc")
+    with pytest.raises(BuildError, match=r"no-such-cc.*set CC.*--no-build"):
+        stiffgen.generate(URDF, output=tmp_path)
+    monkeypatch.delenv("CC")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(BuildError, match="no C compiler"):
+        stiffgen.generate(URDF, output=tmp_path)
+    assert listing(tmp_path) == []
+
+
+def test_the_compiler_may_have_arguments(tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", "gcc -O1")
+    assert (stiffgen.generate(URDF, output=tmp_path) / "iiwa14.c").exists()
+
+
+@pytest.mark.parametrize("name", ["9arm", "a b", "../up", "", "double", "x/y", "a" * 60, "ärm"])
+def test_unusable_names_are_refused(name, tmp_path):
+    with pytest.raises(StiffgenError, match="--name"):
+        stiffgen.generate(URDF, output=tmp_path, name=name, build=False)
+    assert listing(tmp_path) == []
+
+
+def test_another_name_prefixes_everything(tmp_path):
+    folder = stiffgen.generate(URDF, output=tmp_path, name="left_arm")
+    header = (folder / "left_arm.h").read_text()
+    assert "LEFT_ARM_DOF 7" in header
+    assert "left_arm_hybrid_joint_stiffness" in header
+    assert "iiwa14_" not in header
+    code = "import left_arm, numpy; print(left_arm.body.jacobian(numpy.zeros(7))[2, 0])"
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+
+
+def test_unwritable_output(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="--output"):
+        stiffgen.generate(URDF, output=tmp_path / "file", build=False)
+
+
+def test_stubs_type_check(robot_folder, tmp_path):
+    """A caller's annotations are checked against the stubs."""
+    shutil.copytree(robot_folder, tmp_path / "iiwa14")
+    (tmp_path / "caller.py").write_text(
+        "import numpy as np\nimport iiwa14\n"
+        "Kq: np.ndarray = iiwa14.hybrid.joint_stiffness(np.zeros(7), np.zeros(6), np.eye(6))\n"
+        "n: int = iiwa14.DOF\n"
+        "wrong: str = iiwa14.hybrid.jacobian(np.zeros(7))\n"
+        "iiwa14.hybrid.no_such_kernel\n"
+    )
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "caller.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    errors = [line for line in done.stdout.splitlines() if ": error:" in line and "caller.py" in line]
+    assert len(errors) == 2, done.stdout
+    assert "caller.py:5" in errors[0] and "no_such_kernel" in errors[1]
+
+
+def test_dtype_and_shape_of_a_call(robot):
+    assert robot.hybrid.joint_stiffness(np.zeros(7), np.zeros(6), np.eye(6)).shape == (7, 7)
