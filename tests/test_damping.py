@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -243,7 +245,7 @@ def test_nullspace_stiffness_near_a_singularity(runtime: Runtime) -> None:
     assert min(value[0] for value in values) < 1e-12
     middle = values[1000][1]
     assert np.trace(middle) == pytest.approx(2.0, abs=1e-9)  # one free direction, and the lost one
-    steps = [np.abs(b[1] - a[1]).max() for a, b in zip(values, values[1:], strict=False)]
+    steps = [np.abs(b[1] - a[1]).max() for a, b in itertools.pairwise(values)]
     assert max(steps) < 0.05
     planar = J.copy()
     planar[[2, 3, 4]] = 0.0  # directions in which a planar chain cannot move
