@@ -16,6 +16,7 @@ from stiffgen._version import __version__
 from stiffgen.chain import Body, Chain, Coordinate, Joint
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.emit.c import Code, Function, print_chain
+from stiffgen.emit.controller import COPIED, controller_context, controller_files
 from stiffgen.emit.expressions import Operations, c_double
 from stiffgen.emit.names import c_string, comment
 from stiffgen.kernels import Argument, Kernel
@@ -49,11 +50,13 @@ def render(chain: Chain, name: str) -> dict[str, str]:
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
         "README.md": "README.md.j2",
-    }
+    } | controller_files(name, chain.dof)
     texts = {
         file: environment.get_template(template).render(context, banner=_banner(file, context["banner_line"]))
         for file, template in files.items()
     }
+    if context["controller"]:
+        texts |= {file: (RUNTIME / file).read_text(encoding="utf-8") for file in COPIED}
     texts[MANIFEST] = _manifest(chain, name, code, texts)
     return texts
 
@@ -94,6 +97,7 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "version": __version__,
         "robot": chain,
         "n": chain.dof,
+        "controller": controller_context(name, chain.dof),
         "m": len(chain.joints),
         "coordinate_of": ", ".join(str(joint.coordinate) for joint in chain.joints),
         "multiplier_of": ", ".join(c_double(joint.multiplier) for joint in chain.joints),

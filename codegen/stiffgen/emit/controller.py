@@ -1,0 +1,84 @@
+"""What the templates of a robot's impedance controller need, from the field table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from stiffgen.controller import CONFIG, INPUT, MAX_DOF, OUTPUT, STATUS, Field
+
+COPIED = (
+    "stiffgen_damping.c",
+    "stiffgen_damping.h",
+    "stiffgen_error.c",
+    "stiffgen_error.h",
+    "stiffgen_impedance.h",
+    "stiffgen_impedance_step.h",
+)
+"""Files of stiffgen/runtime that go into a robot's folder as they are."""
+COMPILED = tuple(name for name in COPIED if name.endswith(".c"))
+_FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
+_STRUCTS = (
+    ("config", "How the controller behaves; start from the defaults. Fields without a choice's name are numbers.", CONFIG),
+    ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
+    ("output", "What a step did, complete enough to draw a log from it.", OUTPUT),
+)
+
+
+def controller_files(name: str, dof: int) -> dict[str, str]:
+    """Template by file name; empty if the robot has too many coordinates for a controller."""
+    if dof > MAX_DOF:
+        return {}
+    return {
+        f"{name}_impedance.h": "impedance.h.j2",
+        f"{name}_impedance.c": "impedance.c.j2",
+        f"{name}_controller.c": "controller_module.c.j2",
+        "impedance.py": "impedance.py.j2",
+    }
+
+
+def controller_context(name: str, dof: int) -> dict[str, Any] | None:
+    """The variable ``controller`` of the templates; None without a controller."""
+    if dof > MAX_DOF:
+        return None
+    sizes = {"n": dof}
+    return {
+        "compiled": COMPILED,
+        "headers": tuple(file for file in COPIED if file.endswith(".h") and not file.endswith("_step.h")),
+        "status": STATUS,
+        "structs": [
+            {"name": struct, "summary": summary, "fields": [_field(field, sizes) for field in fields]}
+            for struct, summary, fields in _STRUCTS
+        ],
+        "choices": [(f.name, choice, f.constant(choice)) for f in CONFIG for choice in f.choices],
+        "defaults": [f"config->{f.name} = {f.default};" for f in CONFIG if not f.shape],
+        "joint_defaults": [
+            f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)
+        ],
+    }
+
+
+def _field(field: Field, sizes: dict[str, int]) -> dict[str, Any]:
+    extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
+    size = 1
+    for extent in extents:
+        size *= extent
+    default = f" Default: {field.default.replace('{name}_', '')}." if field.default else ""
+    shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
+    unit = f"[{field.unit}]{shape} " if field.unit else ""
+    return {
+        "name": field.name,
+        "declaration": f"{field.type} {field.name}" + (f"[{size}]" if extents else ""),
+        "comment": _comment(f"{unit}{field.meaning}.{default}"),
+        "format": _FORMATS[field.type],
+        "extents": extents,
+    }
+
+
+def _comment(text: str, width: int = 108) -> list[str]:
+    lines = ["/*"]
+    for word in text.split():
+        if len(lines[-1]) + 1 + len(word) > width:
+            lines.append(" *")
+        lines[-1] += f" {word}"
+    lines[-1] += " */"
+    return lines
