@@ -136,7 +136,13 @@ CONFIG: tuple[Field, ...] = (
         "slope of the limit avoidance torque over the depth in the zone; 0 turns it off",
         "{name}_effort[i]",
     ),
-    Field("velocity_limit", _N, "rad/s or m/s", "largest velocity dq or dq0 that is believed", "2.0 * {name}_velocity[i]"),
+    Field(
+        "velocity_limit",
+        _N,
+        "rad/s or m/s",
+        "largest velocity dq or dq0 that is accepted; in the fallback up to ten times it still brakes",
+        "2.0 * {name}_velocity[i]",
+    ),
     Field("force_limit", _SCALAR, "N", "largest force (norm) that is believed", "500.0"),
     Field("moment_limit", _SCALAR, "N m", "largest moment (norm) that is believed", "100.0"),
     Field(
@@ -216,7 +222,12 @@ OUTPUT: tuple[Field, ...] = (
         type="uint32_t",
     ),
     Field("position", _N, "rad or m", "last believed q"),
-    Field("velocity", _N, "rad/s or m/s", "velocity that the damping used: dq, or the faded last believed one"),
+    Field(
+        "velocity",
+        _N,
+        "rad/s or m/s",
+        "velocity that the damping used: dq; in the fallback cut to its limit, or the faded last one",
+    ),
     Field("reference", _N, "rad or m", "position that the spring pulls to: q0, or on its way there"),
     Field("reference_velocity", _N, "rad/s or m/s", "its velocity"),
     Field("error", _N, "rad or m", "e = reference - position; 0 in the fallback"),
@@ -246,8 +257,13 @@ OUTPUT: tuple[Field, ...] = (
     Field("antisymmetric_total", _SCALAR, "J", "put in by the antisymmetric part"),
     Field("limiting_total", _SCALAR, "J", "put in by saturation and rate limit"),
     Field("dissipated_total", _SCALAR, "J", "taken out by the damping torque"),
-    Field("released_total", _SCALAR, "J", "elastic energy dropped on falling back"),
-    Field("engaged_total", _SCALAR, "J", "elastic energy set up on return (0 with a return time)"),
+    Field("released_total", _SCALAR, "J", "elastic energy dropped on falling back or losing the position"),
+    Field(
+        "engaged_total",
+        _SCALAR,
+        "J",
+        "elastic energy set up on return (of the spring: 0 with a return time) or start in a limit zone",
+    ),
 )
 
 STATUS: tuple[tuple[str, str], ...] = (

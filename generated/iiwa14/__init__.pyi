@@ -39,3 +39,5 @@ class _Representation:
 body: Final[_Representation]
 spatial: Final[_Representation]
 hybrid: Final[_Representation]
+
+from .impedance import Impedance as Impedance, Status as Status

@@ -18,7 +18,11 @@ COPIED = (
 COMPILED = tuple(name for name in COPIED if name.endswith(".c"))
 _FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
 _STRUCTS = (
-    ("config", "How the controller behaves; start from the defaults. Fields without a choice's name are numbers.", CONFIG),
+    (
+        "config",
+        "How the controller behaves; start from the defaults. Fields without a choice's name are numbers.",
+        CONFIG,
+    ),
     ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
     ("output", "What a step did, complete enough to draw a log from it.", OUTPUT),
 )

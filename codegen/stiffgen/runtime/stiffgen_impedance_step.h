@@ -156,6 +156,21 @@ static int validate_damping(const config_t *c)
 
 static int validate_limits(const config_t *c)
 {
+    if (!all_positive(c->velocity_limit)) {
+        return STIFFGEN_E_CONFIG_VELOCITY_LIMIT;
+    }
+    if (!all_positive(c->effort_limit)) {
+        return STIFFGEN_E_CONFIG_EFFORT_LIMIT;
+    }
+    if (!all_positive(c->torque_rate_limit)) {
+        return STIFFGEN_E_CONFIG_TORQUE_RATE_LIMIT;
+    }
+    if (!(c->force_limit > 0.0 && is_finite(c->force_limit) && c->moment_limit > 0.0 && is_finite(c->moment_limit))) {
+        return STIFFGEN_E_CONFIG_WRENCH_LIMITS;
+    }
+    if (!(c->position_tolerance >= 0.0 && is_finite(c->position_tolerance))) {
+        return STIFFGEN_E_CONFIG_POSITION_TOLERANCE;
+    }
     if (!(c->limit_zone > 0.0 && is_finite(c->limit_zone))) {
         return STIFFGEN_E_CONFIG_LIMIT_ZONE;
     }
@@ -170,19 +185,7 @@ static int validate_limits(const config_t *c)
             return STIFFGEN_E_CONFIG_LIMIT_STIFFNESS;
         }
     }
-    if (!(c->position_tolerance >= 0.0 && is_finite(c->position_tolerance))) {
-        return STIFFGEN_E_CONFIG_POSITION_TOLERANCE;
-    }
-    if (!all_positive(c->velocity_limit)) {
-        return STIFFGEN_E_CONFIG_VELOCITY_LIMIT;
-    }
-    if (!(c->force_limit > 0.0 && is_finite(c->force_limit) && c->moment_limit > 0.0 && is_finite(c->moment_limit))) {
-        return STIFFGEN_E_CONFIG_WRENCH_LIMITS;
-    }
-    if (!all_positive(c->effort_limit)) {
-        return STIFFGEN_E_CONFIG_EFFORT_LIMIT;
-    }
-    return all_positive(c->torque_rate_limit) ? STIFFGEN_OK : STIFFGEN_E_CONFIG_TORQUE_RATE_LIMIT;
+    return STIFFGEN_OK;
 }
 
 static int validate(const config_t *c)
@@ -503,8 +506,10 @@ static double account(const config_t *c, const state_t *state, const double *q, 
     const double elapsed = c->sample_time * (1 + last->missed);
     output->dissipated_power = dissipated / elapsed;
     output->antisymmetric_power = antisymmetric / elapsed;
+    /* What was dissipated pays debts in full; only a share of the rest is kept for later. */
     const double net = dissipated - sampling - antisymmetric - limiting;
-    return net > 0.0 ? c->tank_refill * net : net;
+    const double debt = last->tank_deficit;
+    return net > debt ? debt + c->tank_refill * (net - debt) : net;
 }
 
 /* Tank after an income (negative: a drain); what it cannot pay is deficit, which is paid back first. */
@@ -524,12 +529,14 @@ static unsigned vary_stiffness(const config_t *c, const state_t *state, double i
     const double *const K = state->last.stiffness;
     double *const change = output->stiffness; /* first the difference, then the sum */
     unsigned status = 0;
-    double norm = 0.0, share = 1.0;
+    double norm = 0.0, size = 0.0, share = 1.0;
     for (int i = 0; i < NN; ++i) {
         change[i] = output->stiffness_target[i] - K[i];
         norm += change[i] * change[i];
+        size += K[i] * K[i];
     }
     norm = sqrt(norm);
+    size = sqrt(size);
     if (norm > c->stiffness_rate_limit * elapsed) {
         share = c->stiffness_rate_limit * elapsed / norm;
         status |= STIFFGEN_STATUS_STIFFNESS_RATE;
@@ -537,9 +544,12 @@ static unsigned vary_stiffness(const config_t *c, const state_t *state, double i
     double level = state->last.tank_energy - state->last.tank_deficit + income;
     if (c->tank == STIFFGEN_TANK_ON) {
         const double cost = share * half_form(change, output->error);
-        const double budget = level > c->tank_minimum ? level - c->tank_minimum : 0.0;
+        /* Less what rounding makes of the energies that are subtracted below, so that it cannot overdraw. */
+        const double rounding = 1e-14 * (size + norm) * dot(output->error, output->error);
+        const double free_energy = level - c->tank_minimum - rounding;
+        const double budget = free_energy > 0.0 ? (1.0 - 1e-9) * free_energy : 0.0;
         if (cost > budget) {
-            share *= (1.0 - 1e-9) * (budget / cost); /* so that rounding cannot overdraw */
+            share *= budget / cost;
             status |= STIFFGEN_STATUS_TANK_LIMITED;
         }
     }
@@ -573,10 +583,25 @@ static void blend_reference(const config_t *c, const state_t *state, const input
     }
 }
 
-static unsigned fall_back(const config_t *c, state_t *state, const input_t *input, int q_good, int dq_good,
-                          output_t *output)
+/*
+ * Velocity for the damping of the fallback. A robot that really is too fast must be braked: a velocity beyond its limit
+ * counts as the limit, up to ten times. Further off, it is no measurement: the last believed one fades.
+ */
+static void fallback_velocity(const config_t *c, const state_t *state, const double *dq, double *velocity)
 {
     const double fade = exp(-c->sample_time / c->velocity_decay_time);
+    int plausible = dq != NULL;
+    for (int i = 0; plausible && i < N; ++i) {
+        plausible = fabs(dq[i]) <= 10.0 * c->velocity_limit[i];
+    }
+    for (int i = 0; i < N; ++i) {
+        velocity[i] = plausible ? clamp(dq[i], -c->velocity_limit[i], c->velocity_limit[i])
+                                : fade * state->last.velocity[i];
+    }
+}
+
+static unsigned fall_back(const config_t *c, state_t *state, const input_t *input, int q_good, output_t *output)
+{
     const double zero[N] = {0.0};
     const int spring = state->last.mode == STIFFGEN_MODE_RETURN || state->last.mode == STIFFGEN_MODE_ACTIVE;
     unsigned status = STIFFGEN_STATUS_FALLBACK;
@@ -589,11 +614,14 @@ static unsigned fall_back(const config_t *c, state_t *state, const input_t *inpu
             if (c->tank == STIFFGEN_TANK_ON) {
                 fill_tank(c, state->last.tank_energy - state->last.tank_deficit + income, output);
             }
+        } else {
+            output->engaged_total += output->limit_energy;
         }
         memcpy(output->position, input->q, sizeof output->position);
     } else {
         /* Without a position there is no depth in the zone, and no account until one is known again. */
         memset(output->limit_torque, 0, sizeof output->limit_torque);
+        output->released_total += output->limit_energy;
         output->limit_energy = 0.0;
         output->unaccounted += output->unaccounted < UINT32_MAX ? 1u : 0u;
     }
@@ -604,10 +632,10 @@ static unsigned fall_back(const config_t *c, state_t *state, const input_t *inpu
     output->blend = 0.0;
     output->stiffness_step = 0.0;
     for (int i = 0; i < N; ++i) {
-        output->velocity[i] = dq_good ? input->dq[i] : fade * state->last.velocity[i];
         output->reference[i] = output->position[i];
         output->reference_velocity[i] = output->error[i] = output->elastic_torque[i] = 0.0;
     }
+    fallback_velocity(c, state, input != NULL ? input->dq : NULL, output->velocity);
     multiply(output->damping, output->velocity, output->damping_torque);
     for (int i = 0; i < N; ++i) {
         output->damping_torque[i] = 0.0 - output->damping_torque[i];
@@ -639,6 +667,8 @@ static unsigned control(const config_t *c, state_t *state, const input_t *input,
     }
     if (state->known) {
         income = account(c, state, input->q, shift, &middle, output);
+    } else {
+        output->engaged_total += output->limit_energy;
     }
     if (fresh) {
         /* The spring starts at its target: at the anchor its error, its torque and its energy are zero. */
@@ -667,9 +697,9 @@ static unsigned control(const config_t *c, state_t *state, const input_t *input,
 
 static unsigned sample(const config_t *c, state_t *state, const input_t *input, output_t *output)
 {
-    const unsigned position = check_position(c, input->q), velocity = check_velocity(c, input->dq);
-    unsigned status = position | velocity | check_position(c, input->q0) | check_velocity(c, input->dq0) |
-                      check_task(c, input);
+    const unsigned position = check_position(c, input->q);
+    unsigned status = position | check_velocity(c, input->dq) | check_position(c, input->q0) |
+                      check_velocity(c, input->dq0) | check_task(c, input);
     output->missed = 0;
     if (status == 0) {
         double J[6 * N];
@@ -687,7 +717,7 @@ static unsigned sample(const config_t *c, state_t *state, const input_t *input, 
         *output = state->last;
         output->missed = 0;
     }
-    return status | fall_back(c, state, input, position == 0, velocity == 0, output);
+    return status | fall_back(c, state, input, position == 0, output);
 }
 
 static unsigned no_sample(const config_t *c, state_t *state, output_t *output)
@@ -699,14 +729,14 @@ static unsigned no_sample(const config_t *c, state_t *state, output_t *output)
         return status | (state->last.status & (unsigned)(STIFFGEN_STATUS_RETURNING | STIFFGEN_STATUS_JOINT_LIMIT));
     }
     status |= output->missed >= c->missed_limit ? (unsigned)STIFFGEN_STATUS_WATCHDOG : 0u;
-    return status | fall_back(c, state, NULL, 0, 0, output);
+    return status | fall_back(c, state, NULL, 0, output);
 }
 
 /* Torque towards zero by the last valid rate limit: all that can be done without a configuration. */
 static void refuse(state_t *state, output_t *output)
 {
     *output = state->last;
-    output->released_total += output->elastic_energy;
+    output->released_total += output->elastic_energy + output->limit_energy;
     for (int i = 0; i < N; ++i) {
         const double last = state->last.torque[i];
         output->torque[i] = last - clamp(last, -state->torque_step[i], state->torque_step[i]);
