@@ -19,7 +19,7 @@ def postures(count, n, seed):
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_derivative_is_casadis_derivative_of_the_jacobian(rep, chain, model):
     q = ca.SX.sym("q", chain.dof)
-    jacobian = joint_jacobian(chain, q, rep).result
+    jacobian = joint_jacobian(chain, q, representation=rep).result
     differentiated = ca.Function("dJ", [q], [ca.jacobian(ca.vec(jacobian), q)])
     for posture in postures(20, chain.dof, seed=1):
         # vec() stacks columns: row 6 b + k, column i holds dJ[k, b]/dq_i.

@@ -76,7 +76,7 @@ def failures(checks):
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
-    kernels = memoised(kernels_of(robot))
+    kernels = memoised(kernels_of(robot, chain))
     assert failures(check_kernels(kernels, references)) == set()
     n, missed, blind = chain.dof, [], 0
     for entry in itertools.product(range(n), range(n), range(6)):

@@ -25,7 +25,7 @@ def test_every_dependent_entry_is_nan(kernel, value, chain, robot):
     samples = Samples.draw(chain, 1, seed=2)
     pool = {"q": samples.q[0], "wrench": samples.wrench[0], "task_stiffness": samples.general_stiffness[0]}
     arguments = [pool[argument.name] for argument in kernel.arguments]
-    ufunc = kernels_of(robot)[kernel.qualified_name]
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     clean = ufunc(*arguments).ravel()
     for index, argument in enumerate(arguments):
         depends = dependence(chain, kernel, index)

@@ -26,7 +26,7 @@ def arguments(kernel, samples):
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 def test_signature_and_documentation(kernel, chain, robot):
-    ufunc = kernels_of(robot)[kernel.qualified_name]
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     assert isinstance(ufunc, np.ufunc)
     assert ufunc.signature == kernel.signature(chain)
     assert kernel.summary in ufunc.__doc__
@@ -37,9 +37,9 @@ def test_signature_and_documentation(kernel, chain, robot):
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
-def test_broadcasting_and_strides(kernel, robot, samples):
+def test_broadcasting_and_strides(kernel, chain, robot, samples):
     """Stacks, broadcasts, non-contiguous, Fortran-ordered, reversed and float32 inputs agree with single calls."""
-    ufunc = kernels_of(robot)[kernel.qualified_name]
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     stacks = arguments(kernel, samples)
     single = np.stack([ufunc(*each) for each in zip(*stacks, strict=True)])
     assert np.array_equal(ufunc(*stacks), single)
@@ -61,8 +61,8 @@ def test_broadcasting_and_strides(kernel, robot, samples):
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
-def test_out(kernel, robot, samples):
-    ufunc = kernels_of(robot)[kernel.qualified_name]
+def test_out(kernel, chain, robot, samples):
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     stacks = arguments(kernel, samples)
     expected = ufunc(*stacks)
     out = np.empty_like(expected)

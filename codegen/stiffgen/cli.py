@@ -6,35 +6,39 @@ Exit code 0: done; 1: a check failed; 2: refused input or usage. Refusals are on
 from __future__ import annotations
 
 import argparse
+import io
 import math
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 import stiffgen
+from stiffgen.chain import Tool
 from stiffgen.description import Description, JointElement, read_description
-from stiffgen.emit.names import comment
-from stiffgen.errors import StiffgenError
+from stiffgen.errors import DescriptionError, StiffgenError
 from stiffgen.generate import generate
+from stiffgen.names import comment
 from stiffgen.verify import Check, verify
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     options = _parser().parse_args(arguments)
-    errors = Console(stderr=True, soft_wrap=True, highlight=False)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of any script, terminals of any encoding
     try:
         return int(options.run(options))
     except StiffgenError as error:
-        errors.print(f"stiffgen: {error}", markup=False)
+        print(f"stiffgen: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        errors.print("stiffgen: interrupted")
+        print("stiffgen: interrupted", file=sys.stderr)
         return 130
 
 
@@ -45,11 +49,40 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("generate", help="write a robot's folder of C code and its Python module")
     command.add_argument("urdf", type=Path, metavar="URDF")
-    command.add_argument("--tip", metavar="LINK", help="link where the wrench acts (default: the only leaf link)")
+    command.add_argument(
+        "--tip",
+        metavar="LINK",
+        action="append",
+        help="link where the wrench acts (default: the only leaf link); repeat it for several tips with one q",
+    )
     command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
     command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
     command.add_argument("--output", type=Path, default=Path("generated"), metavar="DIR", help="default: generated")
+    command.add_argument("--no-masses", action="store_true", help="ignore all masses; the mass matrix is left out")
     command.add_argument("--no-build", action="store_true", help="write the sources only, do not compile")
+    command.add_argument(
+        "--lock",
+        metavar="JOINT=VALUE",
+        action="append",
+        type=_lock,
+        default=[],
+        help="hold a joint [rad or m]; repeatable",
+    )
+    tool = command.add_argument_group("tool", "fixed at generation, or a pose that the functions take at run time")
+    tool.add_argument("--tool", choices=["runtime"], help="functions take the tool's pose (4x4, in the tip) after q")
+    tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
+    tool.add_argument("--tool-rpy", type=float, nargs=3, metavar=("R", "P", "Y"), help="its roll, pitch, yaw [rad]")
+    tool.add_argument("--tool-mass", type=float, metavar="KG", help="mass of the tool")
+    tool.add_argument(
+        "--tool-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="its centre of mass in the tip [m]"
+    )
+    tool.add_argument(
+        "--tool-inertia",
+        type=float,
+        nargs=6,
+        metavar=("IXX", "IXY", "IXZ", "IYY", "IYZ", "IZZ"),
+        help="its inertia about the centre of mass in the tip's axes [kg m^2]",
+    )
     command.set_defaults(run=_generate)
 
     command = commands.add_parser("inspect", help="show a URDF's chain, its tips and all its problems")
@@ -69,6 +102,26 @@ def _positive(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError("must be at least 1")
     return value
+
+
+def _lock(text: str) -> tuple[str, float]:
+    joint, separator, value = text.rpartition("=")
+    if not separator or not joint:
+        raise argparse.ArgumentTypeError(f"'{text}' is not JOINT=VALUE")
+    return joint, float(value)
+
+
+def _tool(options: argparse.Namespace) -> Tool | None:
+    given: dict[str, Any] = {}
+    for field in ("xyz", "rpy", "mass", "com", "inertia"):
+        value = getattr(options, f"tool_{field}")
+        if value is not None:
+            given[field] = tuple(value) if isinstance(value, list) else value
+    if not given:
+        return None
+    if options.tool == "runtime" and ("xyz" in given or "rpy" in given):
+        raise StiffgenError("--tool runtime takes the tool's pose at run time; leave out --tool-xyz and --tool-rpy")
+    return Tool(**given)
 
 
 class _Progress:
@@ -98,11 +151,15 @@ def _generate(options: argparse.Namespace) -> int:
     with _Progress(console).shown() as progress:
         folder = generate(
             options.urdf,
-            tip=options.tip,
+            tip=options.tip[0] if options.tip and len(options.tip) == 1 else options.tip,
             base=options.base,
+            tool=_tool(options),
+            runtime_tool=options.tool == "runtime",
+            lock=dict(options.lock),
             name=options.name,
             output=options.output,
             build=not options.no_build,
+            masses=not options.no_masses,
             progress=progress,
         )
     print(folder)
@@ -110,7 +167,10 @@ def _generate(options: argparse.Namespace) -> int:
 
 
 def _inspect(options: argparse.Namespace) -> int:
-    description = read_description(options.urdf)
+    try:
+        description = read_description(options.urdf)
+    except DescriptionError as error:
+        raise StiffgenError(error.full) from error  # all problems, where other commands show the first ones
     console = _table_console()
     moving = sum(joint.type not in ("fixed",) for joint in description.joints.values())
     console.print(
@@ -122,9 +182,8 @@ def _inspect(options: argparse.Namespace) -> int:
     console.print("tips (leaf links): " + ", ".join(comment(leaf) for leaf in description.leaves), markup=False)
     if not description.problems:
         return 0
-    console.print(f"{len(description.problems)} problems, each of which refuses the chains that use the element:")
-    for problem in description.problems:
-        console.print(f"  {problem.text}", markup=False, soft_wrap=True)
+    print(f"{len(description.problems)} problems, each of which refuses the chains that use the element:")
+    print("\n".join(f"  {problem.text}" for problem in description.problems))
     return 1
 
 
@@ -132,7 +191,8 @@ def _joint_table(description: Description) -> Table:
     table = Table(show_edge=False, pad_edge=False)
     for column in ("joint", "type", "axis", "lower", "upper", "velocity", "effort", "link", "mass [kg]"):
         table.add_column(
-            column, justify="right" if column in ("lower", "upper", "velocity", "effort", "mass [kg]") else "left"
+            escape(column),
+            justify="right" if column in ("lower", "upper", "velocity", "effort", "mass [kg]") else "left",
         )
     for joint in _from_root(description):
         inertial = description.inertials[joint.child]

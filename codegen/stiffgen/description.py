@@ -15,23 +15,34 @@ import io
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import yourdfpy
 from lxml import etree
 
-from stiffgen.errors import DescriptionError
+from stiffgen.errors import DescriptionError, listed, printable
+from stiffgen.geometry import unit
 
-MAX_BYTES = 32 * 2**20
-MAX_JOINTS = 10_000
+# The largest description in docs/robots.md has 0.2 MB and 150 joints. A parsed byte can cost 50 bytes of memory.
+MAX_BYTES = 4 * 2**20
+MAX_JOINTS = 5_000
+LARGEST = 1e12  # of a length, an angle, a mass or a moment of inertia; keeps every sum and product finite
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 Vector = tuple[float, float, float]
 
+_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
-_XACRO = b"www.ros.org/wiki/xacro"
+_WORD = re.compile(r"[^ \t\r\n]+")
+_XACRO = re.compile(rb"www\.ros\.org/wiki/xacro|wiki\.ros\.org/xacro|<xacro:")
+# Faults of the XML that other readers of URDF let pass and that change no element: prefixes without a namespace
+# (<drake:...>), "--" in a comment, a strange version number, a blank line before the XML declaration.
+_HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_HYPHEN_IN_COMMENT", "ERR_UNKNOWN_VERSION", "ERR_RESERVED_XML_NAME"}
+_LOGGED = 100  # libxml2's errors that lxml keeps; more may hide behind them
+_OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "MJCF", "COLLADA": "COLLADA", "openrave": "OpenRAVE"}
 
 
 @dataclass(frozen=True)
@@ -58,7 +69,7 @@ class Mimic:
 @dataclass(frozen=True)
 class JointElement:
     """A ``<joint>`` as the file has it (SI units, radians). ``axis`` is of unit length, or zero on a joint
-    that does not move. Limits that the file leaves out are infinite.
+    that does not move. Limits that the file leaves out are infinite; of two position limits, one left out is 0.
     """
 
     name: str
@@ -78,11 +89,13 @@ class JointElement:
 @dataclass(frozen=True)
 class Problem:
     """Something wrong with the file. ``element`` is "file", "joint NAME" or "link NAME": a problem of the file
-    refuses every chain, one of a joint or link only the chains that use it.
+    refuses every chain, one of a joint or link only the chains that use it. ``bounds`` marks a wrong position,
+    velocity or effort limit, which matters where the joint is a coordinate and nowhere else.
     """
 
     element: str
     text: str
+    bounds: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,7 +151,8 @@ def read_description(path: str | Path) -> Description:
     checker = _Checker(robot)
     problems = tuple(checker.run())
     if any(p.element == "file" for p in problems):
-        raise DescriptionError(path.name, [p.text for p in problems])
+        # Those of the file first: the message shows a few only.
+        raise DescriptionError(path.name, [p.text for p in sorted(problems, key=lambda p: p.element != "file")])
     model = _read_with_yourdfpy(checker)
     return Description(
         file=path.name,
@@ -170,36 +184,59 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _parse_xml(file: str, data: bytes) -> etree._Element:
-    parser = etree.XMLParser(
-        resolve_entities=False,
-        load_dtd=False,
-        no_network=True,
-        huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
-    )
     xacro = (
         "is a xacro file, a template of a URDF; expand it first: xacro INPUT.xacro > OUTPUT.urdf "
         "(ROS package 'xacro', also on the Python registry), then give OUTPUT.urdf"
     )
     try:
-        root = etree.fromstring(data, parser)
-    except etree.XMLSyntaxError as error:
-        if _XACRO in data or b"<xacro:" in data:
+        root = _well_formed(data)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        if _XACRO.search(data):
             raise DescriptionError(file, [xacro]) from error
-        reason = (error.msg or "empty file").rstrip(".")
+        reason = printable(getattr(error, "msg", None) or str(error) or "empty file", 200).rstrip(".")
         raise DescriptionError(file, [f"is not well-formed XML: {reason}; give a URDF file"]) from error
-    except ValueError as error:
-        raise DescriptionError(file, [f"is not well-formed XML: {error}; give a URDF file"]) from error
     tree = root.getroottree()
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
         raise DescriptionError(file, ["has a DOCTYPE; a URDF needs none: remove the <!DOCTYPE ...> declaration"])
+    _drop_default_namespace(root)
     # xacro itself leaves its namespace declared on the files it has expanded: only its elements count.
-    if any(isinstance(e.tag, str) and e.tag.startswith("{") and "xacro" in e.tag for e in root.iter()):
+    if any(isinstance(e.tag, str) and e.tag.startswith(("{", "xacro:")) and "xacro" in e.tag for e in root.iter()):
         raise DescriptionError(file, [xacro])
     if root.tag != "robot":
-        raise DescriptionError(file, [f"root element is <{root.tag}>, expected <robot>; give a URDF file"])
+        other = _OTHER_FORMATS.get(str(root.tag))
+        said = f"is an {other} file" if other else f"has the root element <{printable(str(root.tag))}>"
+        raise DescriptionError(file, [f"{said}, expected <robot>; give a URDF file"])
     return root
+
+
+def _well_formed(data: bytes) -> etree._Element:
+    """Parse; faults of the kinds in ``_HARMLESS`` pass."""
+    settings = {
+        "resolve_entities": False,
+        "load_dtd": False,
+        "no_network": True,
+        "huge_tree": False,
+        "remove_comments": True,
+        "remove_pis": True,
+    }
+    try:
+        return etree.fromstring(data, etree.XMLParser(**settings))
+    except etree.XMLSyntaxError:
+        lenient = etree.XMLParser(recover=True, **settings)
+        root = etree.fromstring(data, lenient)
+        log = lenient.error_log.filter_from_errors()
+        if root is None or len(lenient.error_log) >= _LOGGED or {entry.type_name for entry in log} - _HARMLESS:
+            raise
+        return root
+
+
+def _drop_default_namespace(root: etree._Element) -> None:
+    """<robot xmlns="..."> puts its elements in a namespace; a URDF has none, so the tags are taken without it."""
+    if root.prefix is None and str(root.tag).startswith("{"):
+        namespace = str(root.tag)[: str(root.tag).index("}") + 1]
+        for element in root.iter(f"{namespace}*"):
+            if element.prefix is None:
+                element.tag = str(element.tag)[len(namespace) :]
 
 
 class _Checker:
@@ -212,17 +249,28 @@ class _Checker:
         self.parents: dict[str, str] = {}  # child link -> joint
         self.numbers: dict[tuple[etree._Element, str], tuple[float, ...]] = {}
         self.broken_mimics: set[str] = set()
+        self.sound_mimics: set[str] = set()
 
     def run(self) -> Iterator[Problem]:
+        counts = {tag: len(self.robot.findall(tag)) for tag in ("joint", "link")}
+        too_many = [f"{count} {tag}s" for tag, count in counts.items() if count > MAX_JOINTS + (tag == "link")]
+        if too_many:
+            yield Problem(
+                "file",
+                f"has {' and '.join(too_many)}, more than the {MAX_JOINTS} joints that stiffgen reads; "
+                "cut the description down to one robot",
+            )
+            return
         if not self.robot.get("name", "").strip():
             yield Problem("file", '<robot> has no name; add name="..."')
         yield from self._named("link", self.links)
         yield from self._named("joint", self.joints)
         if not self.links:
-            yield Problem("file", "has no <link>; a robot needs at least two links and a joint between them")
-        if len(self.joints) > MAX_JOINTS:
-            yield Problem("file", f"has {len(self.joints)} joints, more than the {MAX_JOINTS} that stiffgen reads")
-            return
+            yield Problem(
+                "file",
+                "has no <link>; a robot needs at least two links and a joint between them (an SRDF or a macro "
+                "file has none: give the URDF)",
+            )
         for name, element in self.joints.items():
             yield from self._joint(name, element)
         for name, element in self.links.items():
@@ -235,24 +283,26 @@ class _Checker:
             if not name.strip():
                 yield Problem("file", f'<{tag}> number {position} has no name; add name="..."')
             elif name in into:
-                yield Problem("file", f"{tag} '{name}' stands twice; rename one of the two")
+                yield Problem("file", f"{tag} '{printable(name)}' stands twice; rename one of the two")
             else:
                 into[name] = element
 
     def _joint(self, name: str, element: etree._Element) -> Iterator[Problem]:
-        this = f"joint {name}"
+        this, title = f"joint {name}", f"joint '{printable(name)}'"
         kind = element.get("type")
         if kind not in JOINT_TYPES:
-            said = "has no type" if kind is None else f"has the unknown type '{kind}'"
-            yield Problem("file", f"joint '{name}' {said}; valid types: {', '.join(JOINT_TYPES)}")
+            said = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
+            yield Problem("file", f"{title} {said}; valid types: {', '.join(JOINT_TYPES)}")
         ends = {}
         for tag in ("parent", "child"):
             end = element.find(tag)
             link = None if end is None else end.get("link")
             if not link:
-                yield Problem("file", f"joint '{name}' has no <{tag} link=\"...\"/>; add it")
+                yield Problem("file", f'{title} has no <{tag} link="..."/>; add it')
             elif link not in self.links:
-                yield Problem("file", f"joint '{name}': its {tag} link '{link}' does not exist; {_among(self.links)}")
+                yield Problem(
+                    "file", f"{title}: its {tag} link '{printable(link)}' does not exist; {self._known_links}"
+                )
             else:
                 ends[tag] = link
         if "child" in ends:
@@ -260,35 +310,40 @@ class _Checker:
             if other != name:
                 yield Problem(
                     "file",
-                    f"link '{ends['child']}' is the child of joint '{other}' and of joint '{name}'; "
+                    f"link '{printable(ends['child'])}' is the child of joint '{printable(other)}' and of {title}; "
                     "a URDF is a tree: give each link one parent joint",
                 )
-        moving = kind in MOVING_TYPES
         yield from self._origin(this, element)
-        yield from self._axis(this, element, moving)
-        limit = element.find("limit")
-        if limit is not None:
-            for key in ("lower", "upper", "velocity", "effort"):
-                yield from self._number(this, limit, key, 1, infinite=True)
-            lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
-            if moving and kind != "continuous" and lower > upper:
-                yield Problem(this, f"joint '{name}': lower limit {lower:g} is above upper limit {upper:g}; swap them")
-            for key in ("velocity", "effort"):
-                if self.numbers.get((limit, key), (0.0,))[0] < 0:
-                    yield Problem(this, f"joint '{name}': <limit {key}> is negative; give its magnitude")
-        yield from self._mimic(this, name, element)
+        # Real files have zero axes and empty limits on joints that do not move; nobody reads them.
+        if kind in MOVING_TYPES:
+            yield from self._axis(this, element)
+            for problem in self._limit(this, element, bounded=kind != "continuous"):
+                yield replace(problem, bounds=True)
+            yield from self._mimic(this, name, element)
 
-    def _axis(self, this: str, element: etree._Element, moving: bool) -> Iterator[Problem]:
+    def _limit(self, this: str, element: etree._Element, *, bounded: bool) -> Iterator[Problem]:
+        limit = element.find("limit")
+        if limit is None:
+            return
+        for key in ("lower", "upper", "velocity", "effort"):
+            if bounded or key in ("velocity", "effort"):
+                yield from self._number(this, limit, key, 1, limit=True)
+        lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
+        if lower > upper:
+            yield Problem(this, f"{_title(this)}: lower limit {lower:g} is above upper limit {upper:g}; swap them")
+        for key in ("velocity", "effort"):
+            if self.numbers.get((limit, key), (0.0,))[0] < 0:
+                yield Problem(this, f"{_title(this)}: <limit {key}> is negative; give its magnitude")
+
+    def _axis(self, this: str, element: etree._Element) -> Iterator[Problem]:
         axis = element.find("axis")
         if axis is None:
             return
-        problems = list(self._number(this, axis, "xyz", 3))
-        if not moving:
-            return  # real files have zero or malformed axes on fixed joints; nobody reads them
-        yield from problems
+        if axis.get("xyz") is None:
+            yield Problem(this, f'{_title(this)}: its <axis> has no xyz; add xyz="0 0 1" or the like')
+        yield from self._number(this, axis, "xyz", 3)
         xyz = self.numbers.get((axis, "xyz"), (1.0, 0.0, 0.0))
-        length = math.hypot(*xyz)
-        if not 1e-6 < length < 1e150:
+        if not math.hypot(*xyz) > 1e-6:
             yield Problem(
                 this, f'{_title(this)}: its axis {_show(xyz)} has no direction; give a vector like xyz="0 0 1"'
             )
@@ -299,54 +354,66 @@ class _Checker:
             return
         for key in ("multiplier", "offset"):
             yield from self._number(this, mimic, key, 1)
-        followed = [name]
+        followed = dict.fromkeys([name])
         while mimic is not None:
-            master = mimic.get("joint", "")
+            last, master = next(reversed(followed)), mimic.get("joint", "")
             wrong = None
-            if master not in self.joints:
-                wrong = f"mimics the unknown joint '{master}'; {_among(self.joints)}"
+            if not master:
+                wrong = 'has a <mimic> without a joint; add joint="..."'
+            elif master not in self.joints:
+                wrong = f"mimics the unknown joint '{printable(master)}'; {self._known_joints}"
             elif master in followed:
-                wrong = f"mimics in a circle ({' -> '.join([*followed, master])}); break it"
-            elif self.joints[master].get("type") not in MOVING_TYPES:
-                wrong = f"mimics '{master}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
+                wrong = f"mimics in a circle ({listed([*followed, master])}); break it"
+            elif master in self.broken_mimics:
+                wrong = f"mimics '{printable(master)}', whose own <mimic> is broken; correct that one"
+            elif self.joints[master].get("type") not in (*MOVING_TYPES, "fixed"):
+                wrong = f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
             if wrong:
-                self.broken_mimics.add(name)
-                yield Problem(this, f"joint '{followed[-1]}' {wrong}")
+                self.broken_mimics.update(followed)
+                yield Problem(this, f"joint '{printable(last)}' {wrong}")
                 return
-            followed.append(master)
-            mimic = self.joints[master].find("mimic")
+            if master in self.sound_mimics:
+                break
+            followed[master] = None
+            # A fixed joint stands at zero, whatever <mimic> a converter has left in it.
+            moves = self.joints[master].get("type") in MOVING_TYPES
+            mimic = self.joints[master].find("mimic") if moves else None
+        self.sound_mimics.update(followed)
 
     def _link(self, name: str, element: etree._Element) -> Iterator[Problem]:
-        this = f"link {name}"
+        this, title = f"link {name}", f"link '{printable(name)}'"
         inertial = element.find("inertial")
         if inertial is None:
             return
         yield from self._origin(this, inertial)
-        mass, inertia = inertial.find("mass"), inertial.find("inertia")
-        for tag, child, keys in (
-            ("mass", mass, ("value",)),
-            ("inertia", inertia, ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
-        ):
+        for tag, keys in (("mass", ("value",)), ("inertia", _TENSOR)):
+            child = inertial.find(tag)
             if child is None:
-                yield Problem(this, f"link '{name}': <inertial> has no <{tag}>; add it or remove <inertial>")
-                return
+                yield Problem(this, f"{title}: <inertial> has no <{tag}>; add it or remove <inertial>")
+                continue
             for key in keys:
                 if child.get(key) is None:
-                    yield Problem(this, f"link '{name}': <{tag}> has no '{key}'; add it")
+                    yield Problem(this, f"{title}: <{tag}> has no '{key}'; add it")
                 yield from self._number(this, child, key, 1)
-        assert mass is not None and inertia is not None
-        value = self.numbers.get((mass, "value"), (0.0,))[0]
-        if value < 0:
-            yield Problem(this, f"link '{name}': mass {value:g} kg is negative")
-        xx, xy, xz, yy, yz, zz = (
-            self.numbers.get((inertia, key), (0.0,))[0] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
-        if not _physical(xx, xy, xz, yy, yz, zz):
-            yield Problem(
-                this,
-                f"link '{name}': no rigid body has this inertia tensor (principal moments must be positive and "
-                "none above the sum of the other two); correct <inertia>",
-            )
+            values = [self.numbers.get((child, key), (math.nan,))[0] for key in keys]
+            if any(math.isnan(value) for value in values):
+                continue  # said already
+            if tag == "mass" and values[0] < 0:
+                yield Problem(this, f"{title}: mass {values[0]:g} kg is negative; correct <mass>")
+            if tag == "inertia" and not physical_inertia(*values):
+                yield Problem(
+                    this,
+                    f"{title}: no rigid body has this inertia tensor (principal moments must be positive and "
+                    "none above the sum of the other two); correct <inertia>, or leave all masses out (--no-masses)",
+                )
+
+    @cached_property
+    def _known_links(self) -> str:
+        return _among(self.links)
+
+    @cached_property
+    def _known_joints(self) -> str:
+        return _among(self.joints)
 
     def _origin(self, this: str, element: etree._Element) -> Iterator[Problem]:
         origin = element.find("origin")
@@ -355,33 +422,43 @@ class _Checker:
                 yield from self._number(this, origin, key, 3)
 
     def _number(
-        self, this: str, element: etree._Element, key: str, count: int, *, infinite: bool = False
+        self, this: str, element: etree._Element, key: str, count: int, *, limit: bool = False
     ) -> Iterator[Problem]:
         text = element.get(key)
         if text is None:
             return
-        words = text.split()
-        where = f'{_title(this)}: <{element.tag} {key}="{text[:60]}">'
+        words = _WORD.findall(text)
+        where = f'{_title(this)}: <{element.tag} {key}="{printable(text)}">'
+        if "${" in text or "$(" in text:
+            yield Problem(
+                this, f"{where} holds an expression of xacro; expand the file first: xacro IN.xacro > OUT.urdf"
+            )
+            return
         if len(words) != count:
             many = "a number" if count == 1 else f"{count} numbers"
             yield Problem(this, f"{where} holds {len(words)} words, expected {many}")
             return
         values = []
         for word in words:
-            if infinite and word.lower().lstrip("+-") in ("inf", "infinity"):
+            if limit and word.lower().lstrip("+-") in ("inf", "infinity"):
                 values.append(-math.inf if word.startswith("-") else math.inf)
                 continue
             value = float(word) if _NUMBER.match(word) else math.nan
             if not math.isfinite(value):
-                yield Problem(this, f"{where}: '{word[:40]}' is not a finite decimal number")
+                yield Problem(this, f"{where}: '{printable(word)}' is not a finite decimal number; write one like 0.25")
+                return
+            if abs(value) > LARGEST and not limit:
+                yield Problem(
+                    this, f"{where}: '{printable(word)}' is beyond {LARGEST:g}; give metres, radians and kilograms"
+                )
                 return
             values.append(value)
         self.numbers[element, key] = tuple(values)
 
     def _tree(self) -> Iterator[Problem]:
         roots = [link for link in self.links if link not in self.parents]
-        if self.links and len(roots) > 1 and self.joints:
-            yield Problem("file", f"has {len(roots)} root links ({_listed(roots)}); connect them by joints to one tree")
+        if len(roots) > 1:
+            yield Problem("file", f"has {len(roots)} root links ({listed(roots)}); connect them by joints to one tree")
         parent_of = {}
         for child, joint in self.parents.items():
             end = self.joints[joint].find("parent")
@@ -394,7 +471,7 @@ class _Checker:
             while link is not None and link not in done:
                 if link in on_path:
                     circle = path[path.index(link) :]
-                    yield Problem("file", f"links form a circle ({_listed(circle)}); a URDF is a tree: cut one joint")
+                    yield Problem("file", f"links form a circle ({listed(circle)}); a URDF is a tree: cut one joint")
                     break
                 path.append(link)
                 on_path.add(link)
@@ -402,8 +479,13 @@ class _Checker:
             done.update(path)
 
 
-def _physical(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
-    # Principal moments of a symmetric 3x3 matrix in closed form; 1 % slack, since CAD exports are rounded.
+def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
+    """Whether a rigid body can have this inertia tensor about its centre of mass (1 % slack: exports are rounded)."""
+    # Principal moments of a symmetric 3x3 matrix in closed form.
+    largest = max(map(abs, (xx, xy, xz, yy, yz, zz)))
+    if largest == 0:
+        return True
+    xx, xy, xz, yy, yz, zz = (value / largest for value in (xx, xy, xz, yy, yz, zz))
     mean = (xx + yy + zz) / 3
     spread = math.sqrt(((xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2 * (xy**2 + xz**2 + yz**2)) / 6)
     if spread == 0:
@@ -433,7 +515,8 @@ def _read_with_yourdfpy(checker: _Checker) -> yourdfpy.urdf.Robot:
             etree.SubElement(kept, tag, {"link": "" if end is None else end.get("link", "")})
         for tag in ("axis", "limit", "mimic"):
             child = joint.find(tag)
-            if child is not None and not (tag == "mimic" and name in checker.broken_mimics):
+            skipped = tag == "mimic" and name in checker.broken_mimics
+            if child is not None and not skipped and joint.get("type") in MOVING_TYPES:
                 made = etree.SubElement(kept, tag)
                 _copy_numbers(checker, made, child)
                 if tag == "mimic":
@@ -476,16 +559,15 @@ def _inertial(link: yourdfpy.urdf.Link, checker: _Checker) -> Inertial | None:
 
 def _joint(joint: yourdfpy.urdf.Joint, checker: _Checker) -> JointElement:
     xyz, rpy = _placement(checker.joints[joint.name], checker)
-    axis = [0.0, 0.0, 0.0]
-    if joint.type in MOVING_TYPES:
-        raw = joint.axis.tolist()
-        length = math.hypot(*raw)
-        axis = [value / length for value in raw] if length > 0 else axis
+    axis = (0.0, 0.0, 0.0)
+    if joint.type in MOVING_TYPES and any(joint.axis):
+        axis = unit(joint.axis.tolist())
     limit = joint.limit or yourdfpy.urdf.Limit()
-    bounded = joint.type in ("revolute", "prismatic") and joint.limit is not None
-    # The format's default of a left-out bound is 0; a left-out <limit> bounds nothing.
-    lower, upper = (limit.lower or 0.0, limit.upper or 0.0) if bounded else (-math.inf, math.inf)
-    mimic = joint.mimic
+    bounds = (limit.lower, limit.upper)
+    bounded = joint.type in ("revolute", "prismatic") and bounds != (None, None)
+    # The format's default of a left-out bound is 0; but where both are left out, a joint that moves is meant.
+    lower, upper = (bound or 0.0 for bound in bounds) if bounded else (-math.inf, math.inf)
+    mimic = joint.mimic if joint.type in MOVING_TYPES else None
     return JointElement(
         name=joint.name,
         type=joint.type,
@@ -493,7 +575,7 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: _Checker) -> JointElement:
         child=joint.child,
         xyz=xyz,
         rpy=rpy,
-        axis=(axis[0], axis[1], axis[2]),
+        axis=axis,
         lower=lower,
         upper=upper,
         velocity=math.inf if limit.velocity is None else limit.velocity,
@@ -504,17 +586,12 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: _Checker) -> JointElement:
 
 def _title(this: str) -> str:
     kind, name = this.split(" ", 1)
-    return f"{kind} '{name}'"
+    return f"{kind} '{printable(name)}'"
 
 
 def _show(values: tuple[float, ...]) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"
 
 
-def _listed(names: list[str] | tuple[str, ...], most: int = 12) -> str:
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
-
-
 def _among(names: dict[str, etree._Element]) -> str:
-    return f"valid names: {_listed(list(names))}" if names else "there is none"
+    return f"valid names: {listed(list(names))}" if names else "there is none"

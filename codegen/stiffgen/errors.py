@@ -6,7 +6,19 @@ message alone and exits with code 2.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+
+
+def printable(text: str, most: int = 60) -> str:
+    """Text from a file or a user as it stands in a message: no control characters, at most ``most`` characters."""
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[:most])
+    return f"{shown}..." if len(text) > most else shown
+
+
+def listed(names: Sequence[str], most: int = 20) -> str:
+    """The first names of a list, and how many are left."""
+    shown = ", ".join(printable(name) for name in names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
 class StiffgenError(Exception):
@@ -22,15 +34,21 @@ class DescriptionError(StiffgenError):
     _SHOWN = 5
 
     def __init__(self, file: str, problems: Iterable[str]) -> None:
-        self.file = file
+        self.file = file = printable(file, 200)
         self.problems = tuple(problems)
-        shown = self.problems[: self._SHOWN]
-        left = len(self.problems) - len(shown)
-        tail = f"\n  ({left} more; 'stiffgen inspect' lists them all)" if left else ""
+        super().__init__(self._message(self._SHOWN))
+
+    @property
+    def full(self) -> str:
+        """The message with all problems."""
+        return self._message(len(self.problems))
+
+    def _message(self, most: int) -> str:
         if len(self.problems) == 1:
-            super().__init__(f"{file}: {self.problems[0]}")
-        else:
-            super().__init__(f"{file}:" + "".join(f"\n  {p}" for p in shown) + tail)
+            return f"{self.file}: {self.problems[0]}"
+        left = len(self.problems) - most
+        tail = f"\n  ({left} more; 'stiffgen inspect' lists them all)" if left > 0 else ""
+        return f"{self.file}:" + "".join(f"\n  {p}" for p in self.problems[:most]) + tail
 
 
 class ChainError(StiffgenError):

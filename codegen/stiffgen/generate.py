@@ -6,25 +6,29 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from stiffgen.chain import load_chain
+from stiffgen.chain import Tool, load_chain
 from stiffgen.emit.build import build_module
-from stiffgen.emit.names import checked_identifier, identifier
 from stiffgen.emit.render import MANIFEST, is_manifest, render
 from stiffgen.errors import OutputError
+from stiffgen.names import checked_identifier, identifier
 
 
 def generate(
     urdf: str | Path,
     *,
-    tip: str | None = None,
+    tip: str | Sequence[str] | None = None,
     base: str | None = None,
+    tool: Tool | None = None,
+    runtime_tool: bool = False,
+    lock: Mapping[str, float] | None = None,
     name: str | None = None,
     output: str | Path = "generated",
     build: bool = True,
+    masses: bool = True,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -34,11 +38,15 @@ def generate(
 
     Args:
         urdf: path of the URDF file.
-        tip: tip link (default: the only leaf link).
+        tip: tip link, or several (default: the only leaf link).
         base: base link (default: the root link).
+        tool: what is mounted on the tip link.
+        runtime_tool: the kernels take the tool's pose as an argument.
+        lock: joints to hold at a position [rad or m].
         name: prefix of the C names and name of the Python module (default: from the robot's name).
         output: folder that gets the robot's folder.
         build: compile the Python module.
+        masses: False ignores all masses of the file and leaves the mass matrix out.
         progress: called with a few words before each step.
 
     Returns:
@@ -51,7 +59,7 @@ def generate(
 
     """
     progress(f"reading {Path(urdf).name}")
-    chain = load_chain(urdf, tip=tip, base=base)
+    chain = load_chain(urdf, tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock)
     name = identifier(chain.robot) if name is None else checked_identifier(name)
     output = Path(output)
     target = output / name

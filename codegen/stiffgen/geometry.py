@@ -4,8 +4,9 @@ URDF gives orientations as decimal roll-pitch-yaw. The generated code holds rota
 must not depend on the machine's libm: matrices are made and multiplied with 50 digits (mpmath, pure integer
 arithmetic) and rounded to double once, at the end.
 
-An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple: files write 1.57079632679 and mean a
-right angle. The matrix then has its exact zeros and ones, and the printed kinematics its short form.
+An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple, and an axis within 1e-11 of a coordinate
+axis or plane as lying in it: files write 1.57079632679 and mean a right angle. The matrix then has its exact zeros
+and ones, and the printed kinematics its short form.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import mpmath
 
 _DIGITS = 50
 _RIGHT_ANGLE_TOLERANCE = 1e-11  # [rad]
+_MANY_TURNS = 1e9  # [rad], where a double's digits no longer tell a right angle
 _NEGLIGIBLE = 1e-15  # [m], [kg m], [kg m^2] or of a rotation matrix
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -105,6 +107,15 @@ def apply(a: Sequence[Sequence[Real]], v: Sequence[Real]) -> tuple[Real, ...]:
     return tuple(sum(x * y for x, y in zip(row, v, strict=True)) for row in a)
 
 
+def unit(vector: Sequence[float]) -> Vector:
+    """A vector (not zero) at unit length; entries below 1e-11 of it are zero, as with angles."""
+    entries = [exact(v) for v in vector]
+    length = _context.sqrt(sum(v * v for v in entries))
+    kept = [v if abs(v) > _RIGHT_ANGLE_TOLERANCE * length else mpf(0) for v in entries]
+    length = _context.sqrt(sum(v * v for v in kept))
+    return _vector([v / length for v in kept])
+
+
 def aligning_rotation(axis: Vector) -> Matrix:
     """A rotation A with A (0, 0, 1) = axis (unit), rounded: any joint then turns about its frame's z axis."""
     sign = 1 if axis[2] >= 0 else -1
@@ -157,6 +168,8 @@ class Inertia:
 def _cos_sin(angle: float) -> tuple[Real, Real]:
     quarter = _context.pi / 2
     position = exact(angle)
+    if abs(position) > _MANY_TURNS:
+        return _context.cos(position), _context.sin(position)
     turns = int(_context.nint(position / quarter))
     if abs(position - turns * quarter) < _RIGHT_ANGLE_TOLERANCE:
         return ((mpf(1), mpf(0)), (mpf(0), mpf(1)), (mpf(-1), mpf(0)), (mpf(0), mpf(-1)))[turns % 4]

@@ -8,15 +8,15 @@ benchmarks and the parametrised tests follow.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import casadi as ca
 
 from stiffgen import dynamics, kinematics, stiffness
-from stiffgen.chain import Chain
+from stiffgen.chain import Chain, Tip
 from stiffgen.connection import REPRESENTATIONS, Representation
-from stiffgen.program import Array, Gather, Map, Operand, Over, Program, Recursion
+from stiffgen.program import Array, Gather, Map, Operand, Over, Part, Program, Recursion, Sum, Term
 
 Extent = int | str
 """A fixed extent, or "n", the number of coordinates."""
@@ -40,8 +40,9 @@ class Argument:
 class Kernel:
     """One function of every generated robot.
 
-    ``representation`` is None for what does not depend on it. ``equation`` names what the kernel evaluates and
-    its source; ``note`` says what a caller must know beyond shapes and units.
+    ``representation`` is None for what does not depend on it, ``tip`` for what belongs to no single tip of several
+    (and for the functions of an only tip). ``equation`` names what the kernel evaluates and its source; ``note`` says
+    what a caller must know beyond shapes and units.
     """
 
     name: str
@@ -52,11 +53,21 @@ class Kernel:
     equation: str
     program: Callable[[Chain], Program]
     note: str = ""
+    tip: Tip | None = None
 
     @property
     def qualified_name(self) -> str:
-        """``hybrid_joint_stiffness``, or the bare name."""
-        return f"{self.representation}_{self.name}" if self.representation else self.name
+        """``hybrid_joint_stiffness``, ``left_hand_hybrid_joint_stiffness`` or the bare name."""
+        tip = self.tip.name if self.tip else None
+        return "_".join(part for part in (tip, self.representation, self.name) if part)
+
+    def scope(self, chain: Chain) -> Chain:
+        """The chain that the kernel's program is about: the branch to its tip, or the whole."""
+        return chain.branch(self.tip) if self.tip else chain
+
+    def steps(self, chain: Chain) -> Program:
+        """The program for a chain, to be run on its :meth:`scope`."""
+        return self.program(self.scope(chain))
 
     def signature(self, chain: Chain) -> str:
         """Shapes as a NumPy generalised-ufunc signature, "(7),(6)->(7,7)"."""
@@ -66,6 +77,9 @@ class Kernel:
 
 
 _Q = Argument("q", ("n",), "rad or m", "joint positions, base to tip")
+_TOOL_POSE = Argument(
+    "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation"
+)
 _WRENCH_FRAME = {
     "body": "in tip axes, moment about the tip's origin",
     "spatial": "in base axes, moment about the base's origin",
@@ -106,11 +120,17 @@ def _task_stiffness(representation: Representation, reading: str) -> Argument:
     )
 
 
+def _posture(chain: Chain) -> tuple[Array, ...]:
+    """What pose recursions take: q, and the tool's pose where it is known at run time only."""
+    arguments = (_Q, _TOOL_POSE) if chain.runtime_tool else (_Q,)
+    return tuple(argument.array(chain) for argument in arguments)
+
+
 def _columns(chain: Chain, representation: Representation, name: str = "J") -> tuple[Recursion, Array]:
     array = Array(name, (6, len(chain.joints)))
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
-    return Recursion((array,), expressions, f"{representation}_columns", heading), array
+    return Recursion((array,), expressions, _posture(chain), f"{representation}_columns", heading), array
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
@@ -128,7 +148,8 @@ def _pairs(left: Array, right: Array, over: Over, target: Array, comment: str, *
 
 
 def _forward_kinematics(chain: Chain) -> Program:
-    return (Recursion((_POSE.array(chain),), kinematics.forward_kinematics, heading="pose of the tip"),)
+    pose = _POSE.array(chain)
+    return (Recursion((pose,), kinematics.forward_kinematics, _posture(chain), heading="pose of the tip"),)
 
 
 def _jacobian(chain: Chain, representation: Representation, result: Argument) -> Program:
@@ -260,14 +281,20 @@ def _mass_matrix(chain: Chain, result: Argument) -> Program:
     def steps(target: Array) -> Program:
         m = len(chain.joints)
         J, h = Array("J", (6, m)), Array("h", (6, m))
-        pairs = _pairs(J, h, "i<=j", target, "M_ij = J_i . h_j for i<=j, mirrored", mirror=True)
         heading = "Jacobian columns J and the momenta h that they cause"
-        return Recursion((J, h), dynamics.columns_and_momenta, heading=heading), pairs
+        recursion = Recursion((J, h), dynamics.columns_and_momenta, (_Q.array(chain),), heading=heading)
+        if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
+            return recursion, _pairs(J, h, "i<=j", target, "M_ij = J_i . h_j for i<=j, mirrored", mirror=True)
+        nothing = Map(
+            "joints of different branches: 0", "i<=j", Operand(target, "ij"), (), lambda: ca.SX(0), mirror=True
+        )
+        over: Over = "i on the way to j"
+        return recursion, nothing, _pairs(J, h, over, target, f"M_ij = J_i . h_j for {over}, mirrored", mirror=True)
 
     return _over_joints(chain, result, steps, mirror=True)
 
 
-def _representation_kernels(rep: Representation) -> tuple[Kernel, ...]:
+def _representation_kernels(rep: Representation, posture: tuple[Argument, ...]) -> tuple[Kernel, ...]:
     wrench = _wrench(rep)
     upper = _task_stiffness(rep, "symmetric, only the upper triangle is read")
     full = _task_stiffness(rep, "all 36 entries are read")
@@ -287,19 +314,19 @@ def _representation_kernels(rep: Representation) -> tuple[Kernel, ...]:
     uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
     return (
         Kernel(
-            "jacobian", rep, (_Q,), jacobian,
+            "jacobian", rep, posture, jacobian,
             f"Jacobian in {rep} representation.",
             "xi = J dq/dt, twist linear first",
             partial(_jacobian, representation=rep, result=jacobian),
         ),
         Kernel(
-            "jacobian_transpose_derivative", rep, (_Q,), derivative,
+            "jacobian_transpose_derivative", rep, posture, derivative,
             "Derivative of the transposed Jacobian by every joint position.",
             "dJ^T/dq, closed form through Lie brackets",
             partial(_jacobian_derivative, representation=rep, result=derivative),
         ),
         Kernel(
-            "kinematic_stiffness", rep, (_Q, wrench), kinematic,
+            "kinematic_stiffness", rep, (*posture, wrench), kinematic,
             "Kinematic stiffness: how the joint torques of a constant wrench change with posture.",
             "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)",
             partial(_kinematic_stiffness, representation=rep, result=kinematic, wrench=wrench),
@@ -312,14 +339,14 @@ def _representation_kernels(rep: Representation) -> tuple[Kernel, ...]:
             spatial,
         ),
         Kernel(
-            "joint_stiffness", rep, (_Q, wrench, upper), joint,
+            "joint_stiffness", rep, (*posture, wrench, upper), joint,
             "Symmetric joint stiffness with the connection's correction.",
             "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)",
             partial(_joint_stiffness, representation=rep, result=joint, wrench=wrench, task_stiffness=upper),
             spatial,
         ),
         Kernel(
-            "joint_stiffness_uncorrected", rep, (_Q, wrench, full), uncorrected,
+            "joint_stiffness_uncorrected", rep, (*posture, wrench, full), uncorrected,
             "Conventional joint stiffness, without the correction; for comparison.",
             "dJ^T/dq . F + J^T K J",
             partial(
@@ -333,20 +360,99 @@ def _representation_kernels(rep: Representation) -> tuple[Kernel, ...]:
 _POSE = Argument("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the base frame")
 _MASS = Argument("mass_matrix", ("n", "n"), "kg m^2", "symmetric, positive definite where every joint moves a mass")
 
-KERNELS: tuple[Kernel, ...] = (
-    Kernel(
-        "forward_kinematics", None, (_Q,), _POSE,
+
+def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
+    posture = (_Q, _TOOL_POSE) if runtime_tool else (_Q,)
+    pose = Kernel(
+        "forward_kinematics", None, posture, _POSE,
         "Pose of the tip in the base frame.",
         "product of joint poses",
         _forward_kinematics,
-    ),
-    Kernel(
-        "mass_matrix", None, (_Q,), _MASS,
-        "Joint-space mass matrix.",
-        "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
-        partial(_mass_matrix, result=_MASS),
-        "Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.",
-    ),
-    *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep)),
+    )  # fmt: skip
+    kernels = (pose, *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep, posture)))
+    note = "With a tool pose, 'tip' is the tool's frame." if runtime_tool else ""
+    return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
+
+
+def _joint_stiffness_total(chain: Chain, representation: Representation, arguments: tuple[Argument, ...]) -> Program:
+    """Sum of the joint stiffness of every tip; each argument but q holds one block a tip."""
+    q, *per_tip = (argument.array(chain) for argument in arguments)
+    terms = []
+    for index, tip in enumerate(chain.tips):
+        kernel = next(
+            kernel
+            for kernel in _tip_kernels(tip, runtime_tool=chain.runtime_tool)
+            if (kernel.representation, kernel.name) == (representation, "joint_stiffness")
+        )
+        own = [argument.array(chain) for argument in kernel.arguments]
+        parts = (Part(q, None), *(Part(array, index) for array in per_tip))
+        function, scope = kernel.qualified_name, kernel.scope(chain)
+        terms.append(Term(function, scope, kernel.steps(chain), tuple(zip(own, parts, strict=True))))
+    target = _TOTAL.array(chain)
+    return (Sum(target, "joint_stiffness", tuple(terms)),)
+
+
+_TOTAL = Argument("joint_stiffness_total", ("n", "n"), "N m/rad", "sum over the tips, bitwise symmetric")
+
+
+def _total_kernels(chain: Chain) -> tuple[Kernel, ...]:
+    count = len(chain.tips)
+    order = "one a tip, in the order " + ", ".join(tip.name for tip in chain.tips)
+    kernels = []
+    for rep in REPRESENTATIONS:
+        wrench, stiffness_of_tip = _wrench(rep), _task_stiffness(rep, "symmetric, only the upper triangles are read")
+        poses = (replace(_TOOL_POSE, name="tool_poses", shape=(count, 4, 4), meaning=f"{order}: {_TOOL_POSE.meaning}"),)
+        arguments = (
+            _Q,
+            *(poses if chain.runtime_tool else ()),
+            replace(wrench, name="wrenches", shape=(count, 6), meaning=f"{order}: {wrench.meaning}"),
+            replace(
+                stiffness_of_tip,
+                name="task_stiffnesses",
+                shape=(count, 6, 6),
+                meaning=f"{order}: {stiffness_of_tip.meaning}",
+            ),
+        )
+        kernels.append(
+            Kernel(
+                "joint_stiffness_total",
+                rep,
+                arguments,
+                _TOTAL,
+                "Symmetric joint stiffness of contacts at all tips together.",
+                "sum over the tips of Kq = dJ^T/dq . F + J^T (K + Gamma F) J",
+                partial(_joint_stiffness_total, representation=rep, arguments=arguments),
+                "A tip without contact: wrench and task stiffness zero.",
+            )
+        )
+    return tuple(kernels)
+
+
+_MASS_MATRIX = Kernel(
+    "mass_matrix", None, (_Q,), _MASS,
+    "Joint-space mass matrix.",
+    "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
+    partial(_mass_matrix, result=_MASS),
+    "Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.",
 )  # fmt: skip
-"""All kernels, in the order in which they are printed."""
+
+
+def _serial(*, runtime_tool: bool = False, masses: bool = True) -> tuple[Kernel, ...]:
+    first, *others = _tip_kernels(None, runtime_tool=runtime_tool)
+    return (first, *((_MASS_MATRIX,) if masses else ()), *others)
+
+
+KERNELS: tuple[Kernel, ...] = _serial()
+"""The kernels of a chain with one tip, in the order in which they are printed."""
+
+
+def chain_kernels(chain: Chain) -> tuple[Kernel, ...]:
+    """The kernels that a chain has, in the order in which they are printed.
+
+    The mass matrix is left out where the chain's masses were. With several tips, each has its own pose and
+    representation kernels, and the joint stiffness of all contacts together is added.
+    """
+    if len(chain.tips) == 1:
+        return _serial(runtime_tool=chain.runtime_tool, masses=chain.masses)
+    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, runtime_tool=chain.runtime_tool)]
+    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain))

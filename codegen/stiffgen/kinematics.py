@@ -147,12 +147,16 @@ class PoseRecursion:
         return ca.densify(self.axes[index].sign * rotation[:, self.axes[index].index])
 
 
-def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[tuple[ca.SX, ca.SX, ca.SX]], ca.SX, ca.SX]:
-    """Frames from base to tip, in base axes: (rotation of the link's frame, origin, axis) of each joint, tip pose."""
+Frame = tuple[ca.SX, ca.SX, ca.SX]
+"""Of a moving joint, in base axes: rotation of its URDF frame (3x3), a point on its axis [m], its axis."""
+
+
+def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[Frame]]:
+    """Frames of all moving joints, from the base outwards."""
     r = PoseRecursion(chain, q)
-    rotation, origin = _IDENTITY, ca.SX.zeros(3)
-    frames = []
+    frames: list[Frame] = []
     for index, joint in enumerate(chain.joints):
+        rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (_IDENTITY, ca.SX.zeros(3), None)
         origin = origin + rotation @ _constant(joint.translation)
         auxiliary = rotation @ r.local(index)
         axis = r.axis(index, auxiliary)
@@ -161,12 +165,23 @@ def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[tuple[ca
             origin = origin + axis * r.positions[index]
         else:
             auxiliary = auxiliary @ turn
-        rotation = auxiliary @ r.after(index)
         r.frame(_title(chain, index) + ", in base axes", str(index), auxiliary, origin)
-        frames.append((rotation, origin, axis))
-    tip_rotation = rotation @ _constant(chain.tip_rotation)
-    tip = origin + rotation @ _constant(chain.tip_translation)
-    return r, frames, ca.densify(tip_rotation), ca.densify(tip)
+        frames.append((auxiliary @ r.after(index), origin, axis))
+    return r, frames
+
+
+def _tip_in_joint(chain: Chain, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
+    """Rotation and origin of the tip, or of the tool at it, in the last joint's frame."""
+    rotation, origin = _constant(chain.tip_rotation), _constant(chain.tip_translation)
+    if tool_pose is None:
+        return rotation, origin
+    return rotation @ tool_pose[:3, :3], origin + rotation @ tool_pose[:3, 3]
+
+
+def _tip_in_base(chain: Chain, frames: list[Frame], tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
+    rotation, origin, _ = frames[-1]
+    tip_rotation, tip_origin = _tip_in_joint(chain, tool_pose)
+    return ca.densify(rotation @ tip_rotation), ca.densify(origin + rotation @ tip_origin)
 
 
 def _title(chain: Chain, index: int) -> str:
@@ -181,18 +196,22 @@ def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
     return ca.vertcat(cross(origin, axis), axis)
 
 
-def forward_kinematics(chain: Chain, q: ca.SX) -> Expressions:
-    """Pose of the tip in the base frame (4x4, metres)."""
-    r, _, rotation, tip = outward_frames(chain, q)
+def forward_kinematics(chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None) -> Expressions:
+    """Pose (4x4, metres) of the tip in the base frame, or of a tool whose pose in the tip's frame is given."""
+    r, frames = outward_frames(chain, q)
+    rotation, tip = _tip_in_base(chain, frames, tool_pose)
     pose = ca.vertcat(ca.horzcat(rotation, tip), ca.SX([[0, 0, 0, 1]]))
     return Expressions(ca.densify(pose), tuple(r.sections))
 
 
-def joint_jacobian(chain: Chain, q: ca.SX, representation: Representation) -> Expressions:
+def joint_jacobian(
+    chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None, *, representation: Representation
+) -> Expressions:
     """Jacobian (6 x number of joints), one column a moving joint of the chain (mimic joints their own)."""
     if representation == "body":
-        return _body_jacobian(chain, q)
-    r, frames, _, tip = outward_frames(chain, q)
+        return _body_jacobian(chain, q, tool_pose)
+    r, frames = outward_frames(chain, q)
+    _, tip = _tip_in_base(chain, frames, tool_pose)
     if representation == "hybrid":
         r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
     columns = []
@@ -206,11 +225,12 @@ def joint_jacobian(chain: Chain, q: ca.SX, representation: Representation) -> Ex
     return Expressions(ca.densify(ca.horzcat(*columns)), tuple(r.sections))
 
 
-def _body_jacobian(chain: Chain, q: ca.SX) -> Expressions:
+def _body_jacobian(chain: Chain, q: ca.SX, tool_pose: ca.SX | None) -> Expressions:
     """From tip to base: (rotation, origin) is the pose of the link's frame seen in the tip frame."""
     r = PoseRecursion(chain, q)
-    rotation = _constant(chain.tip_rotation).T
-    origin = -(rotation @ _constant(chain.tip_translation))
+    tip_rotation, tip_origin = _tip_in_joint(chain, tool_pose)
+    rotation = tip_rotation.T
+    origin = -(rotation @ tip_origin)
     columns: list[ca.SX] = []
     for index in reversed(range(len(chain.joints))):
         joint = chain.joints[index]

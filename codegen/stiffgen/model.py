@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import casadi as ca
 
 from stiffgen.chain import Chain
-from stiffgen.connection import REPRESENTATIONS
-from stiffgen.kernels import KERNELS, Kernel
+from stiffgen.kernels import Kernel, chain_kernels
 from stiffgen.program import as_operand, evaluate
 
 
 class StiffnessModel:
     """The kernels of a chain as dense ``casadi.Function`` objects under their names.
 
-    ``model.forward_kinematics``, ``model.mass_matrix``, and for each representation ``model.hybrid.jacobian``,
-    ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``, ``hybrid``). Arguments and results have the
-    shapes of the kernel table, except that ``jacobian_transpose_derivative`` (n, n, 6), of more dimensions than
-    CasADi has, comes as (n*n, 6): row i*n + b holds dJ[:, b]/dq_i.
+    ``model.forward_kinematics``, ``model.mass_matrix`` (unless the chain's masses were left out), and for each
+    representation ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``,
+    ``hybrid``); with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
+    Arguments and results have the shapes of the kernel table, except that what has more dimensions than CasADi comes
+    folded: ``jacobian_transpose_derivative`` (n, n, 6) as (n*n, 6), row i*n + b holding dJ[:, b]/dq_i.
 
     Args:
         chain: from :func:`stiffgen.load_chain`.
@@ -33,10 +34,12 @@ class StiffnessModel:
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
-        for representation in REPRESENTATIONS:
-            setattr(self, representation, SimpleNamespace())
-        for kernel in KERNELS:
-            owner = getattr(self, kernel.representation) if kernel.representation else self
+        for kernel in chain_kernels(chain):
+            owner: object = self
+            for name in filter(None, (kernel.tip.name if kernel.tip else None, kernel.representation)):
+                if not hasattr(owner, name):
+                    setattr(owner, name, SimpleNamespace())
+                owner = getattr(owner, name)
             setattr(owner, kernel.name, casadi_function(chain, kernel))
 
 
@@ -45,9 +48,13 @@ def casadi_function(chain: Chain, kernel: Kernel) -> ca.Function:
     symbols: dict[str, ca.SX] = {}
     for argument in kernel.arguments:
         shape = argument.array(chain).shape
-        symbols[argument.name] = ca.SX.sym(argument.name, *shape)
+        symbols[argument.name] = ca.SX.sym(argument.name, *folded(shape))
     result = kernel.result.array(chain)
-    entries = evaluate(chain, kernel.program(chain), symbols)[result.name]
-    shape = result.shape if len(result.shape) == 2 else (result.size // result.shape[-1], result.shape[-1])
-    dense = ca.densify(as_operand(shape, entries))
+    entries = evaluate(kernel.scope(chain), kernel.steps(chain), symbols)[result.name]
+    dense = ca.densify(as_operand(folded(result.shape), entries))
     return ca.Function(kernel.qualified_name, list(symbols.values()), [dense], list(symbols), [kernel.result.name])
+
+
+def folded(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """A shape in at most two dimensions, rows of the last one kept together."""
+    return shape if len(shape) <= 2 else (math.prod(shape[:-1]), shape[-1])

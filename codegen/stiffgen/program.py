@@ -17,8 +17,9 @@ import casadi as ca
 from stiffgen.chain import Chain
 from stiffgen.kinematics import Expressions
 
-Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j"]
-"""What a map runs over: nothing (once), every joint j, or the pairs (i, j) of joints that satisfy the relation."""
+Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j"]
+"""What a map runs over: nothing (once), every joint j, or the pairs (i, j) of joints that satisfy the relation (of
+their numbers; the last one: i is j or a joint between the base and j)."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,15 @@ class Operand:
 
 @dataclass(frozen=True)
 class Recursion:
-    """Run a pose recursion: the rows of ``expressions(chain, q)`` fill the ``targets`` one after the other.
+    """Run a pose recursion: the rows of ``expressions(chain, *arguments)`` fill the ``targets`` one after the other.
 
     A recursion that several kernels use has a ``name``, under which C code holds it as a function of its own;
     without a name it is part of its kernel. ``heading`` is the comment over the statements that fill the targets.
     """
 
     targets: tuple[Array, ...]
-    expressions: Callable[[Chain, ca.SX], Expressions]
+    expressions: Callable[..., Expressions]
+    arguments: tuple[Array, ...]
     name: str = ""
     heading: str = "result"
 
@@ -87,13 +89,20 @@ class Map:
     body: Callable[..., ca.SX]
     mirror: bool = False
 
-    def indices(self, m: int) -> Iterator[tuple[int, int]]:
+    def indices(self, chain: Chain) -> Iterator[tuple[int, int]]:
         """The (i, j) that the map runs over, in the order of the printed loops."""
+        m = len(chain.joints)
         if self.over in ("", "j"):
             yield from ((0, j) for j in range(m if self.over else 1))
-            return
-        holds = {"i<=j": int.__le__, "i>=j": int.__ge__, "i<j": int.__lt__, "i>j": int.__gt__}[self.over]
-        yield from ((i, j) for i in range(m) for j in range(m) if holds(i, j))
+        elif self.over == "i on the way to j":
+            for j in range(m):
+                i = j
+                while i >= 0:
+                    yield i, j
+                    i = chain.joints[i].parent
+        else:
+            holds = {"i<=j": int.__le__, "i>=j": int.__ge__, "i<j": int.__lt__, "i>j": int.__gt__}[self.over]
+            yield from ((i, j) for i in range(m) for j in range(m) if holds(i, j))
 
 
 @dataclass(frozen=True)
@@ -110,7 +119,34 @@ class Gather:
     mirror: bool = False
 
 
-Step = Recursion | Map | Gather
+@dataclass(frozen=True)
+class Part:
+    """Block ``index`` of an argument that holds one block a tip, or (None) the whole argument."""
+
+    array: Array
+    index: int | None
+
+
+@dataclass(frozen=True)
+class Sum:
+    """``target`` = sum of the arrays ``terms_result`` that other kernels give, each with its parts of the arguments."""
+
+    target: Array
+    terms_result: str
+    terms: tuple[Term, ...]
+
+
+@dataclass(frozen=True)
+class Term:
+    """A kernel of another chain (a branch), its program, and the parts of the arguments that it takes, by name."""
+
+    function: str
+    chain: Chain
+    program: Program
+    arguments: tuple[tuple[Array, Part], ...]
+
+
+Step = Recursion | Map | Gather | Sum
 Program = tuple[Step, ...]
 
 
@@ -129,13 +165,16 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dic
     arrays = {name: _entries(value) for name, value in arguments.items()}
     for step in program:
         if isinstance(step, Recursion):
-            entries = _entries(step.expressions(chain, arguments["q"]).result)
+            given = [arguments[array.name] for array in step.arguments]
+            entries = _entries(step.expressions(chain, *given).result)
             for target in step.targets:
                 arrays[target.name], entries = entries[: target.size], entries[target.size :]
         elif isinstance(step, Gather):
             arrays[step.target.name] = _gather(chain, step, arrays[step.source.name])
+        elif isinstance(step, Sum):
+            arrays[step.target.name] = _sum(step, arguments)
         else:
-            _run_map(step, len(chain.joints), arrays)
+            _run_map(step, chain, arrays)
     return arrays
 
 
@@ -157,9 +196,22 @@ def operand_shape(operand: Operand) -> tuple[int, ...]:
     return operand.array.shape if operand.at == "" else (operand.count,)
 
 
-def _run_map(step: Map, m: int, arrays: dict[str, list[ca.SX]]) -> None:
+def _sum(step: Sum, arguments: dict[str, ca.SX]) -> list[ca.SX]:
+    total = [ca.SX(0)] * step.target.size
+    for term in step.terms:
+        given = {}
+        for array, part in term.arguments:
+            start = 0 if part.index is None else part.index * array.size
+            entries = _entries(arguments[part.array.name])[start : start + array.size]
+            given[array.name] = as_operand(array.shape, entries)
+        results = evaluate(term.chain, term.program, given)[step.terms_result]
+        total = [a + b for a, b in zip(total, results, strict=True)]
+    return total
+
+
+def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
     written = arrays.setdefault(step.target.array.name, [ca.SX(0)] * step.target.array.size)
-    for i, j in step.indices(m):
+    for i, j in step.indices(chain):
         taken = [
             as_operand(operand_shape(o), [arrays[o.array.name][o.entry(k, i, j)] for k in range(o.count)])
             for o in step.operands

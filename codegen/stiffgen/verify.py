@@ -19,7 +19,7 @@ import importlib.util
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,8 +33,8 @@ from stiffgen.connection import REPRESENTATIONS, Representation
 from stiffgen.emit.render import chain_from_manifest
 from stiffgen.errors import OutputError
 from stiffgen.generate import read_manifest
-from stiffgen.kernels import KERNELS
-from stiffgen.model import casadi_function
+from stiffgen.kernels import chain_kernels
+from stiffgen.model import casadi_function, folded
 
 Array = NDArray[np.float64]
 Kernels = Mapping[str, Callable[..., Any]]
@@ -66,6 +66,7 @@ class Samples:
     wrench: Array
     task_stiffness: Array
     general_stiffness: Array
+    tool_pose: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -82,13 +83,30 @@ class Samples:
             wrench=random.normal(size=(count, 6)) * np.array([30.0, 30, 30, 10, 10, 10]),
             task_stiffness=(general + general.transpose(0, 2, 1)) / 2,
             general_stiffness=general,
+            tool_pose=_random_poses(random, count),
         )
 
 
-def _product_of_poses(chain: Chain, q: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-    """Pose of every joint's frame and of the tip in the base, by plain 4x4 products."""
-    pose, joints = ca.SX.eye(4), []
+def _random_poses(random: np.random.Generator, count: int) -> Array:
+    """Orientations from random quaternions, positions of some decimetres."""
+    w, x, y, z = (lambda quaternion: quaternion / np.linalg.norm(quaternion, axis=0))(random.normal(size=(4, count)))
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    poses = np.zeros((count, 4, 4))
+    poses[:, :3, :3] = np.array(rows).transpose(2, 0, 1)
+    poses[:, :3, 3] = random.normal(size=(count, 3)) * 0.2
+    poses[:, 3, 3] = 1
+    return poses
+
+
+def _joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
+    """Pose of every joint's frame in the base, by plain 4x4 products."""
+    joints: list[ca.SX] = []
     for joint in chain.joints:
+        pose = joints[joint.parent] if joint.parent >= 0 else ca.SX.eye(4)
         position = joint.multiplier * q[joint.coordinate] + joint.offset
         axis = ca.DM(joint.axis)
         motion = ca.SX.eye(4)
@@ -97,9 +115,8 @@ def _product_of_poses(chain: Chain, q: ca.SX) -> tuple[list[ca.SX], ca.SX]:
         else:
             cross = ca.skew(axis)
             motion[:3, :3] = ca.DM.eye(3) + ca.sin(position) * cross + (1 - ca.cos(position)) * (cross @ cross)
-        pose = pose @ _homogeneous(joint.rotation, joint.translation) @ motion
-        joints.append(pose)
-    return joints, pose @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+        joints.append(pose @ _homogeneous(joint.rotation, joint.translation) @ motion)
+    return joints
 
 
 def _homogeneous(rotation: Any, translation: Any) -> ca.DM:
@@ -151,50 +168,49 @@ def _cross_matrices(v: Array) -> Array:
 
 
 class References:
-    """Reference values of all kernels at random samples.
+    """Reference values of the kernels of one tip at random samples.
 
     Args:
-        chain: the robot.
+        chain: the robot, or the branch to one of its tips.
         count: number of samples.
         seed: of the random generator.
+        q: postures (count, n) instead of random ones.
 
     """
 
-    def __init__(self, chain: Chain, count: int, seed: int) -> None:
+    def __init__(self, chain: Chain, count: int, seed: int, q: Array | None = None) -> None:
         self.chain = chain
         self.samples = Samples.draw(chain, count, seed)
-        q = ca.SX.sym("q", chain.dof)
-        joint_poses, pose = _product_of_poses(chain, q)
-        self.pose = self._evaluate(q, pose)
+        if q is not None:
+            self.samples = replace(self.samples, q=q)
+        symbol, tool = ca.SX.sym("q", chain.dof), ca.SX.sym("T", 16)
+        self._symbols = symbol, tool
+        pose = _joint_poses(chain, symbol)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+        if chain.runtime_tool:
+            pose = pose @ tool.reshape((4, 4)).T
+        self.pose = self._evaluate(pose)
         self.jacobian: dict[str, Array] = {}
         self.derivative: dict[str, Array] = {}
         for representation in REPRESENTATIONS:
-            jacobian = _jacobian(pose, q, representation)
-            self.jacobian[representation] = self._evaluate(q, jacobian)
+            jacobian = _jacobian(pose, symbol, representation)
+            self.jacobian[representation] = self._evaluate(jacobian)
             # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
-            derivative = self._evaluate(q, ca.jacobian(ca.vec(jacobian), q))
+            derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), symbol))
             n = chain.dof
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
-        self.mass_matrix = self._evaluate(q, self._kinetic_hessian(joint_poses, q))
-        self.potential = self._potential(q, pose, seed)
+        self.potential = self._potential(symbol, pose, seed)
 
-    def _evaluate(self, q: ca.SX, expression: ca.SX) -> Array:
-        function = ca.Function("f", [q], [ca.densify(expression)], {"cse": True})
+    @property
+    def posture(self) -> tuple[Array, ...]:
+        """What the kernels take before everything else: q, and the tool's pose if it is an argument."""
+        return (self.samples.q, self.samples.tool_pose) if self.chain.runtime_tool else (self.samples.q,)
+
+    def _evaluate(self, expression: ca.SX) -> Array:
+        count = len(self.samples.q)
+        function = ca.Function("f", list(self._symbols), [ca.densify(expression)], {"cse": True})
         rows, columns = expression.shape
-        mapped = np.asarray(function.map(len(self.samples.q))(self.samples.q.T))
+        mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
-
-    def _kinetic_hessian(self, joint_poses: list[ca.SX], q: ca.SX) -> ca.SX:
-        total = ca.SX(self.chain.dof, self.chain.dof)
-        for joint, pose in zip(self.chain.joints, joint_poses, strict=True):
-            xx, xy, xz, yy, yz, zz = joint.body.tensor
-            tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            moment = ca.skew(ca.DM(joint.body.moment))
-            # Kinetic energy 1/2 (m v.v + 2 v.(w x mc) + w.I w) as a 6x6 form on the frame's body twist.
-            form = ca.vertcat(ca.horzcat(joint.body.mass * ca.DM.eye(3), -moment), ca.horzcat(moment, tensor))
-            jacobian = _jacobian(pose, q, "body")
-            total += jacobian.T @ form @ jacobian
-        return total
 
     def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:
         """(F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
@@ -216,7 +232,7 @@ class References:
         hessian, gradient = ca.hessian(moved, x)
         wrench, covariant = (ca.substitute(e, x, ca.DM.zeros(6)) for e in (gradient, hessian))
         joint_hessian, _ = ca.hessian(potential(position, rotation), q)
-        return self._evaluate(q, wrench)[..., 0], self._evaluate(q, covariant), self._evaluate(q, joint_hessian)
+        return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
 
     def kinematic_stiffness(self, representation: Representation) -> Array:
         """Column i is dJ^T/dq_i F."""
@@ -234,6 +250,22 @@ class References:
         return stiffness
 
 
+def kinetic_hessian(chain: Chain, q: Array) -> Array:
+    """Mass matrices at postures (count, n): Hessian of the kinetic energy of all bodies by the joint velocities."""
+    symbol = ca.SX.sym("q", chain.dof)
+    total = ca.SX(chain.dof, chain.dof)
+    for joint, pose in zip(chain.joints, _joint_poses(chain, symbol), strict=True):
+        xx, xy, xz, yy, yz, zz = joint.body.tensor
+        tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        moment = ca.skew(ca.DM(joint.body.moment))
+        # Kinetic energy 1/2 (m v.v + 2 v.(w x mc) + w.I w) as a 6x6 form on the frame's body twist.
+        form = ca.vertcat(ca.horzcat(joint.body.mass * ca.DM.eye(3), -moment), ca.horzcat(moment, tensor))
+        jacobian = _jacobian(pose, symbol, "body")
+        total += jacobian.T @ form @ jacobian
+    function = ca.Function("M", [symbol], [ca.densify(total)], {"cse": True})
+    return np.stack([np.asarray(function(each)) for each in q])
+
+
 def relative_error(value: Any, reference: Array) -> float:
     """Largest difference of any sample over the largest entry of that sample's reference; NaN if any is NaN."""
     difference = np.abs(np.asarray(value, dtype=float) - reference).reshape(len(reference), -1).max(axis=1)
@@ -242,42 +274,50 @@ def relative_error(value: Any, reference: Array) -> float:
     return float((difference / scale).max())
 
 
-def check_kernels(kernels: Kernels, references: References) -> list[Check]:
-    """Compare kernels with every oracle but the CasADi functions they came from."""
-    samples = references.samples
-    q, wrench = samples.q, samples.wrench
-    checks = [
-        _check("forward_kinematics", "product of poses", kernels["forward_kinematics"](q), references.pose),
-        _check("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), references.mass_matrix),
-    ]
+def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
+    """Compare the kernels of one tip with every oracle but the CasADi functions they came from.
+
+    ``prefix`` is what stands before the kernels' names where a robot has several tips ("left_hand_").
+    """
+    samples, posture = references.samples, references.posture
+    wrench = samples.wrench
+    checks = []
+
+    def add(name: str, oracle: str, reference: Array, *arguments: Array) -> None:
+        checks.append(_check(prefix + name, oracle, kernels[prefix + name](*arguments), reference))
+
+    add("forward_kinematics", "product of poses", references.pose, *posture)
+    if references.chain.masses and not prefix:
+        add("mass_matrix", "Hessian of the kinetic energy", kinetic_hessian(references.chain, samples.q), samples.q)
     for rep in REPRESENTATIONS:
-
-        def add(name: str, oracle: str, reference: Array, *arguments: Array, rep: str = rep) -> None:
-            checks.append(_check(f"{rep}_{name}", oracle, kernels[f"{rep}_{name}"](*arguments), reference))
-
-        add("jacobian", "differentiated pose", references.jacobian[rep], q)
-        add("jacobian_transpose_derivative", "differentiated Jacobian", references.derivative[rep], q)
-        add("kinematic_stiffness", "differentiated Jacobian . F", references.kinematic_stiffness(rep), q, wrench)
-        add("connection_correction", "cross-product matrices", gamma_F(rep, wrench), wrench)
+        derivative, kinematic = references.derivative[rep], references.kinematic_stiffness(rep)
+        add(f"{rep}_jacobian", "differentiated pose", references.jacobian[rep], *posture)
+        add(f"{rep}_jacobian_transpose_derivative", "differentiated Jacobian", derivative, *posture)
+        add(f"{rep}_kinematic_stiffness", "differentiated Jacobian . F", kinematic, *posture, wrench)
+        add(f"{rep}_connection_correction", "cross-product matrices", gamma_F(rep, wrench), wrench)
         for corrected, name, K in (
             (True, "joint_stiffness", samples.task_stiffness),
             (False, "joint_stiffness_uncorrected", samples.general_stiffness),
         ):
             reference = references.joint_stiffness(rep, corrected=corrected)
-            add(name, "formula on differentiated Jacobian", reference, q, wrench, K)
-        Kq = np.asarray(kernels[f"{rep}_joint_stiffness"](q, wrench, samples.task_stiffness))
-        asymmetry = float(np.abs(Kq - np.swapaxes(Kq, 1, 2)).max())
-        checks.append(Check(f"{rep}_joint_stiffness", "bitwise symmetry", asymmetry, 0.0))
-    checks += _potential_checks(kernels, references)
-    return checks
+            add(f"{rep}_{name}", "formula on differentiated Jacobian", reference, *posture, wrench, K)
+        Kq = kernels[f"{prefix}{rep}_joint_stiffness"](*posture, wrench, samples.task_stiffness)
+        checks.append(_symmetry(f"{prefix}{rep}_joint_stiffness", Kq))
+    return checks + _potential_checks(kernels, references, prefix)
+
+
+def _symmetry(kernel: str, value: Any) -> Check:
+    matrices = np.asarray(value)
+    return Check(kernel, "bitwise symmetry", float(np.abs(matrices - np.swapaxes(matrices, 1, 2)).max()), 0.0)
 
 
 def _check(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
     return Check(kernel, oracle, relative_error(value, reference), BOUND)
 
 
-def _potential_checks(kernels: Kernels, references: References) -> list[Check]:
-    samples = references.samples
+def _potential_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
+    samples, posture = references.samples, references.posture
+    body_kernel, hybrid_kernel = (f"{prefix}{rep}_joint_stiffness" for rep in ("body", "hybrid"))
     wrench, covariant, hessian = references.potential
     rotation = references.pose[:, :3, :3]
     turn = np.zeros((len(rotation), 6, 6))
@@ -288,34 +328,69 @@ def _potential_checks(kernels: Kernels, references: References) -> list[Check]:
         result: Array = np.einsum("sij,sj->si", turn, vector)
         return result
 
-    body = kernels["body_joint_stiffness"](samples.q, wrench, covariant)
-    hybrid = kernels["hybrid_joint_stiffness"](samples.q, turned(wrench), turn @ covariant @ back)
+    body = kernels[body_kernel](*posture, wrench, covariant)
+    hybrid = kernels[hybrid_kernel](*posture, turned(wrench), turn @ covariant @ back)
     in_body = np.einsum("sji,sj->si", turn, samples.wrench)
     stiffness_in_body = back @ samples.task_stiffness @ turn
-    as_body = np.asarray(kernels["body_joint_stiffness"](samples.q, in_body, stiffness_in_body), dtype=float)
-    as_hybrid = kernels["hybrid_joint_stiffness"](samples.q, samples.wrench, samples.task_stiffness)
+    as_body = np.asarray(kernels[body_kernel](*posture, in_body, stiffness_in_body), dtype=float)
+    as_hybrid = kernels[hybrid_kernel](*posture, samples.wrench, samples.task_stiffness)
     return [
-        _check("body_joint_stiffness", "Hessian of a potential", body, hessian),
-        _check("hybrid_joint_stiffness", "Hessian of a potential", hybrid, hessian),
-        _check("hybrid_joint_stiffness", "body form, turned", as_hybrid, as_body),
+        _check(body_kernel, "Hessian of a potential", body, hessian),
+        _check(hybrid_kernel, "Hessian of a potential", hybrid, hessian),
+        _check(hybrid_kernel, "body form, turned", as_hybrid, as_body),
     ]
 
 
-def check_against_casadi(kernels: Kernels, references: References) -> list[Check]:
-    """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
-    samples = references.samples
+def check_robot(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+    """Compare all kernels of a robot with every oracle but the CasADi functions they came from."""
+    if len(chain.tips) == 1:
+        return check_kernels(kernels, References(chain, count, seed))
+    q = Samples.draw(chain, count, seed).q
+    tips = [References(chain.branch(tip), count, seed + index, q) for index, tip in enumerate(chain.tips)]
     checks = []
-    for kernel in KERNELS:
-        symmetric = kernel.name != "joint_stiffness_uncorrected"
+    if chain.masses:
+        reference = kinetic_hessian(chain, q)
+        checks.append(_check("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), reference))
+    for tip, references in zip(chain.tips, tips, strict=True):
+        checks += check_kernels(kernels, references, f"{tip.name}_")
+    stacked = [np.stack(each, axis=1) for each in zip(*map(_contact, tips), strict=True)]
+    for rep in REPRESENTATIONS:
+        name = f"{rep}_joint_stiffness_total"
+        total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
+        value = kernels[name](q, *stacked)
+        checks += [_check(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
+    return checks
+
+
+def _contact(references: References) -> tuple[Array, ...]:
+    samples = references.samples
+    return (*references.posture[1:], samples.wrench, samples.task_stiffness)
+
+
+def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+    """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
+    drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
+    checks = []
+    for kernel in chain_kernels(chain):
         pool = {
-            "q": samples.q,
-            "wrench": samples.wrench,
-            "task_stiffness": samples.task_stiffness if symmetric else samples.general_stiffness,
+            "q": drawn[0].q,
+            "wrench": drawn[0].wrench,
+            "tool_pose": drawn[0].tool_pose,
+            "task_stiffness": drawn[0].general_stiffness,
+            "wrenches": np.stack([samples.wrench for samples in drawn], axis=1),
+            "tool_poses": np.stack([samples.tool_pose for samples in drawn], axis=1),
+            "task_stiffnesses": np.stack([samples.task_stiffness for samples in drawn], axis=1),
         }
         arguments = [pool[argument.name] for argument in kernel.arguments]
-        function = casadi_function(references.chain, kernel)
-        shape = kernel.result.array(references.chain).shape
-        reference = np.stack([np.asarray(function(*each)).reshape(shape) for each in zip(*arguments, strict=True)])
+        function = casadi_function(chain, kernel)
+        shape = kernel.result.array(chain).shape
+        folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+        reference = np.stack(
+            [
+                np.asarray(function(*(a.reshape(f) for a, f in zip(each, folds, strict=True)))).reshape(shape)
+                for each in zip(*arguments, strict=True)
+            ]
+        )
         value = kernels[kernel.qualified_name](*arguments)
         checks.append(_check(kernel.qualified_name, "closed form in CasADi", value, reference))
     return checks
@@ -347,14 +422,15 @@ def import_robot(folder: Path) -> ModuleType:
     return module
 
 
-def kernels_of(module: ModuleType) -> dict[str, Callable[..., Any]]:
+def kernels_of(module: ModuleType, chain: Chain) -> dict[str, Callable[..., Any]]:
     """The ufuncs of a generated module by qualified name."""
-    return {
-        kernel.qualified_name: getattr(
-            getattr(module, kernel.representation) if kernel.representation else module, kernel.name
-        )
-        for kernel in KERNELS
-    }
+    ufuncs = {}
+    for kernel in chain_kernels(chain):
+        owner: Any = module
+        for name in filter(None, (kernel.tip.name if kernel.tip else None, kernel.representation)):
+            owner = getattr(owner, name)
+        ufuncs[kernel.qualified_name] = getattr(owner, kernel.name)
+    return ufuncs
 
 
 def verify(
@@ -379,8 +455,9 @@ def verify(
     module = import_robot(folder)
     manifest = read_manifest(folder)
     assert manifest is not None
-    progress("differentiating")
-    references = References(chain_from_manifest(manifest), count, seed)
-    kernels = kernels_of(module)
-    progress("comparing")
-    return check_kernels(kernels, references) + check_against_casadi(kernels, references)
+    chain = chain_from_manifest(manifest)
+    kernels = kernels_of(module, chain)
+    progress("differentiating and comparing")
+    checks = check_robot(kernels, chain, count, seed)
+    progress("comparing with CasADi")
+    return checks + check_against_casadi(kernels, chain, count, seed)

@@ -7,7 +7,7 @@
 #error "compile without -ffast-math and -ffinite-math-only: they drop the NaN contract of iiwa14.h"
 #endif
 
-enum { N = 7 };
+enum { N = 7 }; /* coordinates */
 
 const char *const iiwa14_joints[N] = {
     "A1",
@@ -62,7 +62,7 @@ static double finite_or_nan(double x)
 }
 
 /* Jacobian columns of the moving joints, body representation. 36 additions, 78 multiplications, 12 sines and cosines. */
-static void body_columns(const double q[N], double jacobian[6][7])
+static void body_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s1 = sin(q[1]);
@@ -166,7 +166,7 @@ static void body_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, spatial representation. 42 additions, 85 multiplications, 12 sines and cosines. */
-static void spatial_columns(const double q[N], double jacobian[6][7])
+static void spatial_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);
@@ -276,7 +276,7 @@ static void spatial_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, hybrid representation. 44 additions, 81 multiplications, 12 sines and cosines. */
-static void hybrid_columns(const double q[N], double jacobian[6][7])
+static void hybrid_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);
@@ -579,14 +579,14 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double I6_02 = R6_20 * t9 + R6_21 * t10 + R5_22 * t11 - (p6_2 * t6 + p6_0 * m6_2);
     const double t13 = 0.000294452952287768 * R6_10 + 1.591986e-12 * R6_11 + 1.6889379474e-08 * R5_12;
     const double t14 = 1.591986e-12 * R6_10 + 0.000294452953614423 * R6_11 - 1.1259586316e-08 * R5_12;
-    const double t15 = 1.6889379474e-08 * R6_10 - 1.1259586316e-08 * R6_11 + 0.000306000003449303
-        * R5_12;
+    const double t15 = 1.6889379474e-08 * R6_10 - 1.1259586316e-08 * R6_11
+        + 0.000306000003449303 * R5_12;
     const double I6_11 = R6_10 * t13 + R6_11 * t14 + R5_12 * t15 + (t12 - (p6_1 * t7 + p6_1 * m6_1));
     const double I6_12 = R6_20 * t13 + R6_21 * t14 + R5_22 * t15 - (p6_2 * t7 + p6_1 * m6_2);
-    const double I6_22 = R6_20 * (0.000294452952287768 * R6_20 + 1.591986e-12 * R6_21 + 1.6889379474e-08
-        * R5_22) + R6_21 * (1.591986e-12 * R6_20 + 0.000294452953614423 * R6_21 - 1.1259586316e-08
-        * R5_22) + R5_22 * (1.6889379474e-08 * R6_20 - 1.1259586316e-08 * R6_21 + 0.000306000003449303
-        * R5_22) + (t12 - (p6_2 * t8 + p6_2 * m6_2));
+    const double I6_22 = R6_20 * (0.000294452952287768 * R6_20 + 1.591986e-12 * R6_21
+        + 1.6889379474e-08 * R5_22) + R6_21 * (1.591986e-12 * R6_20 + 0.000294452953614423 * R6_21
+        - 1.1259586316e-08 * R5_22) + R5_22 * (1.6889379474e-08 * R6_20 - 1.1259586316e-08 * R6_21
+        + 0.000306000003449303 * R5_22) + (t12 - (p6_2 * t8 + p6_2 * m6_2));
 
     /* from joint A6 outwards: first moment m5 [kg m] and inertia I5 [kg m^2] */
     const double t16 = 0.0121664961 * R5_02 - 0.00078652096 * t4;
@@ -602,19 +602,20 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double t23 = 0.000314106721248 * R5_02 - 0.007018224155695 * t4;
     const double t24 = 0.0047342516867072 * R5_02 - 0.000314106721248 * t4;
     const double t25 = p4_0 * (t16 + t17) + p4_1 * (t18 + t19) + p4_2 * (t20 + t21);
-    const double I5_00 = I6_00 + (R5_00 * t22 - t4 * t23 + R5_02 * t24 + (t25 - (p4_0 * t16 + p4_0
-        * t17)));
+    const double I5_00 = I6_00 + (R5_00 * t22 - t4 * t23 + R5_02 * t24 + (t25 - (p4_0 * t16
+        + p4_0 * t17)));
     const double I5_01 = I6_01 + (R5_10 * t22 + R4_11 * t23 + R5_12 * t24 - (p4_1 * t16 + p4_0 * t19));
     const double I5_02 = I6_02 + (R5_20 * t22 + R4_21 * t23 + R5_22 * t24 - (p4_2 * t16 + p4_0 * t21));
     const double t26 = 0.0072874758424022 * R5_10;
     const double t27 = 0.007018224155695 * R4_11 + 0.000314106721248 * R5_12;
     const double t28 = 0.000314106721248 * R4_11 + 0.0047342516867072 * R5_12;
-    const double I5_11 = I6_11 + (R5_10 * t26 + R4_11 * t27 + R5_12 * t28 + (t25 - (p4_1 * t18 + p4_1
-        * t19)));
+    const double I5_11 = I6_11 + (R5_10 * t26 + R4_11 * t27 + R5_12 * t28 + (t25 - (p4_1 * t18
+        + p4_1 * t19)));
     const double I5_12 = I6_12 + (R5_20 * t26 + R4_21 * t27 + R5_22 * t28 - (p4_2 * t18 + p4_1 * t21));
-    const double I5_22 = I6_22 + (R5_20 * (0.0072874758424022 * R5_20) + R4_21 * (0.007018224155695
-        * R4_21 + 0.000314106721248 * R5_22) + R5_22 * (0.000314106721248 * R4_21 + 0.0047342516867072
-        * R5_22) + (t25 - (p4_2 * t20 + p4_2 * t21)));
+    const double I5_22 = I6_22 + (R5_20 * (0.0072874758424022 * R5_20)
+        + R4_21 * (0.007018224155695 * R4_21 + 0.000314106721248 * R5_22)
+        + R5_22 * (0.000314106721248 * R4_21 + 0.0047342516867072 * R5_22) + (t25 - (p4_2 * t20
+        + p4_2 * t21)));
 
     /* from joint A5 outwards: first moment m4 [kg m] and inertia I4 [kg m^2] */
     const double t29 = 0.046637458944 * t4 - 0.181760051148 * R3_02;
@@ -630,19 +631,20 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double t36 = 0.002551811765437952 * R3_02 + 0.028423516025085485 * t4;
     const double t37 = 0.005325915575545856 * R3_02 + 0.002551811765437952 * t4;
     const double t38 = p4_0 * (t29 + t30) + p4_1 * (t32 - t31) + p4_2 * (t34 - t33);
-    const double I4_00 = I5_00 + (R4_00 * t35 + t4 * t36 + R3_02 * t37 + (t38 - (p4_0 * t29 + p4_0
-        * t30)));
+    const double I4_00 = I5_00 + (R4_00 * t35 + t4 * t36 + R3_02 * t37 + (t38 - (p4_0 * t29
+        + p4_0 * t30)));
     const double I4_01 = I5_01 + (R4_10 * t35 - R4_11 * t36 + R3_12 * t37 - (p4_1 * t29 + p4_0 * t32));
     const double I4_02 = I5_02 + (R4_20 * t35 - R4_21 * t36 + R3_22 * t37 - (p4_2 * t29 + p4_0 * t34));
     const double t39 = 0.03119443160063134 * R4_10;
     const double t40 = 0.028423516025085485 * R4_11 - 0.002551811765437952 * R3_12;
     const double t41 = 0.005325915575545856 * R3_12 - 0.002551811765437952 * R4_11;
-    const double I4_11 = I5_11 + (R4_10 * t39 + R4_11 * t40 + R3_12 * t41 + (t38 - (p4_1 * t32 - p4_1
-        * t31)));
+    const double I4_11 = I5_11 + (R4_10 * t39 + R4_11 * t40 + R3_12 * t41 + (t38 - (p4_1 * t32
+        - p4_1 * t31)));
     const double I4_12 = I5_12 + (R4_20 * t39 + R4_21 * t40 + R3_22 * t41 - (p4_1 * t34 - p4_2 * t31));
-    const double I4_22 = I5_22 + (R4_20 * (0.03119443160063134 * R4_20) + R4_21 * (0.028423516025085485
-        * R4_21 - 0.002551811765437952 * R3_22) + R3_22 * (0.005325915575545856 * R3_22
-        - 0.002551811765437952 * R4_21) + (t38 - (p4_2 * t34 - p4_2 * t33)));
+    const double I4_22 = I5_22 + (R4_20 * (0.03119443160063134 * R4_20)
+        + R4_21 * (0.028423516025085485 * R4_21 - 0.002551811765437952 * R3_22)
+        + R3_22 * (0.005325915575545856 * R3_22 - 0.002551811765437952 * R4_21) + (t38 - (p4_2 * t34
+        - p4_2 * t33)));
 
     /* from joint A4 outwards: first moment m3 [kg m] and inertia I3 [kg m^2] */
     const double t42 = 0.35846967728 * R3_02 + 0.120774892535 * t3;
@@ -658,19 +660,20 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double t49 = 0.00447865225656304 * R3_02 - 0.06192478762143232 * t3;
     const double t50 = 0.013420858927027756 * R3_02 - 0.00447865225656304 * t3;
     const double t51 = p2_0 * (t42 + t43) + p2_1 * (t44 + t45) + p2_2 * (t46 + t47);
-    const double I3_00 = I4_00 + (R3_00 * t48 - t3 * t49 + R3_02 * t50 + (t51 - (p2_0 * t42 + p2_0
-        * t43)));
+    const double I3_00 = I4_00 + (R3_00 * t48 - t3 * t49 + R3_02 * t50 + (t51 - (p2_0 * t42
+        + p2_0 * t43)));
     const double I3_01 = I4_01 + (R3_10 * t48 + R2_11 * t49 + R3_12 * t50 - (p2_1 * t42 + p2_0 * t45));
     const double I3_02 = I4_02 + (R3_20 * t48 + R2_21 * t49 + R3_22 * t50 - (p2_2 * t42 + p2_0 * t47));
     const double t52 = 0.06711464654846007 * R3_10;
     const double t53 = 0.06192478762143232 * R2_11 + 0.00447865225656304 * R3_12;
     const double t54 = 0.00447865225656304 * R2_11 + 0.013420858927027756 * R3_12;
-    const double I3_11 = I4_11 + (R3_10 * t52 + R2_11 * t53 + R3_12 * t54 + (t51 - (p2_1 * t44 + p2_1
-        * t45)));
+    const double I3_11 = I4_11 + (R3_10 * t52 + R2_11 * t53 + R3_12 * t54 + (t51 - (p2_1 * t44
+        + p2_1 * t45)));
     const double I3_12 = I4_12 + (R3_20 * t52 + R2_21 * t53 + R3_22 * t54 - (p2_2 * t44 + p2_1 * t47));
-    const double I3_22 = I4_22 + (R3_20 * (0.06711464654846007 * R3_20) + R2_21 * (0.06192478762143232
-        * R2_21 + 0.00447865225656304 * R3_22) + R3_22 * (0.00447865225656304 * R2_21
-        + 0.013420858927027756 * R3_22) + (t51 - (p2_2 * t46 + p2_2 * t47)));
+    const double I3_22 = I4_22 + (R3_20 * (0.06711464654846007 * R3_20)
+        + R2_21 * (0.06192478762143232 * R2_21 + 0.00447865225656304 * R3_22)
+        + R3_22 * (0.00447865225656304 * R2_21 + 0.013420858927027756 * R3_22) + (t51 - (p2_2 * t46
+        + p2_2 * t47)));
 
     /* from joint A3 outwards: first moment m2 [kg m] and inertia I2 [kg m^2] */
     const double t55 = 0.23845209054 * R1_02 + 0.120842446685 * t3;
@@ -686,15 +689,15 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double t62 = 0.00448007783702302 * R1_02 - 0.03715744142148168 * t3;
     const double t63 = 0.011919972341113406 * R1_02 - 0.00448007783702302 * t3;
     const double t64 = p2_0 * (t56 - t55) + p2_1 * (t57 + t58) + p2_2 * (t59 + t60);
-    const double I2_00 = I3_00 + (R2_00 * t61 - t3 * t62 + R1_02 * t63 + (t64 - (p2_0 * t56 - p2_0
-        * t55)));
+    const double I2_00 = I3_00 + (R2_00 * t61 - t3 * t62 + R1_02 * t63 + (t64 - (p2_0 * t56
+        - p2_0 * t55)));
     const double I2_01 = I3_01 + (R2_10 * t61 + R2_11 * t62 + R1_12 * t63 - (p2_0 * t58 - p2_1 * t55));
     const double I2_02 = I3_02 + (R2_21 * t62 - t2 * t61 + c1 * t63 - (p2_0 * t60 - p2_2 * t55));
     const double t65 = 0.04236641376259508 * R2_10;
     const double t66 = 0.03715744142148168 * R2_11 + 0.00448007783702302 * R1_12;
     const double t67 = 0.00448007783702302 * R2_11 + 0.011919972341113406 * R1_12;
-    const double I2_11 = I3_11 + (R2_10 * t65 + R2_11 * t66 + R1_12 * t67 + (t64 - (p2_1 * t57 + p2_1
-        * t58)));
+    const double I2_11 = I3_11 + (R2_10 * t65 + R2_11 * t66 + R1_12 * t67 + (t64 - (p2_1 * t57
+        + p2_1 * t58)));
     const double I2_12 = I3_12 + (R2_21 * t66 - t2 * t65 + c1 * t67 - (p2_2 * t57 + p2_1 * t60));
     const double I2_22 = I3_22 + (t2 * (0.04236641376259508 * t2) + R2_21 * (0.03715744142148168 * R2_21
         + 0.00448007783702302 * c1) + c1 * (0.00448007783702302 * R2_21 + 0.011919972341113406 * c1)
@@ -708,27 +711,28 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double t70 = 0.434187309936 * c1 - 0.000773688768 * s1;
     const double t71 = t70 + 2.04799968;
     const double m1_2 = m2_2 + t71;
-    const double t72 = 0.09634053572293334 * R1_00 + 6.2050465860864e-05 * s0 - 3.049474151296e-06
-        * R1_02;
-    const double t73 = 6.2050465860864e-05 * R1_00 + 0.08712114909060784 * s0 + 0.006268865113476928
-        * R1_02;
-    const double t74 = 0.006268865113476928 * s0 - 3.049474151296e-06 * R1_00 + 0.0245435970756704
-        * R1_02;
+    const double t72 = 0.09634053572293334 * R1_00 + 6.2050465860864e-05 * s0
+        - 3.049474151296e-06 * R1_02;
+    const double t73 = 6.2050465860864e-05 * R1_00 + 0.08712114909060784 * s0
+        + 0.006268865113476928 * R1_02;
+    const double t74 = 0.006268865113476928 * s0 - 3.049474151296e-06 * R1_00
+        + 0.0245435970756704 * R1_02;
     const double t75 = t70 + t71;
     const double t76 = 0.36 * t75;
     const double t77 = 0.72 * t75 - t76;
     const double I1_00 = I2_00 + (R1_00 * t72 + s0 * t73 + R1_02 * t74 + t77);
     const double I1_01 = I2_01 + (R1_10 * t72 - c0 * t73 + R1_12 * t74);
     const double I1_02 = I2_02 + (c1 * t74 - s1 * t72 - 0.36 * t68);
-    const double t78 = 0.09634053572293334 * R1_10 - 6.2050465860864e-05 * c0 - 3.049474151296e-06
-        * R1_12;
-    const double t79 = 0.0245435970756704 * R1_12 - (3.049474151296e-06 * R1_10 + 0.006268865113476928
-        * c0);
-    const double I1_11 = I2_11 + (R1_10 * t78 + c0 * (0.08712114909060784 * c0 - 6.2050465860864e-05
-        * R1_10 - 0.006268865113476928 * R1_12) + R1_12 * t79 + t77);
+    const double t78 = 0.09634053572293334 * R1_10 - 6.2050465860864e-05 * c0
+        - 3.049474151296e-06 * R1_12;
+    const double t79 = 0.0245435970756704 * R1_12 - (3.049474151296e-06 * R1_10
+        + 0.006268865113476928 * c0);
+    const double I1_11 = I2_11 + (R1_10 * t78 + c0 * (0.08712114909060784 * c0
+        - 6.2050465860864e-05 * R1_10 - 0.006268865113476928 * R1_12) + R1_12 * t79 + t77);
     const double I1_12 = I2_12 + (c1 * t79 - s1 * t78 - 0.36 * t69);
-    const double I1_22 = I2_22 + (c1 * (0.0245435970756704 * c1 + 3.049474151296e-06 * s1) + s1
-        * (3.049474151296e-06 * c1 + 0.09634053572293334 * s1) + (t76 - (0.36 * t70 + 0.36 * t71)));
+    const double I1_22 = I2_22 + (c1 * (0.0245435970756704 * c1 + 3.049474151296e-06 * s1)
+        + s1 * (3.049474151296e-06 * c1 + 0.09634053572293334 * s1) + (t76 - (0.36 * t70
+        + 0.36 * t71)));
 
     /* from joint A1 outwards: first moment m0 [kg m] and inertia I0 [kg m^2] */
     const double m0_0 = m1_0 + 0.178759632555 * s0;
@@ -842,8 +846,8 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     /* M_ij = J_i . h_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            mass_matrix[N * i + j] = J[0][i] * h[0][j] + J[1][i] * h[1][j] + J[2][i] * h[2][j] + J[3][i]
-                * h[3][j] + J[4][i] * h[4][j] + J[5][i] * h[5][j];
+            mass_matrix[N * i + j] = J[0][i] * h[0][j] + J[1][i] * h[1][j] + J[2][i] * h[2][j]
+                + J[3][i] * h[3][j] + J[4][i] * h[4][j] + J[5][i] * h[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             mass_matrix[N * j + i] = mass_matrix[N * i + j];
@@ -916,9 +920,9 @@ void iiwa14_body_kinematic_stiffness(const double q[7], const double wrench[6], 
     /* Kkin_ij = J_i . z_j for i<j */
     for (int i = 0; i < N; ++i) {
         for (int j = i + 1; j < N; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_beyond[0][j] + J[1][i] * z_beyond[1][j] + J[2][i]
-                * z_beyond[2][j] + J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j] + J[5][i]
-                * z_beyond[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_beyond[0][j] + J[1][i] * z_beyond[1][j]
+                + J[2][i] * z_beyond[2][j] + J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j]
+                + J[5][i] * z_beyond[5][j];
         }
     }
 
@@ -1044,25 +1048,25 @@ void iiwa14_body_joint_stiffness(const double q[7], const double wrench[6], cons
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i>=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = 0; j < i; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1093,18 +1097,18 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1121,8 +1125,8 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
     for (int i = 0; i < N; ++i) {
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1140,8 +1144,8 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }
@@ -1219,9 +1223,9 @@ void iiwa14_spatial_kinematic_stiffness(const double q[7], const double wrench[6
     /* Kkin_ij = J_i . z_j for i>j */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j] + J[2][i]
-                * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j] + J[5][i]
-                * z_before[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j]
+                + J[2][i] * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j]
+                + J[5][i] * z_before[5][j];
         }
     }
 }
@@ -1340,25 +1344,25 @@ void iiwa14_spatial_joint_stiffness(const double q[7], const double wrench[6],
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1389,18 +1393,18 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1417,8 +1421,8 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1436,8 +1440,8 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }
@@ -1506,8 +1510,8 @@ void iiwa14_hybrid_kinematic_stiffness(const double q[7], const double wrench[6]
     /* Kkin_ij = J_i . z_j for i<=j */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            kinematic_stiffness[N * i + j] = J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j] + J[5][i]
-                * z_beyond[5][j];
+            kinematic_stiffness[N * i + j] = J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j]
+                + J[5][i] * z_beyond[5][j];
         }
     }
 
@@ -1524,9 +1528,9 @@ void iiwa14_hybrid_kinematic_stiffness(const double q[7], const double wrench[6]
     /* Kkin_ij = J_i . z_j for i>j */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j] + J[2][i]
-                * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j] + J[5][i]
-                * z_before[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j]
+                + J[2][i] * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j]
+                + J[5][i] * z_before[5][j];
         }
     }
 }
@@ -1645,25 +1649,25 @@ void iiwa14_hybrid_joint_stiffness(const double q[7], const double wrench[6],
 
     /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1694,18 +1698,18 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1722,8 +1726,8 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1741,8 +1745,8 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }

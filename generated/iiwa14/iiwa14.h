@@ -4,7 +4,8 @@
  *   SI units, radians. Matrices are dense and row-major. Twists are (linear, angular), wrenches (force, moment).
  *   The wrench is the one that the ENVIRONMENT APPLIES TO THE ROBOT at the tip; negate the reading of a sensor
  *   that reports what the robot applies to the environment.
- *   Base frame: link link_0. Tip frame: link link_ee.
+ *   Base frame: link link_0.
+ *   Tip frame: link link_ee.
  *   body     linear velocity of the tip's origin and angular velocity, both in tip axes
  *   spatial  linear velocity of the point passing the base's origin and angular velocity, both in base axes
  *   hybrid   linear velocity of the tip's origin and angular velocity, both in base axes

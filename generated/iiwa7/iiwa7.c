@@ -7,7 +7,7 @@
 #error "compile without -ffast-math and -ffinite-math-only: they drop the NaN contract of iiwa7.h"
 #endif
 
-enum { N = 7 };
+enum { N = 7 }; /* coordinates */
 
 const char *const iiwa7_joints[N] = {
     "A1",
@@ -62,7 +62,7 @@ static double finite_or_nan(double x)
 }
 
 /* Jacobian columns of the moving joints, body representation. 36 additions, 78 multiplications, 12 sines and cosines. */
-static void body_columns(const double q[N], double jacobian[6][7])
+static void body_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s1 = sin(q[1]);
@@ -166,7 +166,7 @@ static void body_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, spatial representation. 42 additions, 85 multiplications, 12 sines and cosines. */
-static void spatial_columns(const double q[N], double jacobian[6][7])
+static void spatial_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);
@@ -276,7 +276,7 @@ static void spatial_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, hybrid representation. 44 additions, 81 multiplications, 12 sines and cosines. */
-static void hybrid_columns(const double q[N], double jacobian[6][7])
+static void hybrid_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);
@@ -579,14 +579,14 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49])
     const double I6_02 = R6_20 * t9 + R6_21 * t10 + R5_22 * t11 - (p6_2 * t6 + p6_0 * m6_2);
     const double t13 = 0.000287816110224272 * R6_10 + 1.556844e-12 * R6_11 + 1.6516557996e-08 * R5_12;
     const double t14 = 1.556844e-12 * R6_10 + 0.000287816111521642 * R6_11 - 1.1011038664e-08 * R5_12;
-    const double t15 = 1.6516557996e-08 * R6_10 - 1.1011038664e-08 * R6_11 + 0.000299000003373162
-        * R5_12;
+    const double t15 = 1.6516557996e-08 * R6_10 - 1.1011038664e-08 * R6_11
+        + 0.000299000003373162 * R5_12;
     const double I6_11 = R6_10 * t13 + R6_11 * t14 + R5_12 * t15 + (t12 - (p6_1 * t7 + p6_1 * m6_1));
     const double I6_12 = R6_20 * t13 + R6_21 * t14 + R5_22 * t15 - (p6_2 * t7 + p6_1 * m6_2);
-    const double I6_22 = R6_20 * (0.000287816110224272 * R6_20 + 1.556844e-12 * R6_21 + 1.6516557996e-08
-        * R5_22) + R6_21 * (1.556844e-12 * R6_20 + 0.000287816111521642 * R6_21 - 1.1011038664e-08
-        * R5_22) + R5_22 * (1.6516557996e-08 * R6_20 - 1.1011038664e-08 * R6_21 + 0.000299000003373162
-        * R5_22) + (t12 - (p6_2 * t8 + p6_2 * m6_2));
+    const double I6_22 = R6_20 * (0.000287816110224272 * R6_20 + 1.556844e-12 * R6_21
+        + 1.6516557996e-08 * R5_22) + R6_21 * (1.556844e-12 * R6_20 + 0.000287816111521642 * R6_21
+        - 1.1011038664e-08 * R5_22) + R5_22 * (1.6516557996e-08 * R6_20 - 1.1011038664e-08 * R6_21
+        + 0.000299000003373162 * R5_22) + (t12 - (p6_2 * t8 + p6_2 * m6_2));
 
     /* from joint A6 outwards: first moment m5 [kg m] and inertia I5 [kg m^2] */
     const double t16 = 0.0118979487 * R5_02 - 0.00076916032 * t4;
@@ -602,19 +602,20 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49])
     const double t23 = 0.000307192656416 * R5_02 - 0.006862894846065 * t4;
     const double t24 = 0.0046292461313024 * R5_02 - 0.000307192656416 * t4;
     const double t25 = p4_0 * (t16 + t17) + p4_1 * (t18 + t19) + p4_2 * (t20 + t21);
-    const double I5_00 = I6_00 + (R5_00 * t22 - t4 * t23 + R5_02 * t24 + (t25 - (p4_0 * t16 + p4_0
-        * t17)));
+    const double I5_00 = I6_00 + (R5_00 * t22 - t4 * t23 + R5_02 * t24 + (t25 - (p4_0 * t16
+        + p4_0 * t17)));
     const double I5_01 = I6_01 + (R5_10 * t22 + R4_11 * t23 + R5_12 * t24 - (p4_1 * t16 + p4_0 * t19));
     const double I5_02 = I6_02 + (R5_20 * t22 + R4_21 * t23 + R5_22 * t24 - (p4_2 * t16 + p4_0 * t21));
     const double t26 = 0.0071261409773674 * R5_10;
     const double t27 = 0.006862894846065 * R4_11 + 0.000307192656416 * R5_12;
     const double t28 = 0.000307192656416 * R4_11 + 0.0046292461313024 * R5_12;
-    const double I5_11 = I6_11 + (R5_10 * t26 + R4_11 * t27 + R5_12 * t28 + (t25 - (p4_1 * t18 + p4_1
-        * t19)));
+    const double I5_11 = I6_11 + (R5_10 * t26 + R4_11 * t27 + R5_12 * t28 + (t25 - (p4_1 * t18
+        + p4_1 * t19)));
     const double I5_12 = I6_12 + (R5_20 * t26 + R4_21 * t27 + R5_22 * t28 - (p4_2 * t18 + p4_1 * t21));
-    const double I5_22 = I6_22 + (R5_20 * (0.0071261409773674 * R5_20) + R4_21 * (0.006862894846065
-        * R4_21 + 0.000307192656416 * R5_22) + R5_22 * (0.000307192656416 * R4_21 + 0.0046292461313024
-        * R5_22) + (t25 - (p4_2 * t20 + p4_2 * t21)));
+    const double I5_22 = I6_22 + (R5_20 * (0.0071261409773674 * R5_20)
+        + R4_21 * (0.006862894846065 * R4_21 + 0.000307192656416 * R5_22)
+        + R5_22 * (0.000307192656416 * R4_21 + 0.0046292461313024 * R5_22) + (t25 - (p4_2 * t20
+        + p4_2 * t21)));
 
     /* from joint A5 outwards: first moment m4 [kg m] and inertia I4 [kg m^2] */
     const double t29 = 0.045608023936 * t4 - 0.177748036687 * R3_02;
@@ -630,19 +631,20 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49])
     const double t36 = 0.002495157446153088 * R3_02 + 0.02779618754824007 * t4;
     const double t37 = 0.005208213705867264 * R3_02 + 0.002495157446153088 * t4;
     const double t38 = p4_0 * (t29 + t30) + p4_1 * (t32 - t31) + p4_2 * (t34 - t33);
-    const double I4_00 = I5_00 + (R4_00 * t35 + t4 * t36 + R3_02 * t37 + (t38 - (p4_0 * t29 + p4_0
-        * t30)));
+    const double I4_00 = I5_00 + (R4_00 * t35 + t4 * t36 + R3_02 * t37 + (t38 - (p4_0 * t29
+        + p4_0 * t30)));
     const double I4_01 = I5_01 + (R4_10 * t35 - R4_11 * t36 + R3_12 * t37 - (p4_1 * t29 + p4_0 * t32));
     const double I4_02 = I5_02 + (R4_20 * t35 - R4_21 * t36 + R3_22 * t37 - (p4_2 * t29 + p4_0 * t34));
     const double t39 = 0.030505401254107334 * R4_10;
     const double t40 = 0.02779618754824007 * R4_11 - 0.002495157446153088 * R3_12;
     const double t41 = 0.005208213705867264 * R3_12 - 0.002495157446153088 * R4_11;
-    const double I4_11 = I5_11 + (R4_10 * t39 + R4_11 * t40 + R3_12 * t41 + (t38 - (p4_1 * t32 - p4_1
-        * t31)));
+    const double I4_11 = I5_11 + (R4_10 * t39 + R4_11 * t40 + R3_12 * t41 + (t38 - (p4_1 * t32
+        - p4_1 * t31)));
     const double I4_12 = I5_12 + (R4_20 * t39 + R4_21 * t40 + R3_22 * t41 - (p4_1 * t34 - p4_2 * t31));
-    const double I4_22 = I5_22 + (R4_20 * (0.030505401254107334 * R4_20) + R4_21 * (0.02779618754824007
-        * R4_21 - 0.002495157446153088 * R3_22) + R3_22 * (0.005208213705867264 * R3_22
-        - 0.002495157446153088 * R4_21) + (t38 - (p4_2 * t34 - p4_2 * t33)));
+    const double I4_22 = I5_22 + (R4_20 * (0.030505401254107334 * R4_20)
+        + R4_21 * (0.02779618754824007 * R4_21 - 0.002495157446153088 * R3_22)
+        + R3_22 * (0.005208213705867264 * R3_22 - 0.002495157446153088 * R4_21) + (t38 - (p4_2 * t34
+        - p4_2 * t33)));
 
     /* from joint A4 outwards: first moment m3 [kg m] and inertia I3 [kg m^2] */
     const double t42 = 0.350557251616 * R3_02 + 0.118109053777 * t3;
@@ -658,19 +660,20 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49])
     const double t49 = 0.004379873571587488 * R3_02 - 0.0605578496845015 * t3;
     const double t50 = 0.01312476851228966 * R3_02 - 0.004379873571587488 * t3;
     const double t51 = p2_0 * (t42 + t43) + p2_1 * (t44 + t45) + p2_2 * (t46 + t47);
-    const double I3_00 = I4_00 + (R3_00 * t48 - t3 * t49 + R3_02 * t50 + (t51 - (p2_0 * t42 + p2_0
-        * t43)));
+    const double I3_00 = I4_00 + (R3_00 * t48 - t3 * t49 + R3_02 * t50 + (t51 - (p2_0 * t42
+        + p2_0 * t43)));
     const double I3_01 = I4_01 + (R3_10 * t48 + R2_11 * t49 + R3_12 * t50 - (p2_1 * t42 + p2_0 * t45));
     const double I3_02 = I4_02 + (R3_20 * t48 + R2_21 * t49 + R3_22 * t50 - (p2_2 * t42 + p2_0 * t47));
     const double t52 = 0.06563361819679117 * R3_10;
     const double t53 = 0.0605578496845015 * R2_11 + 0.004379873571587488 * R3_12;
     const double t54 = 0.004379873571587488 * R2_11 + 0.01312476851228966 * R3_12;
-    const double I3_11 = I4_11 + (R3_10 * t52 + R2_11 * t53 + R3_12 * t54 + (t51 - (p2_1 * t44 + p2_1
-        * t45)));
+    const double I3_11 = I4_11 + (R3_10 * t52 + R2_11 * t53 + R3_12 * t54 + (t51 - (p2_1 * t44
+        + p2_1 * t45)));
     const double I3_12 = I4_12 + (R3_20 * t52 + R2_21 * t53 + R3_22 * t54 - (p2_2 * t44 + p2_1 * t47));
-    const double I3_22 = I4_22 + (R3_20 * (0.06563361819679117 * R3_20) + R2_21 * (0.0605578496845015
-        * R2_21 + 0.004379873571587488 * R3_22) + R3_22 * (0.004379873571587488 * R2_21
-        + 0.01312476851228966 * R3_22) + (t51 - (p2_2 * t46 + p2_2 * t47)));
+    const double I3_22 = I4_22 + (R3_20 * (0.06563361819679117 * R3_20)
+        + R2_21 * (0.0605578496845015 * R2_21 + 0.004379873571587488 * R3_22)
+        + R3_22 * (0.004379873571587488 * R2_21 + 0.01312476851228966 * R3_22) + (t51 - (p2_2 * t46
+        + p2_2 * t47)));
 
     /* from joint A3 outwards: first moment m2 [kg m] and inertia I2 [kg m^2] */
     const double t55 = 0.234868955211 * R1_02 + 0.118176069009 * t3;
@@ -686,15 +689,15 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49])
     const double t62 = 0.004380902151491809 * R1_02 - 0.03665616656955641 * t3;
     const double t63 = 0.011677772546824372 * R1_02 - 0.004380902151491809 * t3;
     const double t64 = p2_0 * (t56 - t55) + p2_1 * (t57 + t58) + p2_2 * (t59 + t60);
-    const double I2_00 = I3_00 + (R2_00 * t61 - t3 * t62 + R1_02 * t63 + (t64 - (p2_0 * t56 - p2_0
-        * t55)));
+    const double I2_00 = I3_00 + (R2_00 * t61 - t3 * t62 + R1_02 * t63 + (t64 - (p2_0 * t56
+        - p2_0 * t55)));
     const double I2_01 = I3_01 + (R2_10 * t61 + R2_11 * t62 + R1_12 * t63 - (p2_0 * t58 - p2_1 * t55));
     const double I2_02 = I3_02 + (R2_21 * t62 - t2 * t61 + c1 * t63 - (p2_0 * t60 - p2_2 * t55));
     const double t65 = 0.04175093911638078 * R2_10;
     const double t66 = 0.03665616656955641 * R2_11 + 0.004380902151491809 * R1_12;
     const double t67 = 0.004380902151491809 * R2_11 + 0.011677772546824372 * R1_12;
-    const double I2_11 = I3_11 + (R2_10 * t65 + R2_11 * t66 + R1_12 * t67 + (t64 - (p2_1 * t57 + p2_1
-        * t58)));
+    const double I2_11 = I3_11 + (R2_10 * t65 + R2_11 * t66 + R1_12 * t67 + (t64 - (p2_1 * t57
+        + p2_1 * t58)));
     const double I2_12 = I3_12 + (R2_21 * t66 - t2 * t65 + c1 * t67 - (p2_2 * t57 + p2_1 * t60));
     const double I2_22 = I3_22 + (t2 * (0.04175093911638078 * t2) + R2_21 * (0.03665616656955641 * R2_21
         + 0.004380902151491809 * c1) + c1 * (0.004380902151491809 * R2_21 + 0.011677772546824372 * c1)
@@ -719,8 +722,8 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49])
     const double I1_02 = I2_02 + (c1 * t74 - s1 * t72 - 0.34 * t68);
     const double t78 = 0.06563563503146913 * R1_10;
     const double t79 = 0.013125770228449359 * R1_12 - 0.004379878665288672 * c0;
-    const double I1_11 = I2_11 + (R1_10 * t78 + c0 * (0.06055886480301977 * c0 - 0.004379878665288672
-        * R1_12) + R1_12 * t79 + t77);
+    const double I1_11 = I2_11 + (R1_10 * t78 + c0 * (0.06055886480301977 * c0
+        - 0.004379878665288672 * R1_12) + R1_12 * t79 + t77);
     const double I1_12 = I2_12 + (c1 * t79 - s1 * t78 - 0.34 * t69);
     const double I1_22 = I2_22 + (s1 * (0.06563563503146913 * s1) + c1 * (0.013125770228449359 * c1)
         + (t76 - (0.11918952467136 * c1 + 0.34 * t71)));
@@ -837,8 +840,8 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49])
     /* M_ij = J_i . h_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            mass_matrix[N * i + j] = J[0][i] * h[0][j] + J[1][i] * h[1][j] + J[2][i] * h[2][j] + J[3][i]
-                * h[3][j] + J[4][i] * h[4][j] + J[5][i] * h[5][j];
+            mass_matrix[N * i + j] = J[0][i] * h[0][j] + J[1][i] * h[1][j] + J[2][i] * h[2][j]
+                + J[3][i] * h[3][j] + J[4][i] * h[4][j] + J[5][i] * h[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             mass_matrix[N * j + i] = mass_matrix[N * i + j];
@@ -911,9 +914,9 @@ void iiwa7_body_kinematic_stiffness(const double q[7], const double wrench[6], d
     /* Kkin_ij = J_i . z_j for i<j */
     for (int i = 0; i < N; ++i) {
         for (int j = i + 1; j < N; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_beyond[0][j] + J[1][i] * z_beyond[1][j] + J[2][i]
-                * z_beyond[2][j] + J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j] + J[5][i]
-                * z_beyond[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_beyond[0][j] + J[1][i] * z_beyond[1][j]
+                + J[2][i] * z_beyond[2][j] + J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j]
+                + J[5][i] * z_beyond[5][j];
         }
     }
 
@@ -1039,25 +1042,25 @@ void iiwa7_body_joint_stiffness(const double q[7], const double wrench[6], const
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i>=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = 0; j < i; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1088,18 +1091,18 @@ void iiwa7_body_joint_stiffness_uncorrected(const double q[7], const double wren
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1116,8 +1119,8 @@ void iiwa7_body_joint_stiffness_uncorrected(const double q[7], const double wren
     for (int i = 0; i < N; ++i) {
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1135,8 +1138,8 @@ void iiwa7_body_joint_stiffness_uncorrected(const double q[7], const double wren
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }
@@ -1214,9 +1217,9 @@ void iiwa7_spatial_kinematic_stiffness(const double q[7], const double wrench[6]
     /* Kkin_ij = J_i . z_j for i>j */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j] + J[2][i]
-                * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j] + J[5][i]
-                * z_before[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j]
+                + J[2][i] * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j]
+                + J[5][i] * z_before[5][j];
         }
     }
 }
@@ -1335,25 +1338,25 @@ void iiwa7_spatial_joint_stiffness(const double q[7], const double wrench[6],
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1384,18 +1387,18 @@ void iiwa7_spatial_joint_stiffness_uncorrected(const double q[7], const double w
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1412,8 +1415,8 @@ void iiwa7_spatial_joint_stiffness_uncorrected(const double q[7], const double w
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1431,8 +1434,8 @@ void iiwa7_spatial_joint_stiffness_uncorrected(const double q[7], const double w
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }
@@ -1501,8 +1504,8 @@ void iiwa7_hybrid_kinematic_stiffness(const double q[7], const double wrench[6],
     /* Kkin_ij = J_i . z_j for i<=j */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            kinematic_stiffness[N * i + j] = J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j] + J[5][i]
-                * z_beyond[5][j];
+            kinematic_stiffness[N * i + j] = J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j]
+                + J[5][i] * z_beyond[5][j];
         }
     }
 
@@ -1519,9 +1522,9 @@ void iiwa7_hybrid_kinematic_stiffness(const double q[7], const double wrench[6],
     /* Kkin_ij = J_i . z_j for i>j */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j] + J[2][i]
-                * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j] + J[5][i]
-                * z_before[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j]
+                + J[2][i] * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j]
+                + J[5][i] * z_before[5][j];
         }
     }
 }
@@ -1640,25 +1643,25 @@ void iiwa7_hybrid_joint_stiffness(const double q[7], const double wrench[6], con
 
     /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1689,18 +1692,18 @@ void iiwa7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wr
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1717,8 +1720,8 @@ void iiwa7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wr
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1736,8 +1739,8 @@ void iiwa7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wr
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }

@@ -4,17 +4,52 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-class _Of1(Protocol):
+class _Of_q(Protocol):
     signature: str
-    def __call__(self, q_or_wrench: ArrayLike, /, *, out: NDArray[np.float64] | None = None, **kwargs: Any) -> NDArray[np.float64]: ...
+    def __call__(
+        self,
+        q: ArrayLike,
+        /,
+        *,
+        out: NDArray[np.float64] | None = None,
+        **kwargs: Any,
+    ) -> NDArray[np.float64]: ...
 
-class _Of2(Protocol):
+class _Of_q_wrench(Protocol):
     signature: str
-    def __call__(self, q: ArrayLike, wrench: ArrayLike, /, *, out: NDArray[np.float64] | None = None, **kwargs: Any) -> NDArray[np.float64]: ...
+    def __call__(
+        self,
+        q: ArrayLike,
+        wrench: ArrayLike,
+        /,
+        *,
+        out: NDArray[np.float64] | None = None,
+        **kwargs: Any,
+    ) -> NDArray[np.float64]: ...
 
-class _Of3(Protocol):
+class _Of_wrench(Protocol):
     signature: str
-    def __call__(self, q: ArrayLike, wrench: ArrayLike, task_stiffness: ArrayLike, /, *, out: NDArray[np.float64] | None = None, **kwargs: Any) -> NDArray[np.float64]: ...
+    def __call__(
+        self,
+        wrench: ArrayLike,
+        /,
+        *,
+        out: NDArray[np.float64] | None = None,
+        **kwargs: Any,
+    ) -> NDArray[np.float64]: ...
+
+class _Of_q_wrench_task_stiffness(Protocol):
+    signature: str
+    def __call__(
+        self,
+        q: ArrayLike,
+        wrench: ArrayLike,
+        task_stiffness: ArrayLike,
+        /,
+        *,
+        out: NDArray[np.float64] | None = None,
+        **kwargs: Any,
+    ) -> NDArray[np.float64]: ...
 
 DOF: Final = 7
 JOINTS: Final[tuple[str, ...]]
@@ -25,19 +60,34 @@ UPPER: Final[NDArray[np.float64]]
 VELOCITY: Final[NDArray[np.float64]]
 EFFORT: Final[NDArray[np.float64]]
 
-forward_kinematics: Final[_Of1]  # (7)->(4,4)
-mass_matrix: Final[_Of1]  # (7)->(7,7)
+class __body:
+    jacobian: _Of_q  # (7)->(6,7)
+    jacobian_transpose_derivative: _Of_q  # (7)->(7,7,6)
+    kinematic_stiffness: _Of_q_wrench  # (7),(6)->(7,7)
+    connection_correction: _Of_wrench  # (6)->(6,6)
+    joint_stiffness: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(7,7)
+    joint_stiffness_uncorrected: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(7,7)
 
-class _Representation:
-    jacobian: _Of1  # (7)->(6,7)
-    jacobian_transpose_derivative: _Of1  # (7)->(7,7,6)
-    kinematic_stiffness: _Of2  # (7),(6)->(7,7)
-    connection_correction: _Of1  # (6)->(6,6)
-    joint_stiffness: _Of3  # (7),(6),(6,6)->(7,7)
-    joint_stiffness_uncorrected: _Of3  # (7),(6),(6,6)->(7,7)
+class __spatial:
+    jacobian: _Of_q  # (7)->(6,7)
+    jacobian_transpose_derivative: _Of_q  # (7)->(7,7,6)
+    kinematic_stiffness: _Of_q_wrench  # (7),(6)->(7,7)
+    connection_correction: _Of_wrench  # (6)->(6,6)
+    joint_stiffness: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(7,7)
+    joint_stiffness_uncorrected: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(7,7)
 
-body: Final[_Representation]
-spatial: Final[_Representation]
-hybrid: Final[_Representation]
+class __hybrid:
+    jacobian: _Of_q  # (7)->(6,7)
+    jacobian_transpose_derivative: _Of_q  # (7)->(7,7,6)
+    kinematic_stiffness: _Of_q_wrench  # (7),(6)->(7,7)
+    connection_correction: _Of_wrench  # (6)->(6,6)
+    joint_stiffness: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(7,7)
+    joint_stiffness_uncorrected: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(7,7)
+
+forward_kinematics: Final[_Of_q]  # (7)->(4,4)
+mass_matrix: Final[_Of_q]  # (7)->(7,7)
+body: Final[__body]
+spatial: Final[__spatial]
+hybrid: Final[__hybrid]
 
 from .impedance import Impedance as Impedance, Status as Status

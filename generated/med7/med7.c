@@ -7,7 +7,7 @@
 #error "compile without -ffast-math and -ffinite-math-only: they drop the NaN contract of med7.h"
 #endif
 
-enum { N = 7 };
+enum { N = 7 }; /* coordinates */
 
 const char *const med7_joints[N] = {
     "A1",
@@ -62,7 +62,7 @@ static double finite_or_nan(double x)
 }
 
 /* Jacobian columns of the moving joints, body representation. 36 additions, 78 multiplications, 12 sines and cosines. */
-static void body_columns(const double q[N], double jacobian[6][7])
+static void body_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s1 = sin(q[1]);
@@ -166,7 +166,7 @@ static void body_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, spatial representation. 42 additions, 85 multiplications, 12 sines and cosines. */
-static void spatial_columns(const double q[N], double jacobian[6][7])
+static void spatial_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);
@@ -276,7 +276,7 @@ static void spatial_columns(const double q[N], double jacobian[6][7])
 }
 
 /* Jacobian columns of the moving joints, hybrid representation. 44 additions, 81 multiplications, 12 sines and cosines. */
-static void hybrid_columns(const double q[N], double jacobian[6][7])
+static void hybrid_columns(const double q[7], double jacobian[6][N])
 {
     /* sine and cosine of each joint angle */
     const double s0 = sin(q[0]);
@@ -579,14 +579,14 @@ void med7_mass_matrix(const double q[7], double mass_matrix[49])
     const double I6_02 = R6_20 * t9 + R6_21 * t10 + R5_22 * t11 - (p6_2 * t6 + p6_0 * m6_2);
     const double t13 = 0.000277599503981024 * R6_10 + 1.500648e-12 * R6_11 + 1.5920374632e-08 * R5_12;
     const double t14 = 1.500648e-12 * R6_10 + 0.000277599505231564 * R6_11 - 1.0613583088e-08 * R5_12;
-    const double t15 = 1.5920374632e-08 * R6_10 - 1.0613583088e-08 * R6_11 + 0.000288000003251404
-        * R5_12;
+    const double t15 = 1.5920374632e-08 * R6_10 - 1.0613583088e-08 * R6_11
+        + 0.000288000003251404 * R5_12;
     const double I6_11 = R6_10 * t13 + R6_11 * t14 + R5_12 * t15 + (t12 - (p6_1 * t7 + p6_1 * m6_1));
     const double I6_12 = R6_20 * t13 + R6_21 * t14 + R5_22 * t15 - (p6_2 * t7 + p6_1 * m6_2);
-    const double I6_22 = R6_20 * (0.000277599503981024 * R6_20 + 1.500648e-12 * R6_21 + 1.5920374632e-08
-        * R5_22) + R6_21 * (1.500648e-12 * R6_20 + 0.000277599505231564 * R6_21 - 1.0613583088e-08
-        * R5_22) + R5_22 * (1.5920374632e-08 * R6_20 - 1.0613583088e-08 * R6_21 + 0.000288000003251404
-        * R5_22) + (t12 - (p6_2 * t8 + p6_2 * m6_2));
+    const double I6_22 = R6_20 * (0.000277599503981024 * R6_20 + 1.500648e-12 * R6_21
+        + 1.5920374632e-08 * R5_22) + R6_21 * (1.500648e-12 * R6_20 + 0.000277599505231564 * R6_21
+        - 1.0613583088e-08 * R5_22) + R5_22 * (1.5920374632e-08 * R6_20 - 1.0613583088e-08 * R6_21
+        + 0.000288000003251404 * R5_22) + (t12 - (p6_2 * t8 + p6_2 * m6_2));
 
     /* from joint A6 outwards: first moment m5 [kg m] and inertia I5 [kg m^2] */
     const double t16 = 0.011475660183 * R5_02 - (2.316911e-06 * R5_00 + 0.00074141152 * t4);
@@ -600,20 +600,20 @@ void med7_mass_matrix(const double q[7], double mass_matrix[49])
     const double m5_2 = m6_2 + t21;
     const double t22 = 0.006870076196572799 * R5_00 - 7.4141152e-10 * t4 + 1.1475660183e-08 * R5_02;
     const double t23 = 7.4141152e-10 * R5_00 - 0.00661583894720331 * t4 + 0.00029632778874144 * R5_02;
-    const double t24 = 1.1475660183e-08 * R5_00 - 0.00029632778874144 * t4 + 0.004462237254003311
-        * R5_02;
+    const double t24 = 1.1475660183e-08 * R5_00 - 0.00029632778874144 * t4
+        + 0.004462237254003311 * R5_02;
     const double t25 = p4_0 * (t16 + t17) + p4_1 * (t18 + t19) + p4_2 * (t20 + t21);
-    const double I5_00 = I6_00 + (R5_00 * t22 - t4 * t23 + R5_02 * t24 + (t25 - (p4_0 * t16 + p4_0
-        * t17)));
+    const double I5_00 = I6_00 + (R5_00 * t22 - t4 * t23 + R5_02 * t24 + (t25 - (p4_0 * t16
+        + p4_0 * t17)));
     const double I5_01 = I6_01 + (R5_10 * t22 + R4_11 * t23 + R5_12 * t24 - (p4_1 * t16 + p4_0 * t19));
     const double I5_02 = I6_02 + (R5_20 * t22 + R4_21 * t23 + R5_22 * t24 - (p4_2 * t16 + p4_0 * t21));
     const double t26 = 0.006870076196572799 * R5_10 + 7.4141152e-10 * R4_11 + 1.1475660183e-08 * R5_12;
-    const double t27 = 7.4141152e-10 * R5_10 + 0.00661583894720331 * R4_11 + 0.00029632778874144
-        * R5_12;
-    const double t28 = 1.1475660183e-08 * R5_10 + 0.00029632778874144 * R4_11 + 0.004462237254003311
-        * R5_12;
-    const double I5_11 = I6_11 + (R5_10 * t26 + R4_11 * t27 + R5_12 * t28 + (t25 - (p4_1 * t18 + p4_1
-        * t19)));
+    const double t27 = 7.4141152e-10 * R5_10 + 0.00661583894720331 * R4_11
+        + 0.00029632778874144 * R5_12;
+    const double t28 = 1.1475660183e-08 * R5_10 + 0.00029632778874144 * R4_11
+        + 0.004462237254003311 * R5_12;
+    const double I5_11 = I6_11 + (R5_10 * t26 + R4_11 * t27 + R5_12 * t28 + (t25 - (p4_1 * t18
+        + p4_1 * t19)));
     const double I5_12 = I6_12 + (R5_20 * t26 + R4_21 * t27 + R5_22 * t28 - (p4_2 * t18 + p4_1 * t21));
     const double I5_22 = I6_22 + (R5_20 * (0.006870076196572799 * R5_20 + 7.4141152e-10 * R4_21
         + 1.1475660183e-08 * R5_22) + R4_21 * (7.4141152e-10 * R5_20 + 0.00661583894720331 * R4_21
@@ -634,19 +634,20 @@ void med7_mass_matrix(const double q[7], double mass_matrix[49])
     const double t36 = 0.002405836023791616 * R3_02 + 0.02679355105127987 * t4;
     const double t37 = 0.005020122913230848 * R3_02 + 0.002405836023791616 * t4;
     const double t38 = p4_0 * (t29 + t30) + p4_1 * (t32 - t31) + p4_2 * (t34 - t33);
-    const double I4_00 = I5_00 + (R4_00 * t35 + t4 * t36 + R3_02 * t37 + (t38 - (p4_0 * t29 + p4_0
-        * t30)));
+    const double I4_00 = I5_00 + (R4_00 * t35 + t4 * t36 + R3_02 * t37 + (t38 - (p4_0 * t29
+        + p4_0 * t30)));
     const double I4_01 = I5_01 + (R4_10 * t35 - R4_11 * t36 + R3_12 * t37 - (p4_1 * t29 + p4_0 * t32));
     const double I4_02 = I5_02 + (R4_20 * t35 - R4_21 * t36 + R3_22 * t37 - (p4_2 * t29 + p4_0 * t34));
     const double t39 = 0.02940467396451072 * R4_10;
     const double t40 = 0.02679355105127987 * R4_11 - 0.002405836023791616 * R3_12;
     const double t41 = 0.005020122913230848 * R3_12 - 0.002405836023791616 * R4_11;
-    const double I4_11 = I5_11 + (R4_10 * t39 + R4_11 * t40 + R3_12 * t41 + (t38 - (p4_1 * t32 - p4_1
-        * t31)));
+    const double I4_11 = I5_11 + (R4_10 * t39 + R4_11 * t40 + R3_12 * t41 + (t38 - (p4_1 * t32
+        - p4_1 * t31)));
     const double I4_12 = I5_12 + (R4_20 * t39 + R4_21 * t40 + R3_22 * t41 - (p4_1 * t34 - p4_2 * t31));
-    const double I4_22 = I5_22 + (R4_20 * (0.02940467396451072 * R4_20) + R4_21 * (0.02679355105127987
-        * R4_21 - 0.002405836023791616 * R3_22) + R3_22 * (0.005020122913230848 * R3_22
-        - 0.002405836023791616 * R4_21) + (t38 - (p4_2 * t34 - p4_2 * t33)));
+    const double I4_22 = I5_22 + (R4_20 * (0.02940467396451072 * R4_20)
+        + R4_21 * (0.02679355105127987 * R4_21 - 0.002405836023791616 * R3_22)
+        + R3_22 * (0.005020122913230848 * R3_22 - 0.002405836023791616 * R4_21) + (t38 - (p4_2 * t34
+        - p4_2 * t33)));
 
     /* from joint A4 outwards: first moment m3 [kg m] and inertia I3 [kg m^2] */
     const double t42 = 0.337900117984 * R3_02 + 0.113844637423 * t3;
@@ -662,19 +663,20 @@ void med7_mass_matrix(const double q[7], double mass_matrix[49])
     const double t49 = 0.004222108156105312 * R3_02 - 0.058371387858000896 * t3;
     const double t50 = 0.01264785096403194 * R3_02 - 0.004222108156105312 * t3;
     const double t51 = p2_0 * (t42 + t43) + p2_1 * (t44 + t45) + p2_2 * (t46 + t47);
-    const double I3_00 = I4_00 + (R3_00 * t48 - t3 * t49 + R3_02 * t50 + (t51 - (p2_0 * t42 + p2_0
-        * t43)));
+    const double I3_00 = I4_00 + (R3_00 * t48 - t3 * t49 + R3_02 * t50 + (t51 - (p2_0 * t42
+        + p2_0 * t43)));
     const double I3_01 = I4_01 + (R3_10 * t48 + R2_11 * t49 + R3_12 * t50 - (p2_1 * t42 + p2_0 * t45));
     const double I3_02 = I4_02 + (R3_20 * t48 + R2_21 * t49 + R3_22 * t50 - (p2_2 * t42 + p2_0 * t47));
     const double t52 = 0.06326023882203284 * R3_10;
     const double t53 = 0.058371387858000896 * R2_11 + 0.004222108156105312 * R3_12;
     const double t54 = 0.004222108156105312 * R2_11 + 0.01264785096403194 * R3_12;
-    const double I3_11 = I4_11 + (R3_10 * t52 + R2_11 * t53 + R3_12 * t54 + (t51 - (p2_1 * t44 + p2_1
-        * t45)));
+    const double I3_11 = I4_11 + (R3_10 * t52 + R2_11 * t53 + R3_12 * t54 + (t51 - (p2_1 * t44
+        + p2_1 * t45)));
     const double I3_12 = I4_12 + (R3_20 * t52 + R2_21 * t53 + R3_22 * t54 - (p2_2 * t44 + p2_1 * t47));
-    const double I3_22 = I4_22 + (R3_20 * (0.06326023882203284 * R3_20) + R2_21 * (0.058371387858000896
-        * R2_21 + 0.004222108156105312 * R3_22) + R3_22 * (0.004222108156105312 * R2_21
-        + 0.01264785096403194 * R3_22) + (t51 - (p2_2 * t46 + p2_2 * t47)));
+    const double I3_22 = I4_22 + (R3_20 * (0.06326023882203284 * R3_20)
+        + R2_21 * (0.058371387858000896 * R2_21 + 0.004222108156105312 * R3_22)
+        + R3_22 * (0.004222108156105312 * R2_21 + 0.01264785096403194 * R3_22) + (t51 - (p2_2 * t46
+        + p2_2 * t47)));
 
     /* from joint A3 outwards: first moment m2 [kg m] and inertia I2 [kg m^2] */
     const double t55 = 0.226391002299 * R1_02 + 0.113910323681 * t3;
@@ -690,15 +692,15 @@ void med7_mass_matrix(const double q[7], double mass_matrix[49])
     const double t62 = 0.004222708309048881 * R1_02 - 0.0353334837500931 * t3;
     const double t63 = 0.011256243560248739 * R1_02 - 0.004222708309048881 * t3;
     const double t64 = p2_0 * (t56 - t55) + p2_1 * (t57 + t58) + p2_2 * (t59 + t60);
-    const double I2_00 = I3_00 + (R2_00 * t61 - t3 * t62 + R1_02 * t63 + (t64 - (p2_0 * t56 - p2_0
-        * t55)));
+    const double I2_00 = I3_00 + (R2_00 * t61 - t3 * t62 + R1_02 * t63 + (t64 - (p2_0 * t56
+        - p2_0 * t55)));
     const double I2_01 = I3_01 + (R2_10 * t61 + R2_11 * t62 + R1_12 * t63 - (p2_0 * t58 - p2_1 * t55));
     const double I2_02 = I3_02 + (R2_21 * t62 - t2 * t61 + c1 * t63 - (p2_0 * t60 - p2_2 * t55));
     const double t65 = 0.040243727310341836 * R2_10;
     const double t66 = 0.0353334837500931 * R2_11 + 0.004222708309048881 * R1_12;
     const double t67 = 0.004222708309048881 * R2_11 + 0.011256243560248739 * R1_12;
-    const double I2_11 = I3_11 + (R2_10 * t65 + R2_11 * t66 + R1_12 * t67 + (t64 - (p2_1 * t57 + p2_1
-        * t58)));
+    const double I2_11 = I3_11 + (R2_10 * t65 + R2_11 * t66 + R1_12 * t67 + (t64 - (p2_1 * t57
+        + p2_1 * t58)));
     const double I2_12 = I3_12 + (R2_21 * t66 - t2 * t65 + c1 * t67 - (p2_2 * t57 + p2_1 * t60));
     const double I2_22 = I3_22 + (t2 * (0.040243727310341836 * t2) + R2_21 * (0.0353334837500931 * R2_21
         + 0.004222708309048881 * c1) + c1 * (0.004222708309048881 * R2_21 + 0.011256243560248739 * c1)
@@ -723,8 +725,8 @@ void med7_mass_matrix(const double q[7], double mass_matrix[49])
     const double I1_02 = I2_02 + (c1 * t74 - s1 * t72 - 0.34 * t68);
     const double t78 = 0.0632652556567108 * R1_10;
     const double t79 = 0.012651852680191637 * R1_12 - 0.004222113249806496 * c0;
-    const double I1_11 = I2_11 + (R1_10 * t78 + c0 * (0.05837340297651917 * c0 - 0.004222113249806496
-        * R1_12) + R1_12 * t79 + t77);
+    const double I1_11 = I2_11 + (R1_10 * t78 + c0 * (0.05837340297651917 * c0
+        - 0.004222113249806496 * R1_12) + R1_12 * t79 + t77);
     const double I1_12 = I2_12 + (c1 * t79 - s1 * t78 - 0.34 * t69);
     const double I1_22 = I2_22 + (s1 * (0.0632652556567108 * s1) + c1 * (0.012651852680191637 * c1)
         + (t76 - (0.11488609923648001 * c1 + 0.34 * t71)));
@@ -841,8 +843,8 @@ void med7_mass_matrix(const double q[7], double mass_matrix[49])
     /* M_ij = J_i . h_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            mass_matrix[N * i + j] = J[0][i] * h[0][j] + J[1][i] * h[1][j] + J[2][i] * h[2][j] + J[3][i]
-                * h[3][j] + J[4][i] * h[4][j] + J[5][i] * h[5][j];
+            mass_matrix[N * i + j] = J[0][i] * h[0][j] + J[1][i] * h[1][j] + J[2][i] * h[2][j]
+                + J[3][i] * h[3][j] + J[4][i] * h[4][j] + J[5][i] * h[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             mass_matrix[N * j + i] = mass_matrix[N * i + j];
@@ -915,9 +917,9 @@ void med7_body_kinematic_stiffness(const double q[7], const double wrench[6], do
     /* Kkin_ij = J_i . z_j for i<j */
     for (int i = 0; i < N; ++i) {
         for (int j = i + 1; j < N; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_beyond[0][j] + J[1][i] * z_beyond[1][j] + J[2][i]
-                * z_beyond[2][j] + J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j] + J[5][i]
-                * z_beyond[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_beyond[0][j] + J[1][i] * z_beyond[1][j]
+                + J[2][i] * z_beyond[2][j] + J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j]
+                + J[5][i] * z_beyond[5][j];
         }
     }
 
@@ -1043,25 +1045,25 @@ void med7_body_joint_stiffness(const double q[7], const double wrench[6], const 
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i>=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = 0; j < i; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1092,18 +1094,18 @@ void med7_body_joint_stiffness_uncorrected(const double q[7], const double wrenc
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1120,8 +1122,8 @@ void med7_body_joint_stiffness_uncorrected(const double q[7], const double wrenc
     for (int i = 0; i < N; ++i) {
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1139,8 +1141,8 @@ void med7_body_joint_stiffness_uncorrected(const double q[7], const double wrenc
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j <= i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }
@@ -1218,9 +1220,9 @@ void med7_spatial_kinematic_stiffness(const double q[7], const double wrench[6],
     /* Kkin_ij = J_i . z_j for i>j */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j] + J[2][i]
-                * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j] + J[5][i]
-                * z_before[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j]
+                + J[2][i] * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j]
+                + J[5][i] * z_before[5][j];
         }
     }
 }
@@ -1339,25 +1341,25 @@ void med7_spatial_joint_stiffness(const double q[7], const double wrench[6], con
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1388,18 +1390,18 @@ void med7_spatial_joint_stiffness_uncorrected(const double q[7], const double wr
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1416,8 +1418,8 @@ void med7_spatial_joint_stiffness_uncorrected(const double q[7], const double wr
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1435,8 +1437,8 @@ void med7_spatial_joint_stiffness_uncorrected(const double q[7], const double wr
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }
@@ -1504,8 +1506,8 @@ void med7_hybrid_kinematic_stiffness(const double q[7], const double wrench[6], 
     /* Kkin_ij = J_i . z_j for i<=j */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            kinematic_stiffness[N * i + j] = J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j] + J[5][i]
-                * z_beyond[5][j];
+            kinematic_stiffness[N * i + j] = J[3][i] * z_beyond[3][j] + J[4][i] * z_beyond[4][j]
+                + J[5][i] * z_beyond[5][j];
         }
     }
 
@@ -1522,9 +1524,9 @@ void med7_hybrid_kinematic_stiffness(const double q[7], const double wrench[6], 
     /* Kkin_ij = J_i . z_j for i>j */
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
-            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j] + J[2][i]
-                * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j] + J[5][i]
-                * z_before[5][j];
+            kinematic_stiffness[N * i + j] = J[0][i] * z_before[0][j] + J[1][i] * z_before[1][j]
+                + J[2][i] * z_before[2][j] + J[3][i] * z_before[3][j] + J[4][i] * z_before[4][j]
+                + J[5][i] * z_before[5][j];
         }
     }
 }
@@ -1643,25 +1645,25 @@ void med7_hybrid_joint_stiffness(const double q[7], const double wrench[6], cons
 
     /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j] + A[0][4]
-            * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3] + J[4][j]
-            * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3] + J[4][j]
-            * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3] + J[4][j]
-            * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3] + J[4][j]
-            * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3] + J[4][j]
-            * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
+        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
+            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
+        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
+            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
+        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
+            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
+        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
+            + J[4][j] * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
+        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
+            + J[4][j] * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
+        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
+            + J[4][j] * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
-            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j] + J[3][i]
-                * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
+            joint_stiffness[N * i + j] = J[0][i] * u[0][j] + J[1][i] * u[1][j] + J[2][i] * u[2][j]
+                + J[3][i] * u[3][j] + J[4][i] * u[4][j] + J[5][i] * u[5][j];
         }
         for (int j = i + 1; j < N; ++j) {
             joint_stiffness[N * j + i] = joint_stiffness[N * i + j];
@@ -1692,18 +1694,18 @@ void med7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wre
 
     /* y_j = K J_j */
     for (int j = 0; j < N; ++j) {
-        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j] + K[0][4]
-            * J[4][j] + K[0][5] * J[5][j];
-        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3] + J[4][j]
-            * K[1][4] + J[5][j] * K[1][5];
-        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3] + J[4][j]
-            * K[2][4] + J[5][j] * K[2][5];
-        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3] + J[4][j]
-            * K[3][4] + J[5][j] * K[3][5];
-        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3] + J[4][j]
-            * K[4][4] + J[5][j] * K[4][5];
-        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3] + J[4][j]
-            * K[5][4] + J[5][j] * K[5][5];
+        y[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        y[1][j] = J[0][j] * K[1][0] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        y[2][j] = J[0][j] * K[2][0] + J[1][j] * K[2][1] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        y[3][j] = J[0][j] * K[3][0] + J[1][j] * K[3][1] + J[2][j] * K[3][2] + J[3][j] * K[3][3]
+            + J[4][j] * K[3][4] + J[5][j] * K[3][5];
+        y[4][j] = J[0][j] * K[4][0] + J[1][j] * K[4][1] + J[2][j] * K[4][2] + J[3][j] * K[4][3]
+            + J[4][j] * K[4][4] + J[5][j] * K[4][5];
+        y[5][j] = J[0][j] * K[5][0] + J[1][j] * K[5][1] + J[2][j] * K[5][2] + J[3][j] * K[5][3]
+            + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
@@ -1720,8 +1722,8 @@ void med7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wre
     for (int i = 0; i < N; ++i) {
         for (int j = i; j < N; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_beyond[0][j] + J[1][i] * u_beyond[1][j]
-                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j] + J[5][i]
-                * u_beyond[5][j];
+                + J[2][i] * u_beyond[2][j] + J[3][i] * u_beyond[3][j] + J[4][i] * u_beyond[4][j]
+                + J[5][i] * u_beyond[5][j];
         }
     }
 
@@ -1739,8 +1741,8 @@ void med7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wre
     for (int i = 0; i < N; ++i) {
         for (int j = 0; j < i; ++j) {
             joint_stiffness_uncorrected[N * i + j] = J[0][i] * u_before[0][j] + J[1][i] * u_before[1][j]
-                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j] + J[5][i]
-                * u_before[5][j];
+                + J[2][i] * u_before[2][j] + J[3][i] * u_before[3][j] + J[4][i] * u_before[4][j]
+                + J[5][i] * u_before[5][j];
         }
     }
 }

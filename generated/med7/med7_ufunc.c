@@ -75,7 +75,7 @@ static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps,
     const npy_intp count = dimensions[0];
     const npy_intp *core_steps[MAX_OPERANDS];
     const double *in[MAX_OPERANDS];
-    double *packed[MAX_OPERANDS] = {NULL, NULL, NULL, NULL};
+    double *packed[MAX_OPERANDS] = {NULL};
     char *block[MAX_OPERANDS];
     double *buffer = NULL;
     npy_intp needed = 0;
@@ -729,13 +729,16 @@ static kernel kernels[] = {
 enum { KERNELS = sizeof kernels / sizeof kernels[0] };
 
 static PyUFuncGenericFunction loops[] = {loop};
-static char types[MAX_OPERANDS] = {NPY_DOUBLE, NPY_DOUBLE, NPY_DOUBLE, NPY_DOUBLE};
+static char types[MAX_OPERANDS];
 static void *data[KERNELS];
 
 static int execute(PyObject *module)
 {
     if (PyArray_ImportNumPyAPI() < 0 || PyUFunc_ImportUFuncAPI() < 0) {
         return -1;
+    }
+    for (int o = 0; o < MAX_OPERANDS; ++o) {
+        types[o] = NPY_DOUBLE;
     }
     for (int i = 0; i < KERNELS; ++i) {
         const kernel *k = &kernels[i];

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -9,9 +10,9 @@ import casadi as ca
 
 from stiffgen.chain import Chain
 from stiffgen.emit.expressions import Named, Operations, Printed, print_statements
-from stiffgen.emit.names import comment
-from stiffgen.kernels import KERNELS, Kernel
-from stiffgen.program import Array, Gather, Map, Operand, Recursion, as_operand, operand_shape
+from stiffgen.kernels import Kernel, chain_kernels
+from stiffgen.names import c_comment
+from stiffgen.program import Array, Gather, Map, Operand, Recursion, Step, Sum, as_operand, operand_shape
 
 
 @dataclass(frozen=True)
@@ -26,57 +27,92 @@ class Function:
 
 
 @dataclass(frozen=True)
+class Scope:
+    """The chain that functions are about, and the prefix of what is internal to it."""
+
+    chain: Chain
+    prefix: str
+
+    @property
+    def size(self) -> str:
+        """C name of the number of moving joints."""
+        return f"{self.prefix}M" if self.chain.coupled else "N"
+
+
+@dataclass(frozen=True)
 class Code:
     """The functions of one robot: internal pose recursions, and one public function a kernel."""
 
-    recursions: tuple[Function, ...]
+    scopes: tuple[Scope, ...]
+    recursions: tuple[tuple[Scope, Function], ...]
     kernels: tuple[tuple[Kernel, Function], ...]
-    guards_coordinates: bool
 
 
-def print_chain(chain: Chain) -> Code:
-    """Print every kernel of a chain."""
-    printer = _ChainPrinter(chain)
-    kernels = tuple((kernel, printer.kernel(kernel)) for kernel in KERNELS)
-    return Code(tuple(printer.recursions.values()), kernels, bool(printer.guarded))
+def print_chain(chain: Chain, name: str) -> Code:
+    """Print every kernel of a chain; ``name`` is the prefix of public functions."""
+    printer = _ChainPrinter(chain, name)
+    kernels = tuple((kernel, printer.kernel(kernel)) for kernel in chain_kernels(chain))
+    return Code(tuple(printer.scopes.values()), tuple(printer.recursions.values()), kernels)
 
 
 class _ChainPrinter:
-    def __init__(self, chain: Chain) -> None:
+    def __init__(self, chain: Chain, name: str) -> None:
         self.chain = chain
-        self.m = len(chain.joints)
-        self.recursions: dict[str, Function] = {}
-        # A sliding joint's coordinate enters linearly: without a guard, infinity would stay infinity.
-        self.guarded = sorted({joint.coordinate for joint in chain.joints if joint.prismatic})
+        self.name = name
+        self.scopes: dict[str, Scope] = {}
+        self.recursions: dict[str, tuple[Scope, Function]] = {}
+        self.finished: dict[str, Operations] = {}  # public functions printed so far
 
     def kernel(self, kernel: Kernel) -> Function:
-        inputs = tuple(argument.array(self.chain) for argument in kernel.arguments)
-        body = _Body(self, kernel, inputs)
-        for step in kernel.program(self.chain):
+        prefix = f"{kernel.tip.name}_" if kernel.tip else ""
+        scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix))
+        body = _Body(self, scope, kernel)
+        for step in kernel.steps(self.chain):
             body.step(step)
-        return body.function()
+        function = body.function()
+        self.finished[function.name] = function.operations
+        return function
 
-    def recursion(self, step: Recursion) -> Function:
+    def recursion(self, scope: Scope, step: Recursion) -> Function:
         """The internal function of a shared recursion, printed once however many kernels call it."""
-        if step.name not in self.recursions:
+        name = scope.prefix + step.name
+        if name not in self.recursions:
             (target,) = step.targets
-            lines, operations = self.recursion_body(step, lambda array, k: element(array, k))
-            q = Array("q", (self.chain.dof,))
-            self.recursions[step.name] = Function(step.name, (q,), target, tuple(lines), operations)
-        return self.recursions[step.name]
+            lines, operations = recursion_body(scope.chain, step, element)
+            self.recursions[name] = scope, Function(name, step.arguments, target, tuple(lines), operations)
+        return self.recursions[name][1]
 
-    def recursion_body(self, step: Recursion, lvalue: Callable[[Array, int], str]) -> tuple[list[str], Operations]:
-        """Statements of a recursion, writing entry k of a target to ``lvalue(target, k)``."""
-        q = ca.SX.sym("q", self.chain.dof)
-        expressions = step.expressions(self.chain, q)
-        inputs = [(q[k], f"q{k}" if k in self.guarded else f"q[{k}]") for k in range(self.chain.dof)]
-        dense = ca.densify(expressions.result)
-        entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
-        places = [lvalue(target, k) for target in step.targets for k in range(target.size)]
-        named = [Named(comment(section.title), _scalars(section.values)) for section in expressions.sections]
-        printed = print_statements(inputs, list(zip(places, entries, strict=True)), named, heading=step.heading)
-        guards = [f"const double q{k} = finite_or_nan(q[{k}]);" for k in self.guarded]
-        return [*guards, *printed.lines], printed.operations
+
+def recursion_body(chain: Chain, step: Recursion, lvalue: Callable[[Array, int], str]) -> tuple[list[str], Operations]:
+    """Statements of a recursion, writing entry k of a target to ``lvalue(target, k)``."""
+    # What enters linearly is guarded: a sliding joint's coordinate, a tool's pose. Sines turn infinity into NaN.
+    sliding = {joint.coordinate for joint in chain.joints if joint.prismatic}
+    given, inputs, guards = [], [], {}
+    for array in step.arguments:
+        symbols = []
+        for k in range(array.size):
+            symbol = ca.SX.sym(f"{array.name}{k}")
+            symbols.append(symbol)
+            text = f"{array.name}[{k}]"
+            if array.name != "q" or k in sliding:
+                local = f"q{k}" if array.name == "q" else "T{}{}".format(*divmod(k, array.shape[1]))
+                guards[local] = text
+                text = local
+            inputs.append((symbol, text))
+        given.append(as_operand(array.shape, symbols))
+    expressions = step.expressions(chain, *given)
+    dense = ca.densify(expressions.result)
+    entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
+    places = [lvalue(target, k) for target in step.targets for k in range(target.size)]
+    named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
+    printed = print_statements(inputs, list(zip(places, entries, strict=True)), named, heading=step.heading)
+    text = "\n".join(printed.lines)
+    used = {local: source for local, source in guards.items() if re.search(rf"\b{local}\b", text)}
+    lines = [f"const double {local} = finite_or_nan({source});" for local, source in used.items()]
+    unused = [
+        f"(void){array.name};" for array in step.arguments if not re.search(rf"\b{array.name}\[", text + str(used))
+    ]
+    return [*lines, *unused, *printed.lines], printed.operations
 
 
 def element(array: Array, k: int) -> str:
@@ -106,18 +142,21 @@ _NOTATION = {"wrench": "F", "task_stiffness": "K"}
 class _Body:
     """Collects the declarations and statements of one kernel."""
 
-    def __init__(self, printer: _ChainPrinter, kernel: Kernel, inputs: tuple[Array, ...]) -> None:
+    def __init__(self, printer: _ChainPrinter, scope: Scope, kernel: Kernel) -> None:
         self.printer = printer
+        self.scope = scope
         self.kernel = kernel
-        self.inputs = inputs
+        self.inputs = tuple(argument.array(printer.chain) for argument in kernel.arguments)
         self.result = kernel.result.array(printer.chain)
         self.declarations: list[str] = []
         self.lines: list[str] = []
         self.operations = Operations()
         self.zero_rows: dict[str, set[int]] = {}
         self.copies: dict[str, Array] = {}
-        for array in inputs:
-            if array.name != "q":
+        steps = kernel.steps(printer.chain)
+        read = {operand.array.name for step in steps if isinstance(step, Map) for operand in step.operands}
+        for array in self.inputs:
+            if array.name in read:
                 self._copy_guarded(array)
 
     def _copy_guarded(self, array: Array) -> None:
@@ -146,9 +185,12 @@ class _Body:
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
         return Function(self.kernel.qualified_name, self.inputs, self.result, lines, self.operations)
 
-    def step(self, step: Recursion | Map | Gather) -> None:
+    def step(self, step: Step) -> None:
+        """Print one step of the kernel's program."""
         if isinstance(step, Recursion):
             self._recursion(step)
+        elif isinstance(step, Sum):
+            self._sum(step)
         elif isinstance(step, Gather):
             self._gather(step)
         else:
@@ -160,13 +202,17 @@ class _Body:
                 self._declare(target)
         if step.name:
             (target,) = step.targets
-            operations = self.printer.recursion(step).operations
+            function = self.printer.recursion(self.scope, step)
+            operations = function.operations
             # The public array is flat; the recursion fills it by rows of the same length.
             into = f"(double (*)[{target.shape[1]}]){target.name}" if self._public(target) else target.name
-            self.lines.append(f"{step.name}(q, {into});")
+            given = ", ".join(array.name for array in step.arguments)
+            self.lines.append(f"{function.name}({given}, {into});")
         else:
-            lines, operations = self.printer.recursion_body(
-                step, lambda array, k: f"{array.name}[{k}]" if self._public(array) else element(array, k)
+            lines, operations = recursion_body(
+                self.scope.chain,
+                step,
+                lambda array, k: f"{array.name}[{k}]" if self._public(array) else element(array, k),
             )
             self.lines += lines
         self.operations = self.operations + operations
@@ -207,16 +253,25 @@ class _Body:
             self._declare(target.array)
         outputs = [(self._text(target, k), value) for k, value in enumerate(results) if k not in zeros]
         printed = print_statements(inputs, outputs)
-        self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.printer.m)))
+        self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
         self.lines += self._loops(step, printed)
 
     def _loops(self, step: Map, printed: Printed) -> list[str]:
-        size = self._size
+        size = self.scope.size
         if step.over == "":
             return printed.lines
         if step.over == "j":
             return [f"for (int j = 0; j < {size}; ++j) {{", *_indented(printed.lines, 1), "}"]
+        if step.over == "i on the way to j":
+            mirrored = [f"{self._pair(step.target.array, 'j', 'i')} = {self._pair(step.target.array, 'i', 'j')};"]
+            return [
+                f"for (int j = 0; j < {size}; ++j) {{",
+                f"    for (int i = j; i >= 0; i = {self.scope.prefix}parent_of[i]) {{",
+                *_indented([*printed.lines, *(mirrored if step.mirror else [])], 2),
+                "    }",
+                "}",
+            ]
         ranges = {
             "i<=j": f"for (int j = i; j < {size}; ++j) {{",
             "i<j": f"for (int j = i + 1; j < {size}; ++j) {{",
@@ -234,13 +289,9 @@ class _Body:
             lines += [f"    {ranges[strict]}", f"        {copied} = {kept};", "    }"]
         return [*lines, "}"]
 
-    @property
-    def _size(self) -> str:
-        return "M" if self.printer.chain.coupled else "N"
-
     def _pair(self, array: Array, first: str, second: str) -> str:
         if self._public(array):
-            return f"{array.name}[{self._size} * {first} + {second}]"
+            return f"{array.name}[{self.scope.size} * {first} + {second}]"
         return f"{array.name}[{first}][{second}]"
 
     def _text(self, operand: Operand, k: int) -> str:
@@ -255,7 +306,8 @@ class _Body:
 
     def _gather(self, step: Gather) -> None:
         source, target = step.source, step.target
-        m = len(self.printer.chain.joints)
+        chain = self.scope.chain
+        m, M, prefix = len(chain.joints), self.scope.size, self.scope.prefix
         self.lines += [
             "",
             "/* joints that move together share a coordinate */",
@@ -267,15 +319,16 @@ class _Body:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             self.lines += [
                 f"for (int k = 0; k < {source.shape[0]}; ++k) {{",
-                "    for (int j = 0; j < M; ++j) {",
-                f"        {target.name}[N * k + coordinate_of[j]] += multiplier_of[j] * {source.name}[k][j];",
+                f"    for (int j = 0; j < {M}; ++j) {{",
+                f"        {target.name}[N * k + {prefix}coordinate_of[j]] += "
+                f"{prefix}multiplier_of[j] * {source.name}[k][j];",
                 "    }",
                 "}",
             ]
             return
         depth = source.size // (m * m)
         self.operations = self.operations + Operations(add=source.size, multiply=source.size + m * m)
-        into = "N * coordinate_of[i] + coordinate_of[j]"
+        into = f"N * {prefix}coordinate_of[i] + {prefix}coordinate_of[j]"
         if depth == 1:
             sums = [f"        {target.name}[{into}] += factor * {source.name}[i][j];"]
         else:
@@ -286,9 +339,9 @@ class _Body:
                 "        }",
             ]
         self.lines += [
-            "for (int i = 0; i < M; ++i) {",
-            "    for (int j = 0; j < M; ++j) {",
-            "        const double factor = multiplier_of[i] * multiplier_of[j];",
+            f"for (int i = 0; i < {M}; ++i) {{",
+            f"    for (int j = 0; j < {M}; ++j) {{",
+            f"        const double factor = {prefix}multiplier_of[i] * {prefix}multiplier_of[j];",
             *sums,
             "    }",
             "}",
@@ -301,6 +354,26 @@ class _Body:
                 "    }",
                 "}",
             ]
+
+    def _sum(self, step: Sum) -> None:
+        target = step.target
+        part = Array("part", (target.size,))
+        self._declare(part)
+        for index, term in enumerate(step.terms):
+            given = []
+            for array, source in term.arguments:
+                offset = 0 if source.index is None else source.index * array.size
+                given.append(f"&{source.array.name}[{offset}]" if source.index is not None else source.array.name)
+            into = target.name if index == 0 else part.name
+            self.lines.append(f"{self.printer.name}_{term.function}({', '.join(given)}, {into});")
+            self.operations = self.operations + self.printer.finished[term.function]
+            if index > 0:
+                self.operations = self.operations + Operations(add=target.size)
+                self.lines += [
+                    f"for (int k = 0; k < {target.size}; ++k) {{",
+                    f"    {target.name}[k] += {part.name}[k];",
+                    "}",
+                ]
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

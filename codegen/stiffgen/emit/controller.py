@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from stiffgen.chain import Chain
 from stiffgen.controller import CONFIG, INPUT, MAX_DOF, OUTPUT, STATUS, Field
 
 COPIED = (
@@ -28,9 +29,14 @@ _STRUCTS = (
 )
 
 
-def controller_files(name: str, dof: int) -> dict[str, str]:
-    """Template by file name; empty if the robot has too many coordinates for a controller."""
-    if dof > MAX_DOF:
+def has_controller(chain: Chain) -> bool:
+    """Whether the controller can be made for a robot: one wrench at one tip, and few enough coordinates."""
+    return len(chain.tips) == 1 and not chain.runtime_tool and chain.dof <= MAX_DOF
+
+
+def controller_files(name: str, chain: Chain) -> dict[str, str]:
+    """Template by file name; empty without a controller."""
+    if not has_controller(chain):
         return {}
     return {
         f"{name}_impedance.h": "impedance.h.j2",
@@ -40,11 +46,11 @@ def controller_files(name: str, dof: int) -> dict[str, str]:
     }
 
 
-def controller_context(name: str, dof: int) -> dict[str, Any] | None:
+def controller_context(name: str, chain: Chain) -> dict[str, Any] | None:
     """The variable ``controller`` of the templates; None without a controller."""
-    if dof > MAX_DOF:
+    if not has_controller(chain):
         return None
-    sizes = {"n": dof}
+    sizes = {"n": chain.dof}
     return {
         "compiled": COMPILED,
         "headers": tuple(file for file in COPIED if file.endswith(".h") and not file.endswith("_step.h")),

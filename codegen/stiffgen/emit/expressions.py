@@ -271,7 +271,19 @@ class _Writer:
 
 def wrap(statement: str) -> list[str]:
     """Break a statement before operators so that it fits the page; continuations are indented by four."""
-    pieces = re.split(r" (?=[-+*] (?![^\[]*\]))", statement)
+    lines = _filled(statement, _SUMS)
+    if any(len(line) > _WIDTH for line in lines):
+        lines = _filled(statement, _OPERATORS)
+    return [lines[0], *("    " + line for line in lines[1:])]
+
+
+# An operator outside brackets: no closing bracket follows before an opening one.
+_SUMS = re.compile(r" (?=[-+] (?![^\[]*\]))")
+_OPERATORS = re.compile(r" (?=[-+*] (?![^\[]*\]))")
+
+
+def _filled(statement: str, breaks: re.Pattern[str]) -> list[str]:
+    pieces = breaks.split(statement)
     lines = [pieces[0]]
     for piece in pieces[1:]:
         joined = f"{lines[-1]} {piece}"
@@ -279,7 +291,7 @@ def wrap(statement: str) -> list[str]:
             lines[-1] = joined
         else:
             lines.append(piece)
-    return [lines[0], *("    " + line for line in lines[1:])]
+    return lines
 
 
 def c_double(value: float) -> str:

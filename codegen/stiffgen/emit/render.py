@@ -13,13 +13,13 @@ from typing import Any
 import jinja2
 
 from stiffgen._version import __version__
-from stiffgen.chain import Body, Chain, Coordinate, Joint
+from stiffgen.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.connection import REPRESENTATIONS
-from stiffgen.emit.c import Code, Function, print_chain
+from stiffgen.emit.c import Code, Function, Scope, print_chain
 from stiffgen.emit.controller import COPIED, controller_context, controller_files
 from stiffgen.emit.expressions import Operations, c_double
-from stiffgen.emit.names import c_string, comment
 from stiffgen.kernels import Argument, Kernel
+from stiffgen.names import c_string, comment
 from stiffgen.program import Array
 
 MANIFEST = "manifest.json"
@@ -33,13 +33,13 @@ def render(chain: Chain, name: str) -> dict[str, str]:
 
     Args:
         chain: the robot.
-        name: an identifier (:mod:`stiffgen.emit.names`), the prefix of all C names.
+        name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
 
     Returns:
         Text by file name; the same on every machine.
 
     """
-    code = print_chain(chain)
+    code = print_chain(chain, name)
     context = _context(chain, name, code)
     environment = _environment()
     files = {
@@ -50,7 +50,7 @@ def render(chain: Chain, name: str) -> dict[str, str]:
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
         "README.md": "README.md.j2",
-    } | controller_files(name, chain.dof)
+    } | controller_files(name, chain)
     texts = {
         file: environment.get_template(template).render(context, banner=_banner(file, context["banner_line"]))
         for file, template in files.items()
@@ -86,6 +86,7 @@ def _banner(file: str, line: str) -> str:
 
 
 def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
+    kernels = [_kernel(chain, name, kernel, function) for kernel, function in code.kernels]
     total = sum((function.operations for _, function in code.kernels), Operations())
     return {
         "banner_line": (
@@ -97,22 +98,49 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "version": __version__,
         "robot": chain,
         "n": chain.dof,
-        "controller": controller_context(name, chain.dof),
-        "m": len(chain.joints),
-        "coordinate_of": ", ".join(str(joint.coordinate) for joint in chain.joints),
-        "multiplier_of": ", ".join(c_double(joint.multiplier) for joint in chain.joints),
+        "controller": controller_context(name, chain),
+        "scopes": [_scope(scope) for scope in code.scopes],
         "representations": REPRESENTATIONS,
-        "recursions": [_recursion(function) for function in code.recursions],
-        "kernels": [_kernel(chain, name, kernel, function) for kernel, function in code.kernels],
+        "recursions": [_recursion(scope, function) for scope, function in code.recursions],
+        "kernels": kernels,
+        "groups": _groups(kernels),
+        "public": list(dict.fromkeys(k["tip"] or k["representation"] or k["name"] for k in kernels)),
+        "argument_lists": list(dict.fromkeys(tuple(k["inputs"]) for k in kernels)),
     }
 
 
-def _recursion(function: Function) -> dict[str, Any]:
-    target = function.output
+def _groups(kernels: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Kernels by tip and representation, a tip's own ones before those of its representations."""
+    keys = dict.fromkeys((k["tip"], k["representation"]) for k in kernels)
+    return [
+        {
+            "tip": tip,
+            "representation": representation,
+            "kernels": [k for k in kernels if (k["tip"], k["representation"]) == (tip, representation)],
+        }
+        for tip, representation in keys
+    ]
+
+
+def _scope(scope: Scope) -> dict[str, Any]:
     return {
-        "name": function.name,
-        "title": function.name.removesuffix("_columns"),
-        "parameter": f"{target.name}[{target.shape[0]}][{target.shape[1]}]",
+        "prefix": scope.prefix,
+        "title": comment(scope.chain.tip) if scope.prefix else "",
+        "coupled": scope.chain.coupled,
+        "joints": scope.chain.joints,
+    }
+
+
+def _recursion(scope: Scope, function: Function) -> dict[str, Any]:
+    target = function.output
+    arguments = [f"const double {_declared(array)}" for array in function.inputs]
+    columns = scope.size if target.shape[1] == len(scope.chain.joints) else target.shape[1]
+    result = f"double {target.name}[{target.shape[0]}][{columns}]"
+    tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
+    return {
+        "title": function.name.removeprefix(scope.prefix).removesuffix("_columns"),
+        "tip": tip,
+        "prototype": _fill(f"static void {function.name}(", [*arguments, result]) + ")",
         "lines": function.lines,
         "cost": _cost(function.operations),
     }
@@ -131,6 +159,7 @@ def _kernel(chain: Chain, name: str, kernel: Kernel, function: Function) -> dict
         "name": kernel.name,
         "qualified_name": kernel.qualified_name,
         "representation": kernel.representation,
+        "tip": kernel.tip.name if kernel.tip else "",
         "summary": kernel.summary,
         "equation": kernel.equation,
         "signature": kernel.signature(chain),
@@ -248,16 +277,20 @@ def chain_from_manifest(content: dict[str, Any]) -> Chain:
         return tuple(nested(entry) for entry in value) if isinstance(value, list) else value
 
     def joint(entry: dict[str, Any]) -> Joint:
-        fields = {key: nested(value) for key, value in entry.items()}
-        fields["body"] = Body(**{key: nested(value) for key, value in entry["body"].items()})
-        return Joint(**fields)
+        return Joint(**fields(entry) | {"body": Body(**fields(entry["body"]))})
 
     def coordinate(entry: dict[str, Any]) -> Coordinate:
         limits = {key: float(entry[key]) for key in ("lower", "upper", "velocity", "effort")}
         return Coordinate(name=entry["name"], type=entry["type"], **limits)
 
-    rest = {key: nested(value) for key, value in data.items() if key not in ("joints", "coordinates")}
+    def fields(entry: dict[str, Any]) -> dict[str, Any]:
+        return {key: nested(value) for key, value in entry.items()}
+
+    structured = ("joints", "coordinates", "tips", "tool")
+    rest = fields({key: value for key, value in data.items() if key not in structured})
     return Chain(
+        tips=tuple(Tip(**fields(entry)) for entry in data["tips"]),
+        tool=None if data["tool"] is None else Tool(**fields(data["tool"])),
         joints=tuple(joint(entry) for entry in data["joints"]),
         coordinates=tuple(coordinate(entry) for entry in data["coordinates"]),
         **rest,

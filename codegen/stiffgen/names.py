@@ -1,9 +1,10 @@
 """Names from a robot description, made safe for C, CMake, Python and paths.
 
 A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_]
-become "_" (runs become one, none stay at the ends), a leading digit gets the prefix "robot_", more than 40
-characters are cut, and a word that C, C++, Python or CMake reserve gets the suffix "_robot". Joint and link names
-never become identifiers; they stand in string literals and comments, escaped by the functions below.
+become "_" (runs become one, none stay at the ends; nothing left: "robot"), a leading digit, a word that C, C++,
+Python, CMake or Windows (device names) reserve, and names that start with "stiffgen" get the prefix "robot_", and more
+than 40 characters are cut. The rule leaves its own results as they are. Joint and link names never become identifiers;
+they stand in string literals and comments, escaped by the functions below.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import keyword
 import re
 import unicodedata
 
-from stiffgen.errors import StiffgenError
+from stiffgen.errors import StiffgenError, printable
 
 MAX_LENGTH = 40
 
@@ -24,6 +25,7 @@ _C_AND_CPP = """
     reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast struct switch
     template this thread_local throw true try typedef typeid typename union unsigned using virtual void volatile
     wchar_t while xor xor_eq main errno stdin stdout stderr linux unix math string test all install
+    con prn aux nul com1 com2 com3 com4 com5 com6 com7 com8 com9 lpt1 lpt2 lpt3 lpt4 lpt5 lpt6 lpt7 lpt8 lpt9
 """
 _PYTHON = {word.lower() for word in (*keyword.kwlist, *keyword.softkwlist)}
 _RESERVED = frozenset(_C_AND_CPP.split()) | _PYTHON
@@ -31,12 +33,12 @@ _RESERVED = frozenset(_C_AND_CPP.split()) | _PYTHON
 
 def identifier(name: str) -> str:
     """The identifier that stands for a robot's name (rule in the module's docstring)."""
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    plain = unicodedata.normalize("NFKD", name[:1000]).encode("ascii", "ignore").decode()
     made = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_") or "robot"
-    if made[0].isdigit():
-        made = f"robot_{made}"
     made = made[:MAX_LENGTH].rstrip("_")
-    return f"{made}_robot" if made.lower() in _RESERVED or made.lower().startswith("stiffgen") else made
+    if made[0].isdigit() or made.lower() in _RESERVED or made.lower().startswith("stiffgen"):
+        made = f"robot_{made}"[:MAX_LENGTH].rstrip("_")
+    return made
 
 
 def checked_identifier(name: str) -> str:
@@ -48,7 +50,8 @@ def checked_identifier(name: str) -> str:
     """
     if identifier(name) != name:
         raise StiffgenError(
-            f"--name '{name}' is no usable name for a C library and a Python module; nearest: --name {identifier(name)}"
+            f"--name '{printable(name)}' is no usable name for a C library and a Python module; "
+            f"nearest: --name {identifier(name)}"
         )
     return name
 
@@ -61,5 +64,10 @@ def c_string(text: str) -> str:
 
 def comment(text: str) -> str:
     """Text that can stand in a C or CMake comment, in Markdown or a docstring: printable ASCII without markup."""
-    plain = "".join(c if " " <= c <= "~" and c not in '*\\`<>|"?#@$' else "_" for c in text)
+    plain = "".join(c if " " <= c <= "~" and c not in '*\\`<>|"?#@$[]' else "_" for c in text)
     return plain[:80] or "_"
+
+
+def c_comment(text: str) -> str:
+    """A line of our own with names from a file in it, made safe for a C comment: no end of comment, no line splice."""
+    return "".join(c if " " <= c <= "~" and c not in "*\\?" else "_" for c in text)

@@ -1,0 +1,142 @@
+"""A chain of a URDF by Pinocchio, read apart from stiffgen: tree, mimic relations and order of q by ElementTree.
+
+Pinocchio ignores ``<mimic>`` here (its default): every joint is free, and the follower's relation to its master comes
+in through the coupling matrix, positions = C q + offset. Joints off the chain stand at their offsets.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+MOVING = ("revolute", "continuous", "prismatic")
+FRAMES = {"body": pin.LOCAL, "spatial": pin.WORLD, "hybrid": pin.LOCAL_WORLD_ALIGNED}
+
+
+@dataclass
+class State:
+    """What Pinocchio says at one q: pose (4,4), mass matrix (n,n), and by representation J (6,n) and dJ/dq (n,6,n)."""
+
+    pose: np.ndarray
+    mass_matrix: np.ndarray
+    jacobian: dict[str, np.ndarray]
+    derivative: dict[str, np.ndarray]
+
+    def joint_stiffness(self, representation: str, wrench: np.ndarray, corrected_stiffness: np.ndarray) -> np.ndarray:
+        """dJ^T/dq F + J^T (K + Gamma F) J, for a given K + Gamma F."""
+        J = self.jacobian[representation]
+        kinematic = np.stack([dJ.T @ wrench for dJ in self.derivative[representation]], axis=1)
+        return kinematic + J.T @ corrected_stiffness @ J
+
+
+def readable_by_pinocchio(xml: str | bytes, masses: bool = True) -> ET.Element:
+    """The tree with links, inertials (on request) and joints alone, and the limits that urdfdom insists on."""
+    source = ET.fromstring(xml)
+    robot = ET.Element("robot", {"name": source.get("name") or "robot"})
+    for link in source.findall("link"):
+        kept = ET.SubElement(robot, "link", {"name": link.get("name", "")})
+        inertial = link.find("inertial")
+        if inertial is not None and masses:
+            for number in inertial:  # urdfdom drops an inertial for a blank behind a number
+                number.attrib.update({key: value.strip() for key, value in number.attrib.items()})
+            kept.append(inertial)
+    for joint in source.findall("joint"):
+        kept = ET.SubElement(robot, "joint", dict(joint.attrib))
+        moving = joint.get("type") in MOVING
+        for tag in ("origin", "parent", "child", "mimic", *(("axis",) if moving else ())):
+            child = joint.find(tag)
+            if child is not None:
+                kept.append(child)
+        if moving:
+            ET.SubElement(kept, "limit", {"lower": "-9", "upper": "9", "velocity": "9", "effort": "9"})
+    return robot
+
+
+class PinocchioChain:
+    """Raises ValueError where Pinocchio itself does not read the robot, or a mimic relation is broken."""
+
+    def __init__(self, xml: str | bytes, tip: str, base: str | None = None, *, masses: bool = True) -> None:
+        self.xml = readable_by_pinocchio(xml, masses)
+        self.joints = {joint.get("name", ""): joint for joint in self.xml.findall("joint")}
+        above = {joint.find("child").get("link"): joint for joint in self.joints.values()}
+        path, link = [], tip
+        while link in above and link != base:
+            path.append(above[link])
+            link = above[link].find("parent").get("link")
+        assert base in (None, link), f"{base} is no ancestor of {tip}"
+        self.base, self.tip = link, tip
+        if not masses:  # nothing beside the chain matters then, and Pinocchio need not be able to read it
+            on_chain = {link, *(joint.find("child").get("link") for joint in path)}
+            for element in list(self.xml):
+                if element.get("name") not in on_chain if element.tag == "link" else element not in path:
+                    self.xml.remove(element)
+        self.model = pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
+        self.data = self.model.createData()
+        moving = [joint.get("name", "") for joint in reversed(path) if joint.get("type") in MOVING]
+        relations = {name: self._relation(name) for name in moving}
+        self.moving = [name for name in moving if relations[name][1] != 0]
+        self.coordinates = list(dict.fromkeys(relations[name][0] for name in self.moving))
+        self.coupling = np.zeros((len(self.moving), len(self.coordinates)))
+        for row, name in enumerate(self.moving):
+            master, multiplier, _ = relations[name]
+            self.coupling[row, self.coordinates.index(master)] = multiplier
+        self.columns = [self._column(name) for name in self.moving]
+        self.offsets = np.zeros(self.model.nv)
+        for name, joint in self.joints.items():
+            if joint.get("type") in MOVING and (masses or name in moving):
+                self.offsets[self._column(name)] = self._relation(name)[2]
+
+    def _column(self, joint: str) -> int:
+        return self.model.joints[self.model.getJointId(joint)].idx_v
+
+    def _relation(self, joint: str) -> tuple[str, float, float]:
+        multiplier, offset, steps = 1.0, 0.0, 0
+        while (mimic := self.joints[joint].find("mimic")) is not None:
+            if self.joints[joint].get("type") not in MOVING:
+                break
+            offset += multiplier * float(mimic.get("offset", 0))
+            multiplier *= float(mimic.get("multiplier", 1))
+            joint = mimic.get("joint", "")
+            if (steps := steps + 1) > len(self.joints) or joint not in self.joints:
+                raise ValueError("broken mimic")
+        return joint, multiplier if self.joints[joint].get("type") in MOVING else 0.0, offset
+
+    def at(self, q: np.ndarray) -> State:
+        """Evaluate everything at q (n)."""
+        model, data = self.model, self.data
+        rates = np.zeros((model.nv, len(self.coordinates)))
+        rates[self.columns] = self.coupling
+        positions = pin.integrate(model, pin.neutral(model), self.offsets + rates @ q)
+        mass = pin.crba(model, data, positions).reshape(model.nv, -1)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        tip, base = (model.getFrameId(link, pin.FrameType.BODY) for link in (self.tip, self.base))
+        derivative: dict[str, list[np.ndarray]] = {name: [] for name in FRAMES}
+        for rate in rates.T:
+            pin.computeJointJacobiansTimeVariation(model, data, positions, np.ascontiguousarray(rate))
+            pin.updateFramePlacements(model, data)
+            into_base = data.oMf[base].inverse()
+            for name, frame in FRAMES.items():
+                change = pin.getFrameJacobianTimeVariation(model, data, tip, frame).reshape(6, -1)
+                derivative[name].append(_seen_from(name, into_base) @ change @ rates)
+        jacobian = {
+            name: _seen_from(name, into_base) @ pin.getFrameJacobian(model, data, tip, frame).reshape(6, -1) @ rates
+            for name, frame in FRAMES.items()
+        }
+        pose = (into_base * data.oMf[tip]).homogeneous
+        if not np.isfinite(mass).all():  # inertias near 1e308 in links that the chain does not even carry
+            raise ValueError("Pinocchio itself overflows")
+        stacked = {name: np.stack(values) for name, values in derivative.items()}
+        return State(pose, rates.T @ mass @ rates, jacobian, stacked)
+
+
+def _seen_from(representation: str, into_base: pin.SE3) -> np.ndarray:
+    """What turns a twist given in the root frame into one in the base frame."""
+    if representation == "spatial":
+        return into_base.action
+    turn = np.eye(6)
+    if representation == "hybrid":
+        turn[:3, :3] = turn[3:, 3:] = into_base.rotation
+    return turn

@@ -1,0 +1,74 @@
+"""Names of any file become safe identifiers, strings and comments."""
+
+from __future__ import annotations
+
+import ast
+import keyword
+import re
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stiffgen.errors import StiffgenError
+from stiffgen.names import MAX_LENGTH, c_string, checked_identifier, comment, identifier
+
+ANY_TEXT = st.text(st.characters(), max_size=200)  # with surrogates and control characters
+SLOW = settings(derandomize=True, max_examples=500, deadline=None)
+
+
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [
+        ("iiwa14", "iiwa14"), ("LBR iiwa 14 R820", "LBR_iiwa_14_R820"), ("3dof", "robot_3dof"), ("", "robot"),
+        ("---", "robot"),
+        ("Käfer", "Kafer"), ("机器人", "robot"), ("double", "robot_double"), ("Class", "robot_Class"),
+        ("None", "robot_None"),
+        ("match", "robot_match"), ("AUX", "robot_AUX"), ("__x__", "x"), ("a//../b", "a_b"),
+        ("../../etc/passwd", "etc_passwd"),
+        ("stiffgen", "robot_stiffgen"), ("stiffgen_damping", "robot_stiffgen_damping"), ("a" * 99, "a" * 40),
+        ("a" * 39 + "_b", "a" * 39), ("9" * 99, "robot_" + "9" * 34), ("x;rm -rf /", "x_rm_rf"), ("١٢", "robot"),
+        ("ﬁ", "fi"),
+    ],
+)  # fmt: skip
+def test_the_rule(name, made):
+    assert identifier(name) == made
+
+
+@SLOW
+@given(ANY_TEXT | st.from_regex(r"\A[a-zA-Z0-9_]{0,60}\Z") | st.sampled_from(keyword.kwlist))
+def test_an_identifier_is_one_in_c_and_python_and_stays_as_it_is(name):
+    made = identifier(name)
+    assert re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", made)
+    assert not keyword.iskeyword(made) and not keyword.issoftkeyword(made)
+    assert len(made) <= MAX_LENGTH
+    assert identifier(made) == made == checked_identifier(made)
+
+
+@pytest.mark.parametrize(
+    "name", ["", "a b", "../x", "int", "_x", "x_", "a__b", "é", "a" * 41, "stiffgen", "x\n", "\udcff"]
+)
+def test_a_chosen_name_is_checked_and_the_nearest_offered(name):
+    with pytest.raises(StiffgenError) as refusal:
+        checked_identifier(name)
+    nearest = str(refusal.value).split()[-1]
+    assert checked_identifier(nearest) == nearest
+    assert "\n" not in str(refusal.value)
+
+
+@SLOW
+@given(ANY_TEXT)
+def test_c_strings_hold_the_utf8_bytes(text):
+    literal = c_string(text)
+    assert re.fullmatch(r'"([ !#-\[\]-~]|\\[0-7]{3})*"', literal) and "?" not in literal
+    assert ast.literal_eval("b" + literal) == text.encode("utf-8", "replace")
+
+
+@SLOW
+@given(ANY_TEXT | st.sampled_from(["*/", "\\\n", "??/", '"""', "]](x)", "<script>", "`", "#]]", "@X@", "${x}"]))
+def test_comments_stay_comments(text):
+    made = comment(text)
+    assert 0 < len(made) <= 80
+    assert made.isprintable() and made.isascii()
+    for ending in ("*/", "//*", '"', "\\", "`", "<", ">", "|", "#", "@", "$", "[", "]", "??"):
+        assert ending not in made
