@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -224,3 +226,26 @@ def test_free_motion_settles(robot: ModuleType) -> None:
         q = q + 1e-3 * dq
     assert np.abs(q - Q).max() < 1e-3
     assert not out.status
+
+
+def test_energy_cycle_example() -> None:
+    """The printed table: corrected zero, conventional equal to the area integral."""
+    script = Path(__file__).resolve().parent.parent / "examples" / "energy_cycle.py"
+    spec = importlib.util.spec_from_file_location("energy_cycle", script)
+    assert spec is not None and spec.loader is not None
+    try:
+        example = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(example)
+    except ImportError:
+        pytest.skip("generated/iiwa14 is not built: make generate")
+    trajectory = np.loadtxt(example.TRAJECTORY, delimiter=",")
+    q = trajectory[:, trajectory.shape[1] // 2]
+    for plane in example.PLANES:
+        for radius in (0.01, 0.1):
+            scale = abs(example.held(q, plane, radius, "corrected")).max()
+            assert abs(example.held(q, plane, radius, "corrected")[-1]) <= 1e-12 * scale
+            gained = example.held(q, plane, radius, "conventional")[-1]
+            integral = example.area_integral(q, plane, radius, "conventional")
+            assert gained == pytest.approx(integral, rel=1e-7)
+    small, large = (example.following(q, example.PLANES[0], r, "corrected")[-1] for r in (0.005, 0.01))
+    assert np.log2(large / small) == pytest.approx(3.0, abs=0.1)

@@ -566,9 +566,51 @@ def test_stack_of_the_call_path(robot_folder: Path, tmp_path: Path) -> None:
                 kernels.append(int(size))
             else:
                 total += int(size)
+    print(f"stack of the controller {total} B, deepest kernel {max(kernels)} B")
     assert total + 2 * max(kernels) < 32 * 1024
 
 
 def test_runtime_is_copied_as_it_is(robot_folder: Path) -> None:
     for path in RUNTIME.glob("stiffgen_*"):
         assert (robot_folder / path.name).read_text() == path.read_text()
+
+
+def chain_of(joints: int, folder: Path) -> Path:
+    inertial = '<inertial><mass value="1"/><origin xyz="0.05 0 0"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" '
+    inertial += 'ixz="0" iyz="0"/></inertial>'
+    links = "".join(f'<link name="l{k}">{inertial}</link>' for k in range(joints + 1))
+    limit = '<limit lower="-2" upper="2" effort="50" velocity="2"/>'
+    moving = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0.1 0 0"/>'
+        f'<axis xyz="{["0 0 1", "0 1 0", "1 0 0"][k % 3]}"/>{limit}</joint>'
+        for k in range(joints)
+    )
+    path = folder / f"chain{joints}.urdf"
+    path.write_text(f'<robot name="chain{joints}">{links}{moving}</robot>')
+    return path
+
+
+def test_controller_of_32_joints_and_none_beyond(tmp_path: Path) -> None:
+    folder = stiffgen.generate(chain_of(32, tmp_path), output=tmp_path)
+    arm = import_robot(folder)
+    random = np.random.default_rng(0)
+    inputs = {
+        "q": random.uniform(-1, 1, 32) + 0.1 * np.sin(np.arange(40)[:, None] * 1e-2 + random.uniform(0, 6, 32)),
+        "q0": random.uniform(-1, 1, (40, 32)),
+        "wrench": WRENCH,
+        "task_stiffness": K,
+        "dq": random.normal(size=(40, 32)) * 0.1,
+    }
+    compare(arm, inputs, 1e-7, return_time=0.01)
+    total, kernels = 0, 0
+    for source in ("chain32.c", "chain32_impedance.c", *COMPILED):
+        stem = tmp_path / Path(source).stem
+        compile_c(stem.with_suffix(".o"), "-std=c99", "-O2", "-fstack-usage", "-c", folder / source, compiler="gcc")
+        sizes = [int(line.split("\t")[1]) for line in stem.with_suffix(".su").read_text().splitlines()]
+        total, kernels = (total, max(sizes)) if source == "chain32.c" else (total + sum(sizes), kernels)
+    print(f"stack of the controller {total} B, deepest kernel {kernels} B")
+    assert total + 2 * kernels < 32 * 1024
+    beyond = stiffgen.generate(chain_of(33, tmp_path), output=tmp_path, build=False)
+    assert not list(beyond.glob("*impedance*"))
+    assert not list(beyond.glob("stiffgen_*"))
+    assert "32 coordinates" in (beyond / "README.md").read_text()
