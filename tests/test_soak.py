@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -20,3 +23,12 @@ def test_soak(name: str, robot_folder: Path, tmp_path: Path) -> None:
     assert "recoveries" in done.stdout
     refused, missed, recoveries = (int(part.split()[0]) for part in done.stdout.splitlines()[0].split(", ")[1:])
     assert min(refused, missed, recoveries) > 5
+
+
+def test_benchmark_of_a_step_runs() -> None:
+    script = Path(__file__).resolve().parent.parent / "benchmarks" / "impedance_step.py"
+    core = min(os.sched_getaffinity(0))
+    command = [sys.executable, str(script), "--steps", "2000", "--core", str(core)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("ratio of the medians") == 3
