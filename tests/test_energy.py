@@ -53,6 +53,20 @@ def test_account_telescopes(robot: ModuleType, design: int) -> None:
     np.testing.assert_allclose(out.port_total[1:], np.cumsum(port_work(out)), atol=1e-12 * scale)
 
 
+def test_account_through_fallbacks(robot: ModuleType) -> None:
+    """What falling back drops and returning sets up is told; steps without a position are counted."""
+    inputs = walk(np.random.default_rng(20), robot, 3000)
+    inputs["wrench"][400:2900:311] = np.nan
+    out = robot.Impedance(return_time=0.1, limit_zone=0.9, limit_stiffness=20.0).run(**inputs)
+    assert np.abs(balance(out)).max() <= 1e-12 * np.abs(port_work(out)).sum()
+    assert out.released_total[-1] > 0.1
+    inputs["q"][1000:1005] = np.nan
+    lost = robot.Impedance(return_time=0.1, limit_zone=0.9, limit_stiffness=20.0).run(**inputs)
+    assert lost.unaccounted[-1] == 5
+    assert np.abs(balance(lost)).max() <= 1e-12 * np.abs(port_work(out)).sum()
+    assert robot.Impedance(return_time=0.0).step(q=Q, q0=Q + 0.1, task_stiffness=K).engaged_total > 0.1
+
+
 def test_terms_against_their_integrals(robot: ModuleType) -> None:
     inputs = walk(np.random.default_rng(0), robot, 2000)
     controller = robot.Impedance(

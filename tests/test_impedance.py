@@ -129,8 +129,8 @@ def test_corrected_stiffness_stays_bitwise_symmetric(robot: ModuleType) -> None:
 # ---- status bits: each is set by its cause, and the torque stays finite, limited and without a jump
 
 
-@pytest.fixture(params=["clean"], scope="module")
-def settled(request: pytest.FixtureRequest) -> dict[str, Any]:
+@pytest.fixture(scope="module")
+def settled() -> dict[str, Any]:
     return {"q": Q, "q0": Q + 0.05, "wrench": WRENCH, "task_stiffness": K}
 
 
