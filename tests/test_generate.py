@@ -12,12 +12,13 @@ import pytest
 
 import stiffgen
 from conftest import ROOT, URDF
+from stiffgen.emit.controller import COPIED
 from stiffgen.emit.render import chain_from_manifest, render
 from stiffgen.errors import BuildError, OutputError, StiffgenError
 
 FILES = {
     "iiwa14.h", "iiwa14.c", "iiwa14_ufunc.c", "CMakeLists.txt", "__init__.py", "__init__.pyi", "README.md",
-    "manifest.json",
+    "manifest.json", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_controller.c", "impedance.py", *COPIED,
 }  # fmt: skip
 
 
@@ -48,8 +49,10 @@ def test_committed_folder_is_up_to_date(robot):
 
 def test_files(robot_folder):
     built = {path.name for path in robot_folder.iterdir()} - FILES
-    assert len({name for name in built if name != "__pycache__"}) == 1
-    assert any(name.startswith("iiwa14_ufunc.") for name in built)
+    assert sorted(name.split(".")[0] for name in built if name != "__pycache__") == [
+        "iiwa14_controller",
+        "iiwa14_ufunc",
+    ]
 
 
 def test_no_traces_of_the_machine(chain):

@@ -56,6 +56,8 @@ hybrid = _SimpleNamespace(
     joint_stiffness_uncorrected=_ufunc.hybrid_joint_stiffness_uncorrected,
 )
 
+from .impedance import Impedance, Status
+
 __all__ = [
     "DOF", "JOINTS", "BASE", "TIP", "LOWER", "UPPER", "VELOCITY", "EFFORT",
     "forward_kinematics",
@@ -63,4 +65,5 @@ __all__ = [
     "body",
     "spatial",
     "hybrid",
+    "Impedance", "Status",
 ]

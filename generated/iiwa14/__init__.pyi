@@ -89,3 +89,5 @@ mass_matrix: Final[_Of_q]  # (7)->(7,7)
 body: Final[__body]
 spatial: Final[__spatial]
 hybrid: Final[__hybrid]
+
+from .impedance import Impedance as Impedance, Status as Status

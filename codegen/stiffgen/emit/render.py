@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import asdict
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -15,12 +16,15 @@ from stiffgen._version import __version__
 from stiffgen.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.emit.c import Code, Function, Scope, print_chain
+from stiffgen.emit.controller import COPIED, controller_context, controller_files
 from stiffgen.emit.expressions import Operations, c_double
 from stiffgen.kernels import Argument, Kernel
 from stiffgen.names import c_string, comment
 from stiffgen.program import Array
 
 MANIFEST = "manifest.json"
+RUNTIME = Path(__file__).parent.parent / "runtime"
+"""Robot-independent C, copied beside the kernels."""
 _GENERATOR = "stiffgen"
 
 
@@ -46,11 +50,13 @@ def render(chain: Chain, name: str) -> dict[str, str]:
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
         "README.md": "README.md.j2",
-    }
+    } | controller_files(name, chain)
     texts = {
         file: environment.get_template(template).render(context, banner=_banner(file, context["banner_line"]))
         for file, template in files.items()
     }
+    if context["controller"]:
+        texts |= {file: (RUNTIME / file).read_text(encoding="utf-8") for file in COPIED}
     texts[MANIFEST] = _manifest(chain, name, code, texts)
     return texts
 
@@ -92,6 +98,7 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "version": __version__,
         "robot": chain,
         "n": chain.dof,
+        "controller": controller_context(name, chain),
         "scopes": [_scope(scope) for scope in code.scopes],
         "representations": REPRESENTATIONS,
         "recursions": [_recursion(scope, function) for scope, function in code.recursions],

@@ -1,0 +1,94 @@
+"""What the templates of a robot's impedance controller need, from the field table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from stiffgen.chain import Chain
+from stiffgen.controller import CONFIG, INPUT, MAX_DOF, OUTPUT, STATUS, Field
+
+COPIED = (
+    "stiffgen_damping.c",
+    "stiffgen_damping.h",
+    "stiffgen_error.c",
+    "stiffgen_error.h",
+    "stiffgen_impedance.h",
+    "stiffgen_impedance_step.h",
+)
+"""Files of stiffgen/runtime that go into a robot's folder as they are."""
+COMPILED = tuple(name for name in COPIED if name.endswith(".c"))
+_FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
+_STRUCTS = (
+    (
+        "config",
+        "How the controller behaves; start from the defaults. Fields without a choice's name are numbers.",
+        CONFIG,
+    ),
+    ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
+    ("output", "What a step did, complete enough to draw a log from it.", OUTPUT),
+)
+
+
+def has_controller(chain: Chain) -> bool:
+    """Whether the controller can be made for a robot: one wrench at one tip, and few enough coordinates."""
+    return len(chain.tips) == 1 and not chain.runtime_tool and chain.dof <= MAX_DOF
+
+
+def controller_files(name: str, chain: Chain) -> dict[str, str]:
+    """Template by file name; empty without a controller."""
+    if not has_controller(chain):
+        return {}
+    return {
+        f"{name}_impedance.h": "impedance.h.j2",
+        f"{name}_impedance.c": "impedance.c.j2",
+        f"{name}_controller.c": "controller_module.c.j2",
+        "impedance.py": "impedance.py.j2",
+    }
+
+
+def controller_context(name: str, chain: Chain) -> dict[str, Any] | None:
+    """The variable ``controller`` of the templates; None without a controller."""
+    if not has_controller(chain):
+        return None
+    sizes = {"n": chain.dof}
+    return {
+        "compiled": COMPILED,
+        "headers": tuple(file for file in COPIED if file.endswith(".h") and not file.endswith("_step.h")),
+        "status": STATUS,
+        "structs": [
+            {"name": struct, "summary": summary, "fields": [_field(field, sizes) for field in fields]}
+            for struct, summary, fields in _STRUCTS
+        ],
+        "choices": [(f.name, choice, f.constant(choice)) for f in CONFIG for choice in f.choices],
+        "defaults": [f"config->{f.name} = {f.default};" for f in CONFIG if not f.shape],
+        "joint_defaults": [
+            f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)
+        ],
+    }
+
+
+def _field(field: Field, sizes: dict[str, int]) -> dict[str, Any]:
+    extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
+    size = 1
+    for extent in extents:
+        size *= extent
+    default = f" Default: {field.default.replace('{name}_', '')}." if field.default else ""
+    shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
+    unit = f"[{field.unit}]{shape} " if field.unit else ""
+    return {
+        "name": field.name,
+        "declaration": f"{field.type} {field.name}" + (f"[{size}]" if extents else ""),
+        "comment": _comment(f"{unit}{field.meaning}.{default}"),
+        "format": _FORMATS[field.type],
+        "extents": extents,
+    }
+
+
+def _comment(text: str, width: int = 108) -> list[str]:
+    lines = ["/*"]
+    for word in text.split():
+        if len(lines[-1]) + 1 + len(word) > width:
+            lines.append(" *")
+        lines[-1] += f" {word}"
+    lines[-1] += " */"
+    return lines

@@ -1,0 +1,64 @@
+/* Error codes of the robot-independent runtime, and what they mean. */
+#ifndef STIFFGEN_ERROR_H
+#define STIFFGEN_ERROR_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum stiffgen_error {
+    STIFFGEN_OK = 0,
+
+    /* Linear algebra and damping design (stiffgen_damping.h) */
+    STIFFGEN_E_SIZE = -1,
+    STIFFGEN_E_NOT_FINITE = -2,
+    STIFFGEN_E_MASS = -3,
+    STIFFGEN_E_NOT_SYMMETRIC = -4,
+    STIFFGEN_E_NOT_CONVERGED = -5,
+    STIFFGEN_E_DAMPING_RATIO = -6,
+
+    /* Arguments of a controller's functions */
+    STIFFGEN_E_NULL = -10,
+    STIFFGEN_E_NOT_INITIALISED = -11,
+
+    /* Fields of a controller's configuration (NAME_impedance_config) */
+    STIFFGEN_E_CONFIG_SAMPLE_TIME = -20,
+    STIFFGEN_E_CONFIG_REPRESENTATION = -21,
+    STIFFGEN_E_CONFIG_STIFFNESS_FORMULA = -22,
+    STIFFGEN_E_CONFIG_STIFFNESS_SIGN = -23,
+    STIFFGEN_E_CONFIG_STIFFNESS_RATE = -24,
+    STIFFGEN_E_CONFIG_NULLSPACE = -25,
+    STIFFGEN_E_CONFIG_NULLSPACE_STIFFNESS = -26,
+    STIFFGEN_E_CONFIG_SINGULARITY_THRESHOLD = -27,
+    STIFFGEN_E_CONFIG_DAMPING_DESIGN = -28,
+    STIFFGEN_E_CONFIG_DAMPING_RATIO = -29,
+    STIFFGEN_E_CONFIG_TASK_DAMPING = -30,
+    STIFFGEN_E_CONFIG_JOINT_DAMPING = -31,
+    STIFFGEN_E_CONFIG_WRENCH_FILTER = -32,
+    STIFFGEN_E_CONFIG_WRENCH_TIME_CONSTANT = -33,
+    STIFFGEN_E_CONFIG_WRENCH_WINDOW = -34,
+    STIFFGEN_E_CONFIG_POSITION_LIMITS = -35,
+    STIFFGEN_E_CONFIG_POSITION_TOLERANCE = -36,
+    STIFFGEN_E_CONFIG_VELOCITY_LIMIT = -37,
+    STIFFGEN_E_CONFIG_WRENCH_LIMITS = -38,
+    STIFFGEN_E_CONFIG_TASK_STIFFNESS_LIMIT = -39,
+    STIFFGEN_E_CONFIG_LIMIT_ZONE = -40,
+    STIFFGEN_E_CONFIG_LIMIT_STIFFNESS = -41,
+    STIFFGEN_E_CONFIG_EFFORT_LIMIT = -42,
+    STIFFGEN_E_CONFIG_TORQUE_RATE_LIMIT = -43,
+    STIFFGEN_E_CONFIG_MISSED_LIMIT = -44,
+    STIFFGEN_E_CONFIG_VELOCITY_DECAY_TIME = -45,
+    STIFFGEN_E_CONFIG_RETURN_TIME = -46,
+    STIFFGEN_E_CONFIG_TANK = -47,
+    STIFFGEN_E_CONFIG_TANK_ENERGY = -48,
+    STIFFGEN_E_CONFIG_TANK_REFILL = -49
+};
+
+/* One line of English for a code; for a number that is none, "unknown error". Never NULL. */
+const char *stiffgen_error_text(int code);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
