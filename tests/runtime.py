@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.ctypeslib import ndpointer
+
 from stiffgen.emit.render import RUNTIME
 
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 import scipy.linalg
+
 from runtime import RUNTIME, WARNINGS, Runtime, compile_c
 
 ERRORS = {"size": -1, "not_finite": -2, "mass": -3, "not_symmetric": -4, "ratio": -6}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from test_impedance import DESIGNS, K, Q, hostile, walk
 
 PASSIVE = {"tank_initial": 0.0, "tank_minimum": 0.0, "tank_maximum": 10.0}

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 import stiffgen
 from controller_reference import Reference
 from runtime import RUNTIME, WARNINGS, compile_c
