@@ -52,6 +52,8 @@ class Kernel:
     equation: str
     program: Callable[[Chain], Program]
     note: str = ""
+    batch: bool = False
+    """Whether C has it for many configurations in one call, too: NAME_..._batch."""
 
     @property
     def qualified_name(self) -> str:
@@ -291,6 +293,7 @@ def _representation_kernels(rep: Representation) -> tuple[Kernel, ...]:
             f"Jacobian in {rep} representation.",
             "xi = J dq/dt, twist linear first",
             partial(_jacobian, representation=rep, result=jacobian),
+            batch=True,
         ),
         Kernel(
             "jacobian_transpose_derivative", rep, (_Q,), derivative,
@@ -317,6 +320,7 @@ def _representation_kernels(rep: Representation) -> tuple[Kernel, ...]:
             "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)",
             partial(_joint_stiffness, representation=rep, result=joint, wrench=wrench, task_stiffness=upper),
             spatial,
+            batch=True,
         ),
         Kernel(
             "joint_stiffness_uncorrected", rep, (_Q, wrench, full), uncorrected,
@@ -346,6 +350,7 @@ KERNELS: tuple[Kernel, ...] = (
         "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
         partial(_mass_matrix, result=_MASS),
         "Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.",
+        batch=True,
     ),
     *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep)),
 )  # fmt: skip

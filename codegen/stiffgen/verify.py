@@ -321,6 +321,26 @@ def check_against_casadi(kernels: Kernels, references: References) -> list[Check
     return checks
 
 
+def _one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    def call(*stacks: Array) -> Any:
+        return np.stack([kernel(*each) for each in zip(*stacks, strict=True)])
+
+    return call
+
+
+def check_batches(kernels: Kernels, single: Kernels, references: References) -> list[Check]:
+    """Compare batch functions with single calls; the last block of a batch is not full."""
+    samples = references.samples
+    pool = {"q": samples.q, "wrench": samples.wrench, "task_stiffness": samples.task_stiffness}
+    checks = []
+    for kernel in KERNELS:
+        if kernel.batch:
+            arguments = [pool[argument.name] for argument in kernel.arguments]
+            name = kernel.qualified_name
+            checks.append(_check(f"{name}_batch", "single calls", kernels[name](*arguments), single[name](*arguments)))
+    return checks
+
+
 def import_robot(folder: Path) -> ModuleType:
     """Import a generated folder as a package, wherever it lies.
 
@@ -383,4 +403,7 @@ def verify(
     references = References(chain_from_manifest(manifest), count, seed)
     kernels = kernels_of(module)
     progress("comparing")
-    return check_kernels(kernels, references) + check_against_casadi(kernels, references)
+    # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
+    single = {name: _one_by_one(kernel) for name, kernel in kernels.items()}
+    checks = check_kernels(single, references) + check_against_casadi(single, references)
+    return checks + check_batches(kernels, single, references)

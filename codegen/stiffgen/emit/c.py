@@ -1,14 +1,18 @@
-"""Kernel table -> the bodies of the C functions."""
+"""Kernel table -> the bodies of the C functions.
+
+Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there
+(templates/lanes.c).
+Kernels with a batch are printed once more with every number replaced by lanes of configurations.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 
 from stiffgen.chain import Chain
-from stiffgen.emit.expressions import Named, Operations, Printed, print_statements
+from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
 from stiffgen.emit.names import comment
 from stiffgen.kernels import KERNELS, Kernel
 from stiffgen.program import Array, Gather, Map, Operand, Recursion, as_operand, operand_shape
@@ -27,23 +31,42 @@ class Function:
 
 @dataclass(frozen=True)
 class Code:
-    """The functions of one robot: internal pose recursions, and one public function a kernel."""
+    """The functions of one robot.
+
+    ``recursions`` are internal; ``kernels`` has one public function a kernel; ``batches`` has, for the kernels that
+    are offered for many configurations in one call, the internal function that computes LANES of them.
+    """
 
     recursions: tuple[Function, ...]
     kernels: tuple[tuple[Kernel, Function], ...]
-    guards_coordinates: bool
+    batch_recursions: tuple[Function, ...]
+    batches: tuple[tuple[Kernel, Function], ...]
+
+    def calls(self, function: str) -> bool:
+        """Whether any body calls an internal function."""
+        bodies = [
+            *self.recursions,
+            *self.batch_recursions,
+            *(f for _, f in self.kernels),
+            *(f for _, f in self.batches),
+        ]
+        return any(f"{function}(" in line for body in bodies for line in body.lines)
 
 
 def print_chain(chain: Chain) -> Code:
     """Print every kernel of a chain."""
-    printer = _ChainPrinter(chain)
-    kernels = tuple((kernel, printer.kernel(kernel)) for kernel in KERNELS)
-    return Code(tuple(printer.recursions.values()), kernels, bool(printer.guarded))
+    single, batch = _ChainPrinter(chain, batch=False), _ChainPrinter(chain, batch=True)
+    kernels = tuple((kernel, single.kernel(kernel)) for kernel in KERNELS)
+    batches = tuple((kernel, batch.kernel(kernel)) for kernel in KERNELS if kernel.batch)
+    return Code(tuple(single.recursions.values()), kernels, tuple(batch.recursions.values()), batches)
 
 
 class _ChainPrinter:
-    def __init__(self, chain: Chain) -> None:
+    """Prints for one configuration, or for LANES configurations side by side (``batch``)."""
+
+    def __init__(self, chain: Chain, *, batch: bool) -> None:
         self.chain = chain
+        self.batch = batch
         self.m = len(chain.joints)
         self.recursions: dict[str, Function] = {}
         # A sliding joint's coordinate enters linearly: without a guard, infinity would stay infinity.
@@ -51,8 +74,10 @@ class _ChainPrinter:
 
     def kernel(self, kernel: Kernel) -> Function:
         inputs = tuple(argument.array(self.chain) for argument in kernel.arguments)
-        body = _Body(self, kernel, inputs)
-        for step in kernel.program(self.chain):
+        program = kernel.program(self.chain)
+        body = _BatchBody(self, kernel, inputs) if self.batch else _Body(self, kernel, inputs)
+        body.arguments(guarded=not any(isinstance(step, Map) and step.over not in ("", "j") for step in program))
+        for step in program:
             body.step(step)
         return body.function()
 
@@ -60,23 +85,62 @@ class _ChainPrinter:
         """The internal function of a shared recursion, printed once however many kernels call it."""
         if step.name not in self.recursions:
             (target,) = step.targets
-            lines, operations = self.recursion_body(step, lambda array, k: element(array, k))
+            columns = Array("J", target.shape)
+            lines, operations = self.recursion_body(step, (columns,))
             q = Array("q", (self.chain.dof,))
-            self.recursions[step.name] = Function(step.name, (q,), target, tuple(lines), operations)
+            self.recursions[step.name] = Function(step.name, (q,), columns, tuple(lines), operations)
         return self.recursions[step.name]
 
-    def recursion_body(self, step: Recursion, lvalue: Callable[[Array, int], str]) -> tuple[list[str], Operations]:
-        """Statements of a recursion, writing entry k of a target to ``lvalue(target, k)``."""
+    def recursion_body(self, step: Recursion, targets: tuple[Array, ...]) -> tuple[list[str], Operations]:
+        """Statements of a recursion, filling the ``targets`` (arrays of the step's targets' shapes)."""
         q = ca.SX.sym("q", self.chain.dof)
         expressions = step.expressions(self.chain, q)
         inputs = [(q[k], f"q{k}" if k in self.guarded else f"q[{k}]") for k in range(self.chain.dof)]
         dense = ca.densify(expressions.result)
         entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
-        places = [lvalue(target, k) for target in step.targets for k in range(target.size)]
         named = [Named(comment(section.title), _scalars(section.values)) for section in expressions.sections]
-        printed = print_statements(inputs, list(zip(places, entries, strict=True)), named, heading=step.heading)
-        guards = [f"const double q{k} = finite_or_nan(q[{k}]);" for k in self.guarded]
-        return [*guards, *printed.lines], printed.operations
+        by_rows = not self.batch and all(target.shape == (6, self.m) for target in targets)
+        if by_rows:
+            places = [f"{t.name}{r}_{c}" for t in targets for r in range(t.shape[0]) for c in range(t.shape[1])]
+        else:
+            places = [self._place(target, k) for target in targets for k in range(target.size)]
+        printed = print_statements(
+            inputs,
+            list(zip(places, entries, strict=True)),
+            named,
+            heading=step.heading,
+            wide={text for _, text in inputs} if self.batch else (),
+            wide_outputs=self.batch,
+            define=by_rows,
+        )
+        number, guard = ("lanes", "finite_lanes") if self.batch else ("double", "finite_or_nan")
+        lines = [f"const {number} q{k} = {guard}(q[{k}]);" for k in self.guarded]
+        lines += printed.lines
+        values = list(printed.values)
+        for target in targets if by_rows else ():
+            lines += _rows(target, values[: target.size])
+            values = values[target.size :]
+        return lines, printed.operations
+
+    def _place(self, array: Array, k: int) -> str:
+        return element(array, k) if array.shape == (6, self.m) else f"{array.name}[{k}]"
+
+
+def _rows(target: Array, texts: list[str]) -> list[str]:
+    """Put numbers, row by row, into an array of lanes: a compiler gathers them without a detour through memory."""
+    count, m = target.shape
+    lines = ["", f"const lanes rows_of_{target.name}[{count}][PADDED] = {{"]
+    for k in range(count):
+        lines += _indented(wrap_list("{" + ", ".join(eights(texts[m * k : m * (k + 1)])) + "},"), 1)
+    return [
+        *lines,
+        "};",
+        f"for (int k = 0; k < {count}; ++k) {{",
+        "    for (int j = 0; j < PADDED; ++j) {",
+        f"        {target.name}[k][j] = rows_of_{target.name}[k][j];",
+        "    }",
+        "}",
+    ]
 
 
 def element(array: Array, k: int) -> str:
@@ -100,11 +164,21 @@ def _scalars(values: dict[str, ca.SX]) -> list[tuple[str, ca.SX]]:
 
 
 _NOTATION = {"wrench": "F", "task_stiffness": "K"}
-"""The paper's letters for the local copies of arguments."""
+"""The paper's letters for arguments."""
+
+_RANGES = {
+    "i<=j": ("j = i", "j < {size}", "i", "{size}"),
+    "i<j": ("j = i + 1", "j < {size}", "i + 1", "{size}"),
+    "i>=j": ("j = 0", "j <= i", "0", "i + 1"),
+    "i>j": ("j = 0", "j < i", "0", "i"),
+}
+"""Loop over j in row i: start, condition, first, one past the last."""
 
 
 class _Body:
-    """Collects the declarations and statements of one kernel."""
+    """Collects the declarations and statements of one kernel, for one configuration."""
+
+    number = "double"
 
     def __init__(self, printer: _ChainPrinter, kernel: Kernel, inputs: tuple[Array, ...]) -> None:
         self.printer = printer
@@ -115,32 +189,39 @@ class _Body:
         self.lines: list[str] = []
         self.operations = Operations()
         self.zero_rows: dict[str, set[int]] = {}
-        self.copies: dict[str, Array] = {}
-        for array in inputs:
-            if array.name != "q":
-                self._copy_guarded(array)
+        self.renamed: dict[str, Array] = {}
+        self.filled: set[str] = set()
+        self.lane_arrays: set[str] = set()
 
-    def _copy_guarded(self, array: Array) -> None:
-        # What enters linearly would let an infinity through as an infinity, or as a NaN, or not at all.
-        copy = Array(_NOTATION[array.name], array.shape)
-        self.copies[array.name] = copy
-        self._declare(copy)
-        self.operations = self.operations + Operations(add=array.size, multiply=array.size)
-        if len(array.shape) == 1:
+    def arguments(self, *, guarded: bool) -> None:
+        """Give the arguments their short names; ``guarded``: as copies in which infinity has become NaN.
+
+        Kernels that end in sums over pairs need no copies: no sum and no product brings a number that is not finite
+        back among the finite ones, so that guarding the sums is enough (put_row).
+        """
+        for array in self.inputs:
+            if array.name == "q":
+                continue
+            short = self.renamed[array.name] = Array(_NOTATION[array.name], array.shape)
+            if not guarded:
+                self._alias(array, short)
+                continue
+            self._declare(short, "")
+            self.operations = self.operations + Operations(add=array.size, multiply=array.size)
+            flat = f"{short.name}[k]" if len(array.shape) == 1 else f"{short.name}[0][k]"
             self.lines += [
                 f"for (int k = 0; k < {array.size}; ++k) {{",
-                f"    {copy.name}[k] = finite_or_nan({array.name}[k]);",
+                f"    {flat} = finite_or_nan({array.name}[k]);",
                 "}",
             ]
-            return
-        rows, columns = array.shape
-        self.lines += [
-            f"for (int k = 0; k < {rows}; ++k) {{",
-            f"    for (int l = 0; l < {columns}; ++l) {{",
-            f"        {copy.name}[k][l] = finite_or_nan({array.name}[{columns} * k + l]);",
-            "    }",
-            "}",
-        ]
+
+    def _alias(self, array: Array, short: Array) -> None:
+        if len(array.shape) == 1:
+            self.declarations.append(f"const {self.number} *const {short.name} = {array.name};")
+        else:
+            row = f"[{array.shape[1]}]"
+            declared = f"const {self.number} (*const {short.name}){row}"
+            self.declarations.append(f"{declared} = (const {self.number} (*){row}){array.name};")
 
     def function(self) -> Function:
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
@@ -155,33 +236,51 @@ class _Body:
             self._map(step)
 
     def _recursion(self, step: Recursion) -> None:
-        for target in step.targets:
+        # Columns of joints are lanes; the public Jacobian is copied out of them.
+        targets = tuple(Array("J", t.shape) if self._public(t) and step.name else t for t in step.targets)
+        for target in targets:
             if not self._public(target):
-                self._declare(target)
+                self._declare(target, "j")
         if step.name:
-            (target,) = step.targets
             operations = self.printer.recursion(step).operations
-            # The public array is flat; the recursion fills it by rows of the same length.
-            into = f"(double (*)[{target.shape[1]}]){target.name}" if self._public(target) else target.name
-            self.lines.append(f"{step.name}(q, {into});")
+            self.lines.append(f"{step.name}(q, {targets[0].name});")
         else:
-            lines, operations = self.printer.recursion_body(
-                step, lambda array, k: f"{array.name}[{k}]" if self._public(array) else element(array, k)
-            )
+            lines, operations = self.printer.recursion_body(step, targets)
             self.lines += lines
         self.operations = self.operations + operations
+        if targets != step.targets:
+            self.lines += [
+                f"for (int k = 0; k < {self.result.shape[0]}; ++k) {{",
+                f"    memcpy(&{self.result.name}[N * k], J[k], N * sizeof(double));",
+                "}",
+            ]
 
     def _public(self, array: Array) -> bool:
         return array.name == self.result.name
 
-    def _declare(self, array: Array) -> None:
-        extents = "".join(f"[{extent}]" for extent in array.shape)
-        declaration = f"double {array.name}{extents};"
+    def _declare(self, array: Array, at: str) -> None:
+        """Declare a local array that is written as a whole (at ""), by joints ("j") or by pairs of joints ("ij")."""
+        if at == "j":
+            self.lane_arrays.add(array.name)
+            self._note(f"lanes {array.name}[{array.shape[0]}][PADDED];")
+        else:
+            self._declare_numbers(array, at)
+
+    def _declare_numbers(self, array: Array, at: str) -> None:
+        flat = at == "ij" and len(array.shape) == 2  # like a public result
+        extents = f"[{array.size}]" if flat else "".join(f"[{extent}]" for extent in array.shape)
+        # gcc 12 stores to large arrays with an alignment that it does not give them itself.
+        aligned = "ALIGNED " if at == "ij" else ""
+        self._note(f"{aligned}{self.number} {array.name}{extents};")
+
+    def _note(self, declaration: str) -> None:
         if declaration not in self.declarations:
             self.declarations.append(declaration)
 
     def _map(self, step: Map) -> None:
+        rows = self._by_rows(step)
         inputs: list[tuple[ca.SX, str]] = []
+        wide: set[str] = set()
         taken = []
         for operand in step.operands:
             entries = []
@@ -190,7 +289,9 @@ class _Body:
                     entries.append(ca.SX(0))
                     continue
                 symbol = ca.SX.sym(f"{operand.array.name}_{operand.at}{k}")
-                inputs.append((symbol, self._text(operand, k)))
+                text, is_wide = self._read(operand, k, rows=rows or step.over == "j")
+                inputs.append((symbol, text))
+                wide |= {text} if is_wide else set()
                 entries.append(symbol)
             taken.append(as_operand(operand_shape(operand), entries))
         dense = ca.densify(step.body(*taken))
@@ -204,47 +305,98 @@ class _Body:
             if len(zeros) == len(results):
                 return
         if not self._public(target.array):
-            self._declare(target.array)
-        outputs = [(self._text(target, k), value) for k, value in enumerate(results) if k not in zeros]
-        printed = print_statements(inputs, outputs)
+            self._declare(target.array, target.at)
+        places = ["row[j]"] if rows else [self._write(target, k) for k in range(target.count)]
+        outputs = [(places[k], value) for k, value in enumerate(results) if k not in zeros]
+        printed = print_statements(
+            inputs, outputs, wide=wide, wide_outputs=rows or step.over == "j" or self.number == "lanes"
+        )
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.printer.m)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
-        self.lines += self._loops(step, printed)
+        self.lines += self._row_loops(step, printed) if rows else self._loops(step, printed)
+
+    def _by_rows(self, step: Map) -> bool:
+        """Whether a map over pairs runs over rows i, and over j in lanes."""
+        return step.over not in ("", "j") and step.target.count == 1
+
+    def _row_loops(self, step: Map, printed: Printed) -> list[str]:
+        name, size = step.target.array.name, self._size
+        _, _, first, last = (text.format(size=size) for text in _RANGES[step.over])
+        # The first map over pairs stores whole rows: what it does not cover is overwritten.
+        put = f"put_entries({name}, {size}, i, row, {first}, {last});"
+        if name not in self.filled:
+            put = f"put_row({name}, {size}, i, row);"
+        self.filled.add(name)
+        return [
+            f"for (int i = 0; i < {size}; ++i) {{",
+            "    lanes row[PADDED];",
+            "    for (int j = 0; j < BLOCKS; ++j) {",
+            *_indented(printed.lines, 2),
+            "    }",
+            f"    {put}",
+            "}",
+            *self._mirrored(step),
+        ]
 
     def _loops(self, step: Map, printed: Printed) -> list[str]:
         size = self._size
         if step.over == "":
             return printed.lines
         if step.over == "j":
-            return [f"for (int j = 0; j < {size}; ++j) {{", *_indented(printed.lines, 1), "}"]
-        ranges = {
-            "i<=j": f"for (int j = i; j < {size}; ++j) {{",
-            "i<j": f"for (int j = i + 1; j < {size}; ++j) {{",
-            "i>=j": "for (int j = 0; j <= i; ++j) {",
-            "i>j": "for (int j = 0; j < i; ++j) {",
-        }
+            return [f"for (int j = 0; j < {self._blocks}; ++j) {{", *_indented(printed.lines, 1), "}"]
+        start, condition, _, _ = (text.format(size=size) for text in _RANGES[step.over])
         target, body = step.target, printed.lines
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
-            body = [f"double *const entry = &{position};", *body]
-        lines = [f"for (int i = 0; i < {size}; ++i) {{", f"    {ranges[step.over]}", *_indented(body, 2), "    }"]
-        if step.mirror:
-            strict = {"i<=j": "i<j", "i>=j": "i>j"}[step.over]
-            copied, kept = (self._pair(target.array, first, second) for first, second in ("ji", "ij"))
-            lines += [f"    {ranges[strict]}", f"        {copied} = {kept};", "    }"]
-        return [*lines, "}"]
+            body = [f"{self.number} *const entry = &{position};", *body]
+        return [
+            f"for (int i = 0; i < {size}; ++i) {{",
+            f"    for (int {start}; {condition}; ++j) {{",
+            *_indented(body, 2),
+            "    }",
+            "}",
+            *self._mirrored(step),
+        ]
+
+    def _mirrored(self, step: Map) -> list[str]:
+        if not step.mirror:
+            return []
+        strict = {"i<=j": "i<j", "i>=j": "i>j"}[step.over]
+        start, condition, _, _ = (text.format(size=self._size) for text in _RANGES[strict])
+        copied, kept = (self._pair(step.target.array, first, second) for first, second in ("ji", "ij"))
+        return [
+            f"for (int i = 0; i < {self._size}; ++i) {{",
+            f"    for (int {start}; {condition}; ++j) {{",
+            f"        {copied} = {kept};",
+            "    }",
+            "}",
+        ]
 
     @property
     def _size(self) -> str:
         return "M" if self.printer.chain.coupled else "N"
 
-    def _pair(self, array: Array, first: str, second: str) -> str:
-        if self._public(array):
-            return f"{array.name}[{self._size} * {first} + {second}]"
-        return f"{array.name}[{first}][{second}]"
+    @property
+    def _blocks(self) -> str:
+        return "BLOCKS"
 
-    def _text(self, operand: Operand, k: int) -> str:
-        array = self.copies.get(operand.array.name, operand.array)
+    def _pair(self, array: Array, first: str, second: str) -> str:
+        return f"{array.name}[{self._size} * {first} + {second}]"
+
+    def _read(self, operand: Operand, k: int, *, rows: bool) -> tuple[str, bool]:
+        """C text of an operand's k-th entry, and whether it is lanes (of joints ``j``)."""
+        array = operand.array
+        if array.name in self.lane_arrays:
+            if operand.at == "j" and rows:
+                return f"{array.name}[{k}][j]", True
+            view = f"{array.name}_of"
+            declared = f"const double (*const {view})[LANES * PADDED]"
+            self._note(f"{declared} = (const double (*)[LANES * PADDED]){array.name}; /* joint by joint */")
+            return f"{view}[{k}][{operand.at}]", False
+        return self._write(operand, k), False
+
+    def _write(self, operand: Operand, k: int) -> str:
+        array = self.renamed.get(operand.array.name, operand.array)
         if operand.at == "":
             return f"{array.name}[{k}]" if self._public(array) else element(array, k)
         if operand.at != "ij":
@@ -260,15 +412,16 @@ class _Body:
             "",
             "/* joints that move together share a coordinate */",
             f"for (int k = 0; k < {target.size}; ++k) {{",
-            f"    {target.name}[k] = 0.0;",
+            f"    {target.name}[k] = {self._zero};",
             "}",
         ]
         if step.columns:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
+            entry, _ = self._read(Operand(source, "j"), 0, rows=False)
             self.lines += [
                 f"for (int k = 0; k < {source.shape[0]}; ++k) {{",
                 "    for (int j = 0; j < M; ++j) {",
-                f"        {target.name}[N * k + coordinate_of[j]] += multiplier_of[j] * {source.name}[k][j];",
+                f"        {target.name}[N * k + coordinate_of[j]] += multiplier_of[j] * {entry.replace('[0]', '[k]')};",
                 "    }",
                 "}",
             ]
@@ -277,7 +430,7 @@ class _Body:
         self.operations = self.operations + Operations(add=source.size, multiply=source.size + m * m)
         into = "N * coordinate_of[i] + coordinate_of[j]"
         if depth == 1:
-            sums = [f"        {target.name}[{into}] += factor * {source.name}[i][j];"]
+            sums = [f"        {target.name}[{into}] += factor * {self._pair(source, 'i', 'j')};"]
         else:
             sums = [
                 f"        double *const entry = &{target.name}[{depth} * ({into})];",
@@ -301,6 +454,47 @@ class _Body:
                 "    }",
                 "}",
             ]
+
+    _zero = "0.0"
+
+
+class _BatchBody(_Body):
+    """The same with lanes of configurations in place of every number; nothing runs over lanes of joints."""
+
+    number = "lanes"
+    _zero = "same(0.0)"
+
+    def arguments(self, *, guarded: bool) -> None:
+        # Results are guarded when they are stored (scatter).
+        super().arguments(guarded=False)
+
+    def _recursion(self, step: Recursion) -> None:
+        for target in step.targets:
+            if not self._public(target):
+                self._declare(target, "j")
+        if step.name:
+            operations = self.printer.recursion(step).operations
+            (target,) = step.targets
+            row = f"[{target.shape[1]}]"
+            into = f"(lanes (*){row}){target.name}" if self._public(target) else target.name
+            self.lines.append(f"{step.name}_lanes(q, {into});")
+        else:
+            lines, operations = self.printer.recursion_body(step, step.targets)
+            self.lines += lines
+        self.operations = self.operations + operations
+
+    def _by_rows(self, step: Map) -> bool:
+        return False
+
+    @property
+    def _blocks(self) -> str:
+        return self._size
+
+    def _declare(self, array: Array, at: str) -> None:
+        self._declare_numbers(array, at)
+
+    def _read(self, operand: Operand, k: int, *, rows: bool) -> tuple[str, bool]:
+        return self._write(operand, k), True
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

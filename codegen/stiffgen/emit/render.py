@@ -15,7 +15,7 @@ from stiffgen._version import __version__
 from stiffgen.chain import Body, Chain, Coordinate, Joint
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.emit.c import Code, Function, print_chain
-from stiffgen.emit.expressions import Operations, c_double
+from stiffgen.emit.expressions import WIDEST, Operations, c_double
 from stiffgen.emit.names import c_string, comment
 from stiffgen.kernels import Argument, Kernel
 from stiffgen.program import Array
@@ -97,15 +97,18 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "representations": REPRESENTATIONS,
         "recursions": [_recursion(function) for function in code.recursions],
         "kernels": [_kernel(chain, name, kernel, function) for kernel, function in code.kernels],
+        "batch_recursions": [_recursion(function) for function in code.batch_recursions],
+        "batches": [_batch(name, kernel, function) for kernel, function in code.batches],
+        "calls": code.calls,
+        "joints": "M" if chain.coupled else "N",
+        "padded": -(-len(chain.joints) // WIDEST) * WIDEST,
     }
 
 
 def _recursion(function: Function) -> dict[str, Any]:
-    target = function.output
     return {
         "name": function.name,
         "title": function.name.removesuffix("_columns"),
-        "parameter": f"{target.name}[{target.shape[0]}][{target.shape[1]}]",
         "lines": function.lines,
         "cost": _cost(function.operations),
     }
@@ -130,12 +133,29 @@ def _kernel(chain: Chain, name: str, kernel: Kernel, function: Function) -> dict
         "inputs": [array.name for array in function.inputs],
         "ranks": [len(array.shape) for array in arrays],
         "extents": ["{" + ", ".join(map(str, array.shape)) + "}" for array in arrays],
+        "batch": kernel.batch,
         "prototype": _fill(opening, parameters) + ")",
         "documentation": _documentation(chain, kernel),
         "docstring": _docstring(chain, kernel),
         "lines": function.lines,
         "cost": _cost(function.operations),
         "operations": function.operations.total,
+    }
+
+
+def _batch(name: str, kernel: Kernel, function: Function) -> dict[str, Any]:
+    arrays = (*function.inputs, function.output)
+    parameters = ["size_t count"]
+    for array in function.inputs:
+        parameters += [f"const double *{array.name}", f"ptrdiff_t {array.name}_step"]
+    parameters.append(f"double *{function.output.name}")
+    within = [*(f"const lanes {_declared(a)}" for a in function.inputs), f"lanes {_declared(function.output)}"]
+    return {
+        "qualified_name": kernel.qualified_name,
+        "arrays": arrays,
+        "parameters": ", ".join(within),
+        "prototype": _fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
+        "lines": function.lines,
     }
 
 
