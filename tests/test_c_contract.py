@@ -47,6 +47,7 @@ def test_symbols(compiler, optimisation, robot_folder, tmp_path):
     assert not [name for kind, name in symbols if kind in "bBC"]
     exported = {name for kind, name in symbols if kind.isupper() and kind != "U"}
     functions = {f"iiwa14_{kernel.qualified_name}" for kernel in KERNELS}
+    functions |= {f"iiwa14_{kernel.qualified_name}_batch" for kernel in KERNELS if kernel.batch}
     assert exported == functions | {f"iiwa14_{c}" for c in ("joints", "lower", "upper", "velocity", "effort")}
 
 

@@ -71,11 +71,19 @@ def test_manifest(chain, robot_folder):
 
 
 def test_sine_and_cosine_once_a_joint(robot_folder):
-    """In each function body, each sine and cosine is written once."""
-    for body in (robot_folder / "iiwa14.c").read_text().split("\n}\n"):
-        for function in ("sin", "cos"):
-            for joint in range(7):
-                assert body.count(f" {function}(q[{joint}])") <= 1
+    """Each function body takes the sines and cosines of all joints in one call, of each angle once."""
+    source = (robot_folder / "iiwa14.c").read_text()
+    kernels = source[source.index("static void body_columns") :]
+    found = 0
+    for body in kernels.split("\n}\n"):
+        calls = body.count("sine_cosine(")
+        found += calls
+        assert calls <= 1
+        assert "sin(" not in body and "cos(" not in body
+        if calls:
+            angles = body[body.index("angle[") : body.index("sine_cosine(")]
+            assert all(angles.count(f"q[{joint}]") <= 1 for joint in range(7))
+    assert found == 2 * 4 + 1  # the columns of three representations and the mass matrix, twice; forward kinematics
 
 
 def test_moved_folder_imports(robot_folder, tmp_path):

@@ -109,7 +109,7 @@ def sign_mutants(source, rep):
     inside = False
     offset = 0
     for line in source.splitlines(keepends=True):
-        if re.match(rf"void iiwa14_{rep}_", line):
+        if re.match(rf"void iiwa14_{rep}_(?!\w+_batch)", line):
             inside = True
         elif line.startswith("}"):
             inside = False

@@ -12,7 +12,7 @@ import pytest
 
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.kernels import KERNELS
-from stiffgen.verify import Samples, kernels_of
+from stiffgen.verify import Samples, kernels_of, relative_error
 
 
 @pytest.fixture(scope="module")
@@ -39,15 +39,20 @@ def test_signature_and_documentation(kernel, chain, robot):
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 def test_broadcasting_and_strides(kernel, chain, robot, samples):
-    """Stacks, broadcasts, non-contiguous, Fortran-ordered, reversed and float32 inputs agree with single calls."""
+    """Broadcasts, non-contiguous, Fortran-ordered, reversed and float32 inputs agree with stacks and single calls.
+
+    Stacks go through the batch functions where there are any, single calls do not: there the last digits may differ.
+    """
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     stacks = arguments(kernel, samples)
     single = np.stack([ufunc(*each) for each in zip(*stacks, strict=True)])
-    assert np.array_equal(ufunc(*stacks), single)
+    assert relative_error(ufunc(*stacks), single) <= (2e-15 if kernel.batch else 0)
+    single = ufunc(*stacks)
     grid = ufunc(*[s.reshape(3, 4, *s.shape[1:]) for s in stacks])
     assert np.array_equal(grid, single.reshape(3, 4, *single.shape[1:]))
     first = ufunc(*[stacks[0], *(s[0] for s in stacks[1:])])
-    assert np.array_equal(first[5], ufunc(stacks[0][5], *(s[0] for s in stacks[1:])))
+    fifth = ufunc(stacks[0][5], *(s[0] for s in stacks[1:]))
+    assert relative_error(first[5:6], fifth[None]) <= (2e-15 if kernel.batch else 0)
     spread = [np.repeat(np.repeat(s, 2, axis=0), 3, axis=-1)[::2, ..., ::3] for s in stacks]
     assert not spread[0].flags.c_contiguous
     assert np.array_equal(ufunc(*spread), single)

@@ -54,6 +54,8 @@ class Kernel:
     program: Callable[[Chain], Program]
     note: str = ""
     tip: Tip | None = None
+    batch: bool = False
+    """Whether C has it for many configurations in one call, too: NAME_..._batch."""
 
     @property
     def qualified_name(self) -> str:
@@ -318,6 +320,7 @@ def _representation_kernels(rep: Representation, posture: tuple[Argument, ...]) 
             f"Jacobian in {rep} representation.",
             "xi = J dq/dt, twist linear first",
             partial(_jacobian, representation=rep, result=jacobian),
+            batch=True,
         ),
         Kernel(
             "jacobian_transpose_derivative", rep, posture, derivative,
@@ -344,6 +347,7 @@ def _representation_kernels(rep: Representation, posture: tuple[Argument, ...]) 
             "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)",
             partial(_joint_stiffness, representation=rep, result=joint, wrench=wrench, task_stiffness=upper),
             spatial,
+            batch=True,
         ),
         Kernel(
             "joint_stiffness_uncorrected", rep, (*posture, wrench, full), uncorrected,
@@ -434,6 +438,7 @@ _MASS_MATRIX = Kernel(
     "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
     partial(_mass_matrix, result=_MASS),
     "Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.",
+    batch=True,
 )  # fmt: skip
 
 

@@ -396,6 +396,31 @@ def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) 
     return checks
 
 
+def _one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    def call(*stacks: Array) -> Any:
+        return np.stack([kernel(*each) for each in zip(*stacks, strict=True)])
+
+    return call
+
+
+def check_batches(kernels: Kernels, single: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+    """Compare batch functions with single calls; the last block of a batch is not full."""
+    samples = Samples.draw(chain, count, seed)
+    pool = {
+        "q": samples.q,
+        "wrench": samples.wrench,
+        "task_stiffness": samples.task_stiffness,
+        "tool_pose": samples.tool_pose,
+    }
+    checks = []
+    for kernel in chain_kernels(chain):
+        if kernel.batch:
+            arguments = [pool[argument.name] for argument in kernel.arguments]
+            name = kernel.qualified_name
+            checks.append(_check(f"{name}_batch", "single calls", kernels[name](*arguments), single[name](*arguments)))
+    return checks
+
+
 def import_robot(folder: Path) -> ModuleType:
     """Import a generated folder as a package, wherever it lies.
 
@@ -457,7 +482,11 @@ def verify(
     assert manifest is not None
     chain = chain_from_manifest(manifest)
     kernels = kernels_of(module, chain)
+    # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
+    single = {name: _one_by_one(kernel) for name, kernel in kernels.items()}
     progress("differentiating and comparing")
-    checks = check_robot(kernels, chain, count, seed)
+    checks = check_robot(single, chain, count, seed)
     progress("comparing with CasADi")
-    return checks + check_against_casadi(kernels, chain, count, seed)
+    checks += check_against_casadi(single, chain, count, seed)
+    progress("comparing batches")
+    return checks + check_batches(kernels, single, chain, count, seed)

@@ -47,6 +47,7 @@ def build_module(folder: Path, name: str) -> None:
             "-DCMAKE_BUILD_TYPE=Release",
             f"-DPython_EXECUTABLE={sys.executable}",
             f"-D{macro}_PYTHON=ON",
+            f"-D{macro}_NATIVE=ON",
             f"-D{macro}_PYTHON_DIR={folder.resolve()}",
         ]
         _run(configure, compiler[0])

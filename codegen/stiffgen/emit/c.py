@@ -1,18 +1,22 @@
-"""Kernel table -> the bodies of the C functions."""
+"""Kernel table -> the bodies of the C functions.
+
+Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there
+(templates/lanes.c).
+Kernels with a batch are printed once more with every number replaced by lanes of configurations.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 
 from stiffgen.chain import Chain
-from stiffgen.emit.expressions import Named, Operations, Printed, print_statements
+from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
 from stiffgen.kernels import Kernel, chain_kernels
 from stiffgen.names import c_comment
-from stiffgen.program import Array, Gather, Map, Operand, Recursion, Step, Sum, as_operand, operand_shape
+from stiffgen.program import Array, Gather, Map, Operand, Program, Recursion, Step, Sum, as_operand, operand_shape
 
 
 @dataclass(frozen=True)
@@ -38,27 +42,59 @@ class Scope:
         """C name of the number of moving joints."""
         return f"{self.prefix}M" if self.chain.coupled else "N"
 
+    @property
+    def blocks(self) -> str:
+        """C name of the number of lanes that hold a row over joints."""
+        return f"{self.prefix}BLOCKS"
+
+    @property
+    def padded(self) -> str:
+        """C name of the number of lanes that a row over joints has."""
+        return f"{self.prefix}PADDED"
+
 
 @dataclass(frozen=True)
 class Code:
-    """The functions of one robot: internal pose recursions, and one public function a kernel."""
+    """The functions of one robot.
+
+    ``recursions`` are internal; ``kernels`` has one public function a kernel; ``batches`` has, for the kernels that
+    are offered for many configurations in one call, the internal function that computes LANES of them.
+    """
 
     scopes: tuple[Scope, ...]
     recursions: tuple[tuple[Scope, Function], ...]
     kernels: tuple[tuple[Kernel, Function], ...]
+    batch_recursions: tuple[tuple[Scope, Function], ...]
+    batches: tuple[tuple[Kernel, Function], ...]
+
+    def calls(self, function: str) -> bool:
+        """Whether any body calls an internal function."""
+        bodies = [
+            *(f for _, f in self.recursions),
+            *(f for _, f in self.batch_recursions),
+            *(f for _, f in self.kernels),
+            *(f for _, f in self.batches),
+        ]
+        return any(f"{function}(" in line for body in bodies for line in body.lines)
 
 
 def print_chain(chain: Chain, name: str) -> Code:
     """Print every kernel of a chain; ``name`` is the prefix of public functions."""
-    printer = _ChainPrinter(chain, name)
-    kernels = tuple((kernel, printer.kernel(kernel)) for kernel in chain_kernels(chain))
-    return Code(tuple(printer.scopes.values()), tuple(printer.recursions.values()), kernels)
+    single, batch = _ChainPrinter(chain, name, batch=False), _ChainPrinter(chain, name, batch=True)
+    table = chain_kernels(chain)
+    kernels = tuple((kernel, single.kernel(kernel)) for kernel in table)
+    batches = tuple((kernel, batch.kernel(kernel)) for kernel in table if kernel.batch)
+    scopes = tuple(single.scopes.values())
+    return Code(scopes, tuple(single.recursions.values()), kernels, tuple(batch.recursions.values()), batches)
 
 
 class _ChainPrinter:
-    def __init__(self, chain: Chain, name: str) -> None:
+    """Prints for one configuration, or for LANES configurations side by side (``batch``)."""
+
+    def __init__(self, chain: Chain, name: str, *, batch: bool) -> None:
         self.chain = chain
         self.name = name
+        self.batch = batch
         self.scopes: dict[str, Scope] = {}
         self.recursions: dict[str, tuple[Scope, Function]] = {}
         self.finished: dict[str, Operations] = {}  # public functions printed so far
@@ -66,8 +102,10 @@ class _ChainPrinter:
     def kernel(self, kernel: Kernel) -> Function:
         prefix = f"{kernel.tip.name}_" if kernel.tip else ""
         scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix))
-        body = _Body(self, scope, kernel)
-        for step in kernel.steps(self.chain):
+        program = kernel.steps(self.chain)
+        body = _BatchBody(self, scope, kernel) if self.batch else _Body(self, scope, kernel)
+        body.arguments(program)
+        for step in program:
             body.step(step)
         function = body.function()
         self.finished[function.name] = function.operations
@@ -78,41 +116,80 @@ class _ChainPrinter:
         name = scope.prefix + step.name
         if name not in self.recursions:
             (target,) = step.targets
-            lines, operations = recursion_body(scope.chain, step, element)
-            self.recursions[name] = scope, Function(name, step.arguments, target, tuple(lines), operations)
+            columns = Array("J", target.shape)
+            lines, operations = self.recursion_body(scope, step, (columns,))
+            self.recursions[name] = scope, Function(name, step.arguments, columns, tuple(lines), operations)
         return self.recursions[name][1]
 
+    def recursion_body(self, scope: Scope, step: Recursion, targets: tuple[Array, ...]) -> tuple[list[str], Operations]:
+        """Statements of a recursion, filling the ``targets`` (arrays of the step's targets' shapes)."""
+        chain = scope.chain
+        # What enters linearly is guarded: a sliding joint's coordinate, a tool's pose. Sines turn infinity into NaN.
+        sliding = {joint.coordinate for joint in chain.joints if joint.prismatic}
+        given, inputs, guards = [], [], {}
+        for array in step.arguments:
+            symbols = []
+            for k in range(array.size):
+                symbol = ca.SX.sym(f"{array.name}{k}")
+                symbols.append(symbol)
+                text = f"{array.name}[{k}]"
+                if array.name != "q" or k in sliding:
+                    local = f"q{k}" if array.name == "q" else "T{}{}".format(*divmod(k, array.shape[1]))
+                    guards[local] = text
+                    text = local
+                inputs.append((symbol, text))
+            given.append(as_operand(array.shape, symbols))
+        expressions = step.expressions(chain, *given)
+        dense = ca.densify(expressions.result)
+        entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
+        named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
+        m = len(chain.joints)
+        by_rows = not self.batch and all(target.shape == (6, m) for target in targets)
+        if by_rows:
+            places = [f"{t.name}{r}_{c}" for t in targets for r in range(t.shape[0]) for c in range(t.shape[1])]
+        else:
+            places = [
+                element(target, k) if target.shape == (6, m) else f"{target.name}[{k}]"
+                for target in targets
+                for k in range(target.size)
+            ]
+        printed = print_statements(
+            inputs,
+            list(zip(places, entries, strict=True)),
+            named,
+            heading=step.heading,
+            wide={text for _, text in inputs} if self.batch else (),
+            wide_outputs=self.batch,
+            define=by_rows,
+        )
+        lines, values = list(printed.lines), list(printed.values)
+        for target in targets if by_rows else ():
+            lines += _rows(scope, target, values[: target.size])
+            values = values[target.size :]
+        text = "\n".join(lines)
+        used = {local: source for local, source in guards.items() if re.search(rf"\b{local}\b", text)}
+        number, guard = ("lanes", "finite_lanes") if self.batch else ("double", "finite_or_nan")
+        guarded = [f"const {number} {local} = {guard}({source});" for local, source in used.items()]
+        read = text + str(used)
+        unused = [f"(void){a.name};" for a in step.arguments if not re.search(rf"\b{a.name}\[", read)]
+        return [*guarded, *unused, *lines], printed.operations
 
-def recursion_body(chain: Chain, step: Recursion, lvalue: Callable[[Array, int], str]) -> tuple[list[str], Operations]:
-    """Statements of a recursion, writing entry k of a target to ``lvalue(target, k)``."""
-    # What enters linearly is guarded: a sliding joint's coordinate, a tool's pose. Sines turn infinity into NaN.
-    sliding = {joint.coordinate for joint in chain.joints if joint.prismatic}
-    given, inputs, guards = [], [], {}
-    for array in step.arguments:
-        symbols = []
-        for k in range(array.size):
-            symbol = ca.SX.sym(f"{array.name}{k}")
-            symbols.append(symbol)
-            text = f"{array.name}[{k}]"
-            if array.name != "q" or k in sliding:
-                local = f"q{k}" if array.name == "q" else "T{}{}".format(*divmod(k, array.shape[1]))
-                guards[local] = text
-                text = local
-            inputs.append((symbol, text))
-        given.append(as_operand(array.shape, symbols))
-    expressions = step.expressions(chain, *given)
-    dense = ca.densify(expressions.result)
-    entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
-    places = [lvalue(target, k) for target in step.targets for k in range(target.size)]
-    named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
-    printed = print_statements(inputs, list(zip(places, entries, strict=True)), named, heading=step.heading)
-    text = "\n".join(printed.lines)
-    used = {local: source for local, source in guards.items() if re.search(rf"\b{local}\b", text)}
-    lines = [f"const double {local} = finite_or_nan({source});" for local, source in used.items()]
-    unused = [
-        f"(void){array.name};" for array in step.arguments if not re.search(rf"\b{array.name}\[", text + str(used))
+
+def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
+    """Put numbers, row by row, into an array of lanes: a compiler gathers them without a detour through memory."""
+    count, m = target.shape
+    lines = ["", f"const lanes rows_of_{target.name}[{count}][{scope.padded}] = {{"]
+    for k in range(count):
+        lines += _indented(wrap_list("{" + ", ".join(eights(texts[m * k : m * (k + 1)])) + "},"), 1)
+    return [
+        *lines,
+        "};",
+        f"for (int k = 0; k < {count}; ++k) {{",
+        f"    for (int j = 0; j < {scope.padded}; ++j) {{",
+        f"        {target.name}[k][j] = rows_of_{target.name}[k][j];",
+        "    }",
+        "}",
     ]
-    return [*lines, *unused, *printed.lines], printed.operations
 
 
 def element(array: Array, k: int) -> str:
@@ -136,11 +213,22 @@ def _scalars(values: dict[str, ca.SX]) -> list[tuple[str, ca.SX]]:
 
 
 _NOTATION = {"wrench": "F", "task_stiffness": "K"}
-"""The paper's letters for the local copies of arguments."""
+"""The paper's letters for arguments."""
+
+_RANGES = {
+    "i<=j": ("j = i", "j < {size}", "i", "{size}"),
+    "i<j": ("j = i + 1", "j < {size}", "i + 1", "{size}"),
+    "i>=j": ("j = 0", "j <= i", "0", "i + 1"),
+    "i>j": ("j = 0", "j < i", "0", "i"),
+}
+"""Loop over j in row i: start, condition, first, one past the last."""
 
 
 class _Body:
-    """Collects the declarations and statements of one kernel."""
+    """Collects the declarations and statements of one kernel, for one configuration."""
+
+    number = "double"
+    _guards_arguments = True
 
     def __init__(self, printer: _ChainPrinter, scope: Scope, kernel: Kernel) -> None:
         self.printer = printer
@@ -152,34 +240,42 @@ class _Body:
         self.lines: list[str] = []
         self.operations = Operations()
         self.zero_rows: dict[str, set[int]] = {}
-        self.copies: dict[str, Array] = {}
-        steps = kernel.steps(printer.chain)
-        read = {operand.array.name for step in steps if isinstance(step, Map) for operand in step.operands}
-        for array in self.inputs:
-            if array.name in read:
-                self._copy_guarded(array)
+        self.renamed: dict[str, Array] = {}
+        self.filled: set[str] = set()
+        self.lane_arrays: set[str] = set()
 
-    def _copy_guarded(self, array: Array) -> None:
-        # What enters linearly would let an infinity through as an infinity, or as a NaN, or not at all.
-        copy = Array(_NOTATION[array.name], array.shape)
-        self.copies[array.name] = copy
-        self._declare(copy)
-        self.operations = self.operations + Operations(add=array.size, multiply=array.size)
-        if len(array.shape) == 1:
+    def arguments(self, program: Program) -> None:
+        """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
+
+        Kernels that end in sums over pairs need no copies: no sum and no product brings a number that is not finite
+        back among the finite ones, so that guarding the sums is enough (put_row).
+        """
+        maps = [step for step in program if isinstance(step, Map)]
+        guarded = self._guards_arguments and not any(step.over not in ("", "j") for step in maps)
+        read = {operand.array.name for step in maps for operand in step.operands}
+        for array in self.inputs:
+            if array.name not in read:
+                continue
+            short = self.renamed[array.name] = Array(_NOTATION[array.name], array.shape)
+            if not guarded:
+                self._alias(array, short)
+                continue
+            self._declare(short, "")
+            self.operations = self.operations + Operations(add=array.size, multiply=array.size)
+            flat = f"{short.name}[k]" if len(array.shape) == 1 else f"{short.name}[0][k]"
             self.lines += [
                 f"for (int k = 0; k < {array.size}; ++k) {{",
-                f"    {copy.name}[k] = finite_or_nan({array.name}[k]);",
+                f"    {flat} = finite_or_nan({array.name}[k]);",
                 "}",
             ]
-            return
-        rows, columns = array.shape
-        self.lines += [
-            f"for (int k = 0; k < {rows}; ++k) {{",
-            f"    for (int l = 0; l < {columns}; ++l) {{",
-            f"        {copy.name}[k][l] = finite_or_nan({array.name}[{columns} * k + l]);",
-            "    }",
-            "}",
-        ]
+
+    def _alias(self, array: Array, short: Array) -> None:
+        if len(array.shape) == 1:
+            self.declarations.append(f"const {self.number} *const {short.name} = {array.name};")
+        else:
+            row = f"[{array.shape[1]}]"
+            declared = f"const {self.number} (*const {short.name}){row}"
+            self.declarations.append(f"{declared} = (const {self.number} (*){row}){array.name};")
 
     def function(self) -> Function:
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
@@ -197,37 +293,55 @@ class _Body:
             self._map(step)
 
     def _recursion(self, step: Recursion) -> None:
-        for target in step.targets:
+        # Columns of joints are lanes; the public Jacobian is copied out of them.
+        targets = tuple(Array("J", t.shape) if self._public(t) and step.name else t for t in step.targets)
+        for target in targets:
             if not self._public(target):
-                self._declare(target)
+                self._declare(target, "j")
         if step.name:
-            (target,) = step.targets
             function = self.printer.recursion(self.scope, step)
             operations = function.operations
-            # The public array is flat; the recursion fills it by rows of the same length.
-            into = f"(double (*)[{target.shape[1]}]){target.name}" if self._public(target) else target.name
-            given = ", ".join(array.name for array in step.arguments)
-            self.lines.append(f"{function.name}({given}, {into});")
+            self.lines.append(f"{function.name}({self._given(step)}, {targets[0].name});")
         else:
-            lines, operations = recursion_body(
-                self.scope.chain,
-                step,
-                lambda array, k: f"{array.name}[{k}]" if self._public(array) else element(array, k),
-            )
+            lines, operations = self.printer.recursion_body(self.scope, step, targets)
             self.lines += lines
         self.operations = self.operations + operations
+        if targets != step.targets:
+            self.lines += [
+                f"for (int k = 0; k < {self.result.shape[0]}; ++k) {{",
+                f"    memcpy(&{self.result.name}[N * k], J[k], N * sizeof(double));",
+                "}",
+            ]
+
+    def _given(self, step: Recursion) -> str:
+        return ", ".join(array.name for array in step.arguments)
 
     def _public(self, array: Array) -> bool:
         return array.name == self.result.name
 
-    def _declare(self, array: Array) -> None:
-        extents = "".join(f"[{extent}]" for extent in array.shape)
-        declaration = f"double {array.name}{extents};"
+    def _declare(self, array: Array, at: str) -> None:
+        """Declare a local array that is written as a whole (at ""), by joints ("j") or by pairs of joints ("ij")."""
+        if at == "j":
+            self.lane_arrays.add(array.name)
+            self._note(f"lanes {array.name}[{array.shape[0]}][{self.scope.padded}];")
+        else:
+            self._declare_numbers(array, at)
+
+    def _declare_numbers(self, array: Array, at: str) -> None:
+        flat = at == "ij" and len(array.shape) == 2  # like a public result
+        extents = f"[{array.size}]" if flat else "".join(f"[{extent}]" for extent in array.shape)
+        # gcc 12 stores to large arrays with an alignment that it does not give them itself.
+        aligned = "ALIGNED " if at == "ij" else ""
+        self._note(f"{aligned}{self.number} {array.name}{extents};")
+
+    def _note(self, declaration: str) -> None:
         if declaration not in self.declarations:
             self.declarations.append(declaration)
 
     def _map(self, step: Map) -> None:
+        rows = self._by_rows(step)
         inputs: list[tuple[ca.SX, str]] = []
+        wide: set[str] = set()
         taken = []
         for operand in step.operands:
             entries = []
@@ -236,7 +350,9 @@ class _Body:
                     entries.append(ca.SX(0))
                     continue
                 symbol = ca.SX.sym(f"{operand.array.name}_{operand.at}{k}")
-                inputs.append((symbol, self._text(operand, k)))
+                text, is_wide = self._read(operand, k, rows=rows or step.over == "j")
+                inputs.append((symbol, text))
+                wide |= {text} if is_wide else set()
                 entries.append(symbol)
             taken.append(as_operand(operand_shape(operand), entries))
         dense = ca.densify(step.body(*taken))
@@ -250,52 +366,104 @@ class _Body:
             if len(zeros) == len(results):
                 return
         if not self._public(target.array):
-            self._declare(target.array)
-        outputs = [(self._text(target, k), value) for k, value in enumerate(results) if k not in zeros]
-        printed = print_statements(inputs, outputs)
+            self._declare(target.array, target.at)
+        places = ["row[j]"] if rows else [self._write(target, k) for k in range(target.count)]
+        outputs = [(places[k], value) for k, value in enumerate(results) if k not in zeros]
+        printed = print_statements(
+            inputs, outputs, wide=wide, wide_outputs=rows or step.over == "j" or self.number == "lanes"
+        )
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
-        self.lines += self._loops(step, printed)
+        self.lines += self._row_loops(step, printed) if rows else self._loops(step, printed)
+
+    def _by_rows(self, step: Map) -> bool:
+        """Whether a map over pairs runs over rows i, and over j in lanes."""
+        return step.over not in ("", "j", "i on the way to j") and step.target.count == 1
+
+    def _row_loops(self, step: Map, printed: Printed) -> list[str]:
+        name, size = step.target.array.name, self.scope.size
+        _, _, first, last = (text.format(size=size) for text in _RANGES[step.over])
+        # The first map over pairs stores whole rows: what it does not cover is overwritten.
+        put = f"put_entries({name}, {size}, i, row, {first}, {last});"
+        if name not in self.filled:
+            put = f"put_row({name}, {size}, i, row, {self.scope.blocks});"
+        self.filled.add(name)
+        return [
+            f"for (int i = 0; i < {size}; ++i) {{",
+            f"    lanes row[{self.scope.padded}];",
+            f"    for (int j = 0; j < {self.scope.blocks}; ++j) {{",
+            *_indented(printed.lines, 2),
+            "    }",
+            f"    {put}",
+            "}",
+            *self._mirrored(step),
+        ]
 
     def _loops(self, step: Map, printed: Printed) -> list[str]:
         size = self.scope.size
         if step.over == "":
             return printed.lines
         if step.over == "j":
-            return [f"for (int j = 0; j < {size}; ++j) {{", *_indented(printed.lines, 1), "}"]
+            return [f"for (int j = 0; j < {self._blocks}; ++j) {{", *_indented(printed.lines, 1), "}"]
+        target, body = step.target, printed.lines
         if step.over == "i on the way to j":
-            mirrored = [f"{self._pair(step.target.array, 'j', 'i')} = {self._pair(step.target.array, 'i', 'j')};"]
+            mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
             return [
                 f"for (int j = 0; j < {size}; ++j) {{",
                 f"    for (int i = j; i >= 0; i = {self.scope.prefix}parent_of[i]) {{",
-                *_indented([*printed.lines, *(mirrored if step.mirror else [])], 2),
+                *_indented([*body, *(mirrored if step.mirror else [])], 2),
                 "    }",
                 "}",
             ]
-        ranges = {
-            "i<=j": f"for (int j = i; j < {size}; ++j) {{",
-            "i<j": f"for (int j = i + 1; j < {size}; ++j) {{",
-            "i>=j": "for (int j = 0; j <= i; ++j) {",
-            "i>j": "for (int j = 0; j < i; ++j) {",
-        }
-        target, body = step.target, printed.lines
+        start, condition, _, _ = (text.format(size=size) for text in _RANGES[step.over])
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
-            body = [f"double *const entry = &{position};", *body]
-        lines = [f"for (int i = 0; i < {size}; ++i) {{", f"    {ranges[step.over]}", *_indented(body, 2), "    }"]
-        if step.mirror:
-            strict = {"i<=j": "i<j", "i>=j": "i>j"}[step.over]
-            copied, kept = (self._pair(target.array, first, second) for first, second in ("ji", "ij"))
-            lines += [f"    {ranges[strict]}", f"        {copied} = {kept};", "    }"]
-        return [*lines, "}"]
+            body = [f"{self.number} *const entry = &{position};", *body]
+        return [
+            f"for (int i = 0; i < {size}; ++i) {{",
+            f"    for (int {start}; {condition}; ++j) {{",
+            *_indented(body, 2),
+            "    }",
+            "}",
+            *self._mirrored(step),
+        ]
+
+    def _mirrored(self, step: Map) -> list[str]:
+        if not step.mirror:
+            return []
+        strict = {"i<=j": "i<j", "i>=j": "i>j"}[step.over]
+        start, condition, _, _ = (text.format(size=self.scope.size) for text in _RANGES[strict])
+        copied, kept = (self._pair(step.target.array, first, second) for first, second in ("ji", "ij"))
+        return [
+            f"for (int i = 0; i < {self.scope.size}; ++i) {{",
+            f"    for (int {start}; {condition}; ++j) {{",
+            f"        {copied} = {kept};",
+            "    }",
+            "}",
+        ]
+
+    @property
+    def _blocks(self) -> str:
+        return self.scope.blocks
 
     def _pair(self, array: Array, first: str, second: str) -> str:
-        if self._public(array):
-            return f"{array.name}[{self.scope.size} * {first} + {second}]"
-        return f"{array.name}[{first}][{second}]"
+        return f"{array.name}[{self.scope.size} * {first} + {second}]"
 
-    def _text(self, operand: Operand, k: int) -> str:
-        array = self.copies.get(operand.array.name, operand.array)
+    def _read(self, operand: Operand, k: int, *, rows: bool) -> tuple[str, bool]:
+        """C text of an operand's k-th entry, and whether it is lanes (of joints ``j``)."""
+        array = operand.array
+        if array.name in self.lane_arrays:
+            if operand.at == "j" and rows:
+                return f"{array.name}[{k}][j]", True
+            view = f"{array.name}_of"
+            row = f"[LANES * {self.scope.padded}]"
+            declared = f"const double (*const {view}){row}"
+            self._note(f"{declared} = (const double (*){row}){array.name}; /* joint by joint */")
+            return f"{view}[{k}][{operand.at}]", False
+        return self._write(operand, k), False
+
+    def _write(self, operand: Operand, k: int) -> str:
+        array = self.renamed.get(operand.array.name, operand.array)
         if operand.at == "":
             return f"{array.name}[{k}]" if self._public(array) else element(array, k)
         if operand.at != "ij":
@@ -306,22 +474,22 @@ class _Body:
 
     def _gather(self, step: Gather) -> None:
         source, target = step.source, step.target
-        chain = self.scope.chain
-        m, M, prefix = len(chain.joints), self.scope.size, self.scope.prefix
+        m, M, prefix = len(self.scope.chain.joints), self.scope.size, self.scope.prefix
         self.lines += [
             "",
             "/* joints that move together share a coordinate */",
             f"for (int k = 0; k < {target.size}; ++k) {{",
-            f"    {target.name}[k] = 0.0;",
+            f"    {target.name}[k] = {self._zero};",
             "}",
         ]
         if step.columns:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
+            entry, _ = self._read(Operand(source, "j"), 0, rows=False)
             self.lines += [
                 f"for (int k = 0; k < {source.shape[0]}; ++k) {{",
                 f"    for (int j = 0; j < {M}; ++j) {{",
                 f"        {target.name}[N * k + {prefix}coordinate_of[j]] += "
-                f"{prefix}multiplier_of[j] * {source.name}[k][j];",
+                f"{prefix}multiplier_of[j] * {entry.replace('[0]', '[k]')};",
                 "    }",
                 "}",
             ]
@@ -330,7 +498,7 @@ class _Body:
         self.operations = self.operations + Operations(add=source.size, multiply=source.size + m * m)
         into = f"N * {prefix}coordinate_of[i] + {prefix}coordinate_of[j]"
         if depth == 1:
-            sums = [f"        {target.name}[{into}] += factor * {source.name}[i][j];"]
+            sums = [f"        {target.name}[{into}] += factor * {self._pair(source, 'i', 'j')};"]
         else:
             sums = [
                 f"        double *const entry = &{target.name}[{depth} * ({into})];",
@@ -358,7 +526,7 @@ class _Body:
     def _sum(self, step: Sum) -> None:
         target = step.target
         part = Array("part", (target.size,))
-        self._declare(part)
+        self._declare_numbers(part, "")
         for index, term in enumerate(step.terms):
             given = []
             for array, source in term.arguments:
@@ -374,6 +542,46 @@ class _Body:
                     f"    {target.name}[k] += {part.name}[k];",
                     "}",
                 ]
+
+    _zero = "0.0"
+
+
+class _BatchBody(_Body):
+    """The same with lanes of configurations in place of every number; nothing runs over lanes of joints."""
+
+    number = "lanes"
+    _zero = "same(0.0)"
+
+    _guards_arguments = False  # results are guarded when they are stored (scatter)
+
+    def _recursion(self, step: Recursion) -> None:
+        for target in step.targets:
+            if not self._public(target):
+                self._declare(target, "j")
+        if step.name:
+            function = self.printer.recursion(self.scope, step)
+            operations = function.operations
+            (target,) = step.targets
+            row = f"[{target.shape[1]}]"
+            into = f"(lanes (*){row}){target.name}" if self._public(target) else target.name
+            self.lines.append(f"{function.name}_lanes({self._given(step)}, {into});")
+        else:
+            lines, operations = self.printer.recursion_body(self.scope, step, step.targets)
+            self.lines += lines
+        self.operations = self.operations + operations
+
+    def _by_rows(self, step: Map) -> bool:
+        return False
+
+    @property
+    def _blocks(self) -> str:
+        return self.scope.size
+
+    def _declare(self, array: Array, at: str) -> None:
+        self._declare_numbers(array, at)
+
+    def _read(self, operand: Operand, k: int, *, rows: bool) -> tuple[str, bool]:
+        return self._write(operand, k), True
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

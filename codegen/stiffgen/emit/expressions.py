@@ -8,12 +8,15 @@ it: no hash, address or platform enters, so the same chain prints the same bytes
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
 
 _WIDTH = 100
+WIDEST = 8
+"""Numbers in the widest vector of the generated code (lanes.c); rows are padded to multiples of it."""
+
 _SUM, _PRODUCT, _UNARY, _ATOM = range(4)
 
 Key = tuple[str, int | float, int]
@@ -51,10 +54,14 @@ class Named:
 
 @dataclass(frozen=True)
 class Printed:
-    """C statements, one a line (long ones wrapped), with the operations they cost."""
+    """C statements, one a line (long ones wrapped), with the operations they cost.
+
+    ``values`` are the C texts of the outputs where these were defined rather than assigned.
+    """
 
     lines: list[str]
     operations: Operations
+    values: tuple[str, ...] = ()
 
 
 @dataclass
@@ -149,6 +156,9 @@ def print_statements(
     named: Sequence[Named] = (),
     *,
     heading: str = "",
+    wide: Container[str] = (),
+    wide_outputs: bool = False,
+    define: bool = False,
 ) -> Printed:
     """Print the statements that compute ``outputs``.
 
@@ -157,6 +167,9 @@ def print_statements(
         outputs: C lvalues with scalar expressions, printed in this order.
         named: groups of scalar intermediates to name, in order of computation.
         heading: comment over the outputs.
+        wide: the C texts among the inputs that are lanes; what depends on them is lanes too, the rest double.
+        wide_outputs: the lvalues are lanes.
+        define: take the lvalues as names of new locals; what is a constant or has a name already gets no second one.
 
     Returns:
         Lines without indentation.
@@ -166,27 +179,45 @@ def print_statements(
     named_values = [(name, value) for group in named for name, value in group.values]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
     graph, numbers = _build(ca.Function("f", [symbols], [everything]))
-    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs])
+    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide)
+    writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
         members = [(name, number) for _, (number, (name, _)) in zip(group.values, following, strict=False)]
         writer.group(group.comment, members)
     if heading:
         writer.lines += ["", f"/* {heading} */"] if writer.lines else [f"/* {heading} */"]
+    values = []
     for (lvalue, _), number in zip(outputs, numbers, strict=False):
-        writer.assign(lvalue, number)
-    return Printed(writer.lines, writer.operations)
+        if define:
+            values.append(writer.value(lvalue, number))
+        else:
+            writer.assign(lvalue, number, wide=wide_outputs)
+    return Printed(writer.lines, writer.operations, tuple(values))
 
 
 class _Writer:
-    def __init__(self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str]) -> None:
+    def __init__(self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str]) -> None:
         self.graph = graph
         self.inputs = inputs
+        self.wide = self._wide_nodes(wide)
         self.lines: list[str] = []
         self.operations = Operations()
         self.text: dict[int, str] = {}  # nodes that have a C name
+        self.results: dict[int, str] = {}  # sines and cosines: where the call left them
         self.temporaries = 0
         self.uses = self._count_uses(outputs)
+
+    def _wide_nodes(self, inputs: Container[str]) -> set[int]:
+        wide: set[int] = set()
+        for number, (kind, a, _) in enumerate(self.graph.keys):  # operands come before what uses them
+            if kind == "input":
+                is_wide = self.inputs[int(a)] in inputs
+            else:
+                is_wide = any(operand in wide for operand in self.graph.operands(number))
+            if is_wide:
+                wide.add(number)
+        return wide
 
     def _count_uses(self, outputs: Sequence[int]) -> dict[int, int]:
         uses: dict[int, int] = {}
@@ -198,20 +229,78 @@ class _Writer:
                 pending.extend(self.graph.operands(number))
         return uses
 
+    def sines_and_cosines(self) -> None:
+        """Take the sines and cosines of all angles in one call; the nodes get the names of its results."""
+        used = [number for number in sorted(self.uses) if self.graph.keys[number][0] in ("sin", "cos")]
+        angles = sorted({int(self.graph.keys[number][1]) for number in used}, key=self._first_input)
+        if not angles:
+            return
+        self._comment("sine and cosine of each joint angle")
+        for angle in angles:
+            self._prepare(angle)
+        values = [self._expression(angle)[0] for angle in angles]
+        batch = all(angle in self.wide for angle in angles)
+        if batch:
+            count, padded = str(len(values)), [", ".join(values)]
+        else:
+            count, padded = f"{-(-len(values) // WIDEST) * WIDEST} / LANES", eights(values)
+        self.lines += [
+            f"const lanes angle[{count}] = {{",
+            *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
+            "};",
+            f"lanes sine[{count}], cosine[{count}];",
+            f"sine_cosine(angle, sine, cosine, {count});",
+        ]
+        view = {"sin": "sine", "cos": "cosine"}
+        if not batch:
+            self.lines += ["const double *const s = (const double *)sine;"] if self._any(used, "sin") else []
+            self.lines += ["const double *const c = (const double *)cosine;"] if self._any(used, "cos") else []
+            view = {"sin": "s", "cos": "c"}
+        for number in used:
+            kind, argument, _ = self.graph.keys[number]
+            self.operations.sincos += 1
+            self.results[number] = f"{view[kind]}[{angles.index(int(argument))}]"
+
+    def _first_input(self, number: int) -> tuple[int, int]:
+        """Sorts angles as the coordinates that they depend on."""
+        pending, first = [number], len(self.inputs)
+        while pending:
+            kind, index, _ = self.graph.keys[current := pending.pop()]
+            first = min(first, int(index)) if kind == "input" else first
+            pending.extend(self.graph.operands(current))
+        return first, number
+
+    def _any(self, numbers: Sequence[int], kind: str) -> bool:
+        return any(self.graph.keys[number][0] == kind for number in numbers)
+
+    def _comment(self, text: str) -> None:
+        self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
+
     def group(self, comment: str, members: Sequence[tuple[str, int]]) -> None:
         opened = False
         for name, number in members:
             # A negated value goes without a name of its own: its sign is written where it is used.
             kind = self.graph.keys[number][0]
             if number in self.uses and number not in self.text and kind not in ("const", "input", "neg"):
-                if not opened:
-                    self.lines += ["", f"/* {comment} */"] if self.lines else [f"/* {comment} */"]
-                    opened = True
+                if not opened and not all(self.graph.keys[n][0] in ("sin", "cos") for _, n in members):
+                    self._comment(comment)
+                opened = True
                 self._define(name, number)
 
-    def assign(self, lvalue: str, number: int) -> None:
+    def assign(self, lvalue: str, number: int, *, wide: bool) -> None:
         self._prepare(number)
-        self._write(f"{lvalue} = {self._expression(number)[0]};")
+        text = self._expression(number)[0]
+        self._write(f"{lvalue} = {f'same({text})' if wide and number not in self.wide else text};")
+
+    def value(self, name: str, number: int) -> str:
+        """C text of a node, which is defined under ``name`` unless it is short already."""
+        inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
+        if not (self._is_leaf(number) or inner in self.text):
+            self._define(name, number)
+        return self._expression(number)[0]
+
+    def _type(self, number: int) -> str:
+        return "const lanes" if number in self.wide else "const double"
 
     def _is_leaf(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -219,7 +308,7 @@ class _Writer:
 
     def _define(self, name: str, number: int) -> None:
         self._prepare(number)
-        self._write(f"const double {name} = {self._expression(number)[0]};")
+        self._write(f"{self._type(number)} {name} = {self._expression(number)[0]};")
         self.text[number] = name
 
     def _prepare(self, number: int) -> None:
@@ -236,7 +325,7 @@ class _Writer:
             stack.pop()
             shared = self.uses[current] > 1 and self.graph.keys[current][0] != "neg"
             if current != number and shared and not self._is_leaf(current):
-                self._write(f"const double t{self.temporaries} = {self._expression(current)[0]};")
+                self._write(f"{self._type(current)} t{self.temporaries} = {self._expression(current)[0]};")
                 self.text[current] = f"t{self.temporaries}"
                 self.temporaries += 1
 
@@ -249,8 +338,7 @@ class _Writer:
         if kind == "input":
             return self.inputs[int(a)], _ATOM
         if kind in ("sin", "cos"):
-            self.operations.sincos += 1
-            return f"{kind}({self._expression(int(a))[0]})", _ATOM
+            return self.results[number], _ATOM
         if kind == "neg":
             return f"-{self._nested(int(a), _UNARY)}", _UNARY
         if kind == "mul":
@@ -267,6 +355,18 @@ class _Writer:
 
     def _write(self, statement: str) -> None:
         self.lines += wrap(statement)
+
+
+def eights(values: Sequence[str]) -> list[str]:
+    """Values in groups of WIDEST for the initialiser of an array of lanes, the last group filled with zeros."""
+    filled = [*values, *["0.0"] * (-len(values) % WIDEST)]
+    return [f"EIGHT({', '.join(filled[k : k + WIDEST])})" for k in range(0, len(filled), WIDEST)]
+
+
+def wrap_list(text: str) -> list[str]:
+    """Break a list after commas so that it fits the page; continuations are indented by four."""
+    lines = _filled(text, re.compile(r"(?<=,) "))
+    return [lines[0], *("    " + line for line in lines[1:])]
 
 
 def wrap(statement: str) -> list[str]:

@@ -17,7 +17,7 @@ from stiffgen.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.emit.c import Code, Function, Scope, print_chain
 from stiffgen.emit.controller import COPIED, controller_context, controller_files
-from stiffgen.emit.expressions import Operations, c_double
+from stiffgen.emit.expressions import WIDEST, Operations, c_double
 from stiffgen.kernels import Argument, Kernel
 from stiffgen.names import c_string, comment
 from stiffgen.program import Array
@@ -106,6 +106,9 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "groups": _groups(kernels),
         "public": list(dict.fromkeys(k["tip"] or k["representation"] or k["name"] for k in kernels)),
         "argument_lists": list(dict.fromkeys(tuple(k["inputs"]) for k in kernels)),
+        "batch_recursions": [_recursion(scope, function, "lanes") for scope, function in code.batch_recursions],
+        "batches": [_batch(name, kernel, function) for kernel, function in code.batches],
+        "calls": code.calls,
     }
 
 
@@ -128,19 +131,23 @@ def _scope(scope: Scope) -> dict[str, Any]:
         "title": comment(scope.chain.tip) if scope.prefix else "",
         "coupled": scope.chain.coupled,
         "joints": scope.chain.joints,
+        "size": scope.size,
+        "blocks": scope.blocks,
+        "padded": scope.padded,
+        "padded_size": -(-len(scope.chain.joints) // WIDEST) * WIDEST,
     }
 
 
-def _recursion(scope: Scope, function: Function) -> dict[str, Any]:
-    target = function.output
-    arguments = [f"const double {_declared(array)}" for array in function.inputs]
-    columns = scope.size if target.shape[1] == len(scope.chain.joints) else target.shape[1]
-    result = f"double {target.name}[{target.shape[0]}][{columns}]"
+def _recursion(scope: Scope, function: Function, number: str = "double") -> dict[str, Any]:
+    batch = number == "lanes"
+    arguments = [f"const {number} {_declared(array)}" for array in function.inputs]
+    result = f"lanes J[6][{scope.size if batch else scope.padded}]"
     tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
+    name = f"{function.name}_lanes" if batch else function.name
     return {
         "title": function.name.removeprefix(scope.prefix).removesuffix("_columns"),
         "tip": tip,
-        "prototype": _fill(f"static void {function.name}(", [*arguments, result]) + ")",
+        "prototype": _fill(f"static void {name}(", [*arguments, result]) + ")",
         "lines": function.lines,
         "cost": _cost(function.operations),
     }
@@ -166,12 +173,29 @@ def _kernel(chain: Chain, name: str, kernel: Kernel, function: Function) -> dict
         "inputs": [array.name for array in function.inputs],
         "ranks": [len(array.shape) for array in arrays],
         "extents": ["{" + ", ".join(map(str, array.shape)) + "}" for array in arrays],
+        "batch": kernel.batch,
         "prototype": _fill(opening, parameters) + ")",
         "documentation": _documentation(chain, kernel),
         "docstring": _docstring(chain, kernel),
         "lines": function.lines,
         "cost": _cost(function.operations),
         "operations": function.operations.total,
+    }
+
+
+def _batch(name: str, kernel: Kernel, function: Function) -> dict[str, Any]:
+    arrays = (*function.inputs, function.output)
+    parameters = ["size_t count"]
+    for array in function.inputs:
+        parameters += [f"const double *{array.name}", f"ptrdiff_t {array.name}_step"]
+    parameters.append(f"double *{function.output.name}")
+    within = [*(f"const lanes {_declared(a)}" for a in function.inputs), f"lanes {_declared(function.output)}"]
+    return {
+        "qualified_name": kernel.qualified_name,
+        "arrays": arrays,
+        "parameters": ", ".join(within),
+        "prototype": _fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
+        "lines": function.lines,
     }
 
 
