@@ -30,8 +30,8 @@ _STRUCTS = (
 
 
 def has_controller(chain: Chain) -> bool:
-    """Whether the controller can be made for a robot: one wrench at one tip, and few enough coordinates."""
-    return len(chain.tips) == 1 and not chain.runtime_tool and chain.dof <= MAX_DOF
+    """Whether the controller can be made for a robot: one wrench at one tip, masses, and few enough coordinates."""
+    return len(chain.tips) == 1 and not chain.runtime_tool and chain.masses and chain.dof <= MAX_DOF
 
 
 def controller_files(name: str, chain: Chain) -> dict[str, str]:
