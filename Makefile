@@ -3,6 +3,7 @@
 # make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
 # make robots     real robots against Pinocchio, into docs/robots.md
+# make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -12,7 +13,7 @@ WORKERS ?= 2
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots clean
+.PHONY: generate test lint check-generated fuzz random-robots robots soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -56,6 +57,9 @@ random-robots: $(VENV)/installed-test
 
 robots: $(VENV)/installed-test
 	$(BIN)/python tests/robots_table.py build/robots docs/robots.md
+
+soak: $(VENV)/installed-test
+	$(BIN)/python tests/soak.py
 
 clean:
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis
