@@ -14,7 +14,7 @@
 
 typedef void run_function(const double *, const double *, const double *, double *);
 typedef void batch_function(size_t, const double *, const double *, const double *, double *);
-typedef void setup_function(const char *, const char *);
+typedef void setup_function(void);
 
 enum { MAX = 64 };
 
@@ -48,7 +48,7 @@ int main(int argc, char **argv)
         }
         setup_function *setup = (setup_function *)dlsym(library, "setup");
         if (setup) {
-            setup(getenv("URDF"), getenv("TIP"));
+            setup();
         }
         names[n] = argv[4 + k];
         run[n] = (run_function *)dlsym(library, "run");

@@ -4,7 +4,6 @@
 #include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/kinematics-derivatives.hpp>
 #include <pinocchio/multibody.hpp>
-#include <pinocchio/parsers/urdf.hpp>
 
 namespace pin = pinocchio;
 typedef Eigen::Matrix<double, 6, 6> Matrix6;
@@ -17,11 +16,28 @@ static pin::FrameIndex frame;
 static pin::Data::Tensor3x hessian(6, 7, 7);
 static Jacobian J;
 
-extern "C" void setup(const char *urdf, const char *tip)
+static pin::SE3 placement(const double *n)
 {
-    pin::urdf::buildModel(urdf, model);
+    pin::SE3::Matrix3 rotation;
+    rotation << n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8];
+    return pin::SE3(rotation, pin::SE3::Vector3(n[9], n[10], n[11]));
+}
+
+extern "C" void setup()
+{
+    pin::JointIndex last = 0;
+#define JOINT(kind, ...)                                                                    \
+    {                                                                                       \
+        const double numbers[] = {__VA_ARGS__};                                             \
+        last = model.addJoint(last, kind, placement(numbers), std::to_string(last));      \
+    }
+#define TIP(...)                                                                            \
+    {                                                                                       \
+        const double numbers[] = {__VA_ARGS__};                                             \
+        frame = model.addFrame(pin::Frame("tip", last, placement(numbers), pin::OP_FRAME)); \
+    }
+#include "chain.inc"
     data = new pin::Data(model);
-    frame = model.getFrameId(tip);
 }
 
 extern "C" void run(const double *q, const double *wrench, const double *task_stiffness, double *joint_stiffness)
