@@ -114,6 +114,23 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     )
 
 
+def test_bench(capsys, robot_folder):
+    code, out, err = run(capsys, "bench", robot_folder)
+    assert code == 0
+    rows = [line for line in out.splitlines() if "joint_stiffness " in line]
+    assert len(rows) == 3
+    for row in rows:
+        _, call, configuration = (cell.strip() for cell in row.split("│"))
+        assert 0 < float(configuration) < 10 * float(call)
+    assert "timing hybrid_joint_stiffness" in err
+
+
+def test_bench_of_another_folder_is_refused(capsys, tmp_path):
+    code, _, err = run(capsys, "bench", tmp_path)
+    assert code == 2
+    assert "stiffgen generate" in err
+
+
 def test_a_nan_fails_a_check():
     assert not Check("kernel", "oracle", float("nan"), 1e-12).passed
 

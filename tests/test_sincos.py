@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
+import sys
 from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
 
-from conftest import require_compiler
+from conftest import ROOT, require_compiler
 
 BOUND = 1.5
 FAR = 1e4
@@ -144,6 +146,16 @@ def test_what_is_not_finite_is_nan_and_leaves_the_others_alone(sine_cosine):
                 assert np.isnan(found[lane])
                 others = np.arange(8) != lane
                 assert np.array_equal(found[others], before[others])
+
+
+def test_coefficients_are_the_derived_ones(robot_folder):
+    """Every number that benchmarks/sine_cosine.py derives stands in the C code."""
+    script = ROOT / "benchmarks" / "sine_cosine.py"
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    numbers = re.findall(r"(?<![\^\d.])-?(\d\.\d{6,}(?:e-\d+)?)", done.stdout)
+    assert len(numbers) == 15
+    source = (robot_folder / "iiwa14.c").read_text()
+    assert [number for number in numbers if number not in source] == []
 
 
 def test_exact_at_zero(sine_cosine):

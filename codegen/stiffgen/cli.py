@@ -1,4 +1,4 @@
-"""The command line: ``stiffgen generate | inspect | verify``.
+"""The command line: ``stiffgen generate | inspect | verify | bench``.
 
 Exit code 0: done; 1: a check failed; 2: refused input or usage. Refusals are one message on standard error.
 """
@@ -19,6 +19,7 @@ from rich.markup import escape
 from rich.table import Table
 
 import stiffgen
+from stiffgen.bench import bench
 from stiffgen.chain import Tool
 from stiffgen.description import Description, JointElement, read_description
 from stiffgen.errors import DescriptionError, StiffgenError
@@ -94,6 +95,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--samples", type=_positive, default=200, help="random postures (default: 200)")
     command.add_argument("--seed", type=int, default=0, help="of the random postures (default: 0)")
     command.set_defaults(run=_verify)
+
+    command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
+    command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
+    command.set_defaults(run=_bench)
     return parser
 
 
@@ -230,6 +235,19 @@ def _verify(options: argparse.Namespace) -> int:
     _table_console().print(_check_table(checks))
     print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound, {options.samples} postures")
     return 1 if failed else 0
+
+
+def _bench(options: argparse.Namespace) -> int:
+    console = Console(stderr=True, highlight=False)
+    with _Progress(console).shown() as progress:
+        timings = bench(options.folder, progress=progress)
+    table = Table(show_edge=False, pad_edge=False)
+    for column in ("kernel", "one Python call [us]", "in a stack of 4096 [us]"):
+        table.add_column(column, justify="left" if column == "kernel" else "right")
+    for timing in timings:
+        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}")
+    _table_console().print(table)
+    return 0
 
 
 def _table_console() -> Console:

@@ -367,20 +367,27 @@ def _contact(references: References) -> tuple[Array, ...]:
     return (*references.posture[1:], samples.wrench, samples.task_stiffness)
 
 
+def argument_samples(chain: Chain, count: int, seed: int) -> dict[str, Array]:
+    """A stack of ``count`` random values for every argument that kernels take, by name."""
+    drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
+    first = drawn[0]
+    return {
+        "q": first.q,
+        "wrench": first.wrench,
+        "tool_pose": first.tool_pose,
+        "task_stiffness": first.task_stiffness,
+        "wrenches": np.stack([samples.wrench for samples in drawn], axis=1),
+        "tool_poses": np.stack([samples.tool_pose for samples in drawn], axis=1),
+        "task_stiffnesses": np.stack([samples.task_stiffness for samples in drawn], axis=1),
+    }
+
+
 def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
     """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
-    drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
+    pool = argument_samples(chain, count, seed)
+    pool["task_stiffness"] = Samples.draw(chain, count, seed).general_stiffness
     checks = []
     for kernel in chain_kernels(chain):
-        pool = {
-            "q": drawn[0].q,
-            "wrench": drawn[0].wrench,
-            "tool_pose": drawn[0].tool_pose,
-            "task_stiffness": drawn[0].general_stiffness,
-            "wrenches": np.stack([samples.wrench for samples in drawn], axis=1),
-            "tool_poses": np.stack([samples.tool_pose for samples in drawn], axis=1),
-            "task_stiffnesses": np.stack([samples.task_stiffness for samples in drawn], axis=1),
-        }
         arguments = [pool[argument.name] for argument in kernel.arguments]
         function = casadi_function(chain, kernel)
         shape = kernel.result.array(chain).shape
@@ -405,13 +412,7 @@ def _one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 def check_batches(kernels: Kernels, single: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
     """Compare batch functions with single calls; the last block of a batch is not full."""
-    samples = Samples.draw(chain, count, seed)
-    pool = {
-        "q": samples.q,
-        "wrench": samples.wrench,
-        "task_stiffness": samples.task_stiffness,
-        "tool_pose": samples.tool_pose,
-    }
+    pool = argument_samples(chain, count, seed)
     checks = []
     for kernel in chain_kernels(chain):
         if kernel.batch:

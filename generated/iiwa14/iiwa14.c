@@ -154,7 +154,7 @@ static inline void put_entries(double *matrix, int n, int i, const lanes *row, i
  * k is the nearest integer to x / (pi/2): adding 1.5 * 2^52 leaves it in the low bits of a double. pi/2 is taken in
  * three parts; the first two have 39 bits, so that their products with k (13 bits) are exact, and the rest carries
  * the sum to 2^-131. r + low is x - k pi/2. On |r| <= pi/4, sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2)
- * with the P and Q of least largest relative error (2^-57.9 and 2^-63.9), found by Remez' algorithm
+ * with the P and Q of least largest relative error (2^-57.9 and 2^-64.0), found by Remez' algorithm
  * (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets their signs.
  */
 #define FAR 1e4
@@ -190,11 +190,11 @@ static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int c
 
         const lanes z = r * r, z2 = z * z, z4 = z2 * z2;
         const lanes P = (z * 0.008333333333322118 - 0.1666666666666663)
-            + z2 * (z * 2.7557313621385646e-06 - 0.0001984126982958954)
-            + z4 * (z * 1.5896230156918917e-10 - 2.505074776284528e-08);
+            + z2 * (z * 2.7557313621376058e-06 - 0.00019841269829589558)
+            + z4 * (z * 1.5896229931761321e-10 - 2.5050747759892582e-08);
         const lanes Q = (0.041666666666666595 - z * 0.0013888888888873056)
-            + z2 * (2.4801587288851704e-05 - z * 2.755731417929671e-07)
-            + z4 * (2.087570084197076e-09 - z * 1.135853652117726e-11);
+            + z2 * (2.480158728885165e-05 - z * 2.755731417927551e-07)
+            + z4 * (2.087570083855632e-09 - z * 1.1358536325839214e-11);
         const lanes half = 0.5 * z;
         const lanes rest = 1.0 - half;
         s.number = r + (low + (z * r) * P);

@@ -1,0 +1,486 @@
+"""Times the joint stiffness against what a user could take instead; writes RESULTS.md and results.svg beside this file.
+
+All C and C++ contenders run in one process on the same 4096 random inputs (iiwa14, hybrid form, dense task stiffness,
+full 7x7 result), and agree before anything is timed. Contenders whose tools are missing are left out and named.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from importlib import metadata
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+import stiffgen
+from stiffgen.kernels import KERNELS
+from stiffgen.model import casadi_function
+from stiffgen.verify import Samples, _product_of_poses, import_robot
+
+HERE = Path(__file__).resolve().parent
+URDF = HERE.parent / "urdf" / "iiwa14.urdf"
+COUNT = 4096
+ROUNDS = 61
+AGREE = 1e-12
+BOOST = "-DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS"
+NATIVE, AVX2, PLAIN = "-O3 -march=native", "-O3 -mavx2 -mfma", "-O2"
+JOINTS = (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30)
+left_out: list[str] = []
+
+
+def run(command: list[str], **options: object) -> str:
+    return subprocess.run(command, check=True, capture_output=True, text=True, **options).stdout
+
+
+def pinned(command: list[str]) -> list[str]:
+    core = max(os.sched_getaffinity(0))
+    return ["taskset", "-c", str(core), *command] if shutil.which("taskset") else command
+
+
+def differentiated(chain: stiffgen.Chain) -> ca.Function:
+    """Plain 4x4 kinematics, geometric Jacobian, dJ/dq by CasADi's differentiation."""
+    q, F, K = ca.SX.sym("q", 7), ca.SX.sym("F", 6), ca.SX.sym("K", 6, 6)
+    frames, tip = _product_of_poses(chain, q)
+    columns = []
+    for joint, frame in zip(chain.joints, frames, strict=True):
+        axis = frame[:3, :3] @ ca.DM(joint.axis)
+        columns.append(ca.vertcat(ca.cross(axis, tip[:3, 3] - frame[:3, 3]), axis))
+    J = ca.horzcat(*columns)
+    A = ca.SX(K)
+    A[3:, 3:] -= ca.skew(F[3:] / 2)
+    Kq = ca.jacobian(J.T @ F, q) + J.T @ A @ J
+    return ca.Function("differentiated", [q, F, K], [ca.densify(Kq)], {"cse": True})
+
+
+def casadi_source(function: ca.Function, folder: Path) -> list[str]:
+    """Generate C; the defines that contenders/casadi.c wants."""
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        function.generate(f"{function.name()}.c", {"with_header": False})
+    finally:
+        os.chdir(here)
+    return [
+        f'-DSOURCE="{folder / function.name()}.c"',
+        f"-DFUNCTION={function.name()}",
+        f"-DWORK={max(function.sz_w(), 1)}",
+    ]
+
+
+def libraries(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, Path]:
+    """Build every contender; names as the table shows them."""
+    closed = next(k for k in KERNELS if k.qualified_name == "hybrid_joint_stiffness")
+    sources = {
+        "CasADi C, differentiated": casadi_source(differentiated(chain), folder),
+        "CasADi C, closed form": casadi_source(casadi_function(chain, closed), folder),
+    }
+    built: dict[str, Path] = {}
+
+    def build(name: str, compiler: str, flags: str, source: str, extra: list[str]) -> None:
+        if not shutil.which(compiler):
+            left_out.append(f"{name}: {compiler} is not installed")
+            return
+        target = folder / f"lib{len(built)}.so"
+        run(
+            [
+                compiler,
+                *flags.split(),
+                "-shared",
+                "-fPIC",
+                str(HERE / "contenders" / source),
+                *extra,
+                "-o",
+                str(target),
+                "-lm",
+            ]
+        )
+        built[name] = target
+
+    build("7 libm sincos", "gcc", "-O2", "seven_sincos.c", [])
+    for compiler in ("gcc", "clang"):
+        for flags in (NATIVE, PLAIN):
+            for name, extra in sources.items():
+                build(f"{name}; {compiler} {flags}", compiler, flags, "casadi.c", extra)
+        for flags in (NATIVE, AVX2, PLAIN):
+            build(f"stiffgen; {compiler} {flags}", compiler, flags, "own.c", [f"-I{robot}"])
+    prefix = Path(next(p for p in map(Path, sys.path) if p.name == "site-packages")) / "cmeel.prefix"
+    eigen = next((p for p in (prefix / "include/eigen3", Path("/usr/include/eigen3")) if p.exists()), None)
+    if not (prefix / "include/pinocchio").exists() or eigen is None:
+        left_out.append("Pinocchio C++: needs the wheel 'pin' and Eigen's headers (Debian: libeigen3-dev)")
+    else:
+        (folder / "chain.inc").write_text(pinocchio_joints(chain))
+        include = [f"-I{prefix / 'include'}", f"-I{eigen}", f"-I{folder}"]
+        for flags in (NATIVE, PLAIN):
+            name = f"Pinocchio C++, kinematic Hessian; g++ {flags}"
+            try:
+                build(name, "g++", f"-std=c++17 -DNDEBUG {BOOST} {flags}", "pinocchio.cpp", include)
+            except subprocess.CalledProcessError as error:
+                left_out.append(f"{name}: does not compile ({error.stderr.strip().splitlines()[-1][:80]})")
+    return built
+
+
+def pinocchio_joints(chain: stiffgen.Chain) -> str:
+    """The joints as the C++ contender adds them; its URDF parser needs headers that the wheel does not have."""
+    lines = []
+    for joint in chain.joints:
+        x, y, z = joint.axis
+        kinds = {(1.0, 0.0, 0.0): "RX", (0.0, 1.0, 0.0): "RY", (0.0, 0.0, 1.0): "RZ"}
+        kind = kinds.get((x, y, z))
+        model = f"pin::JointModel{kind}()" if kind else f"pin::JointModelRevoluteUnaligned({x}, {y}, {z})"
+        numbers = [*(x for row in joint.rotation for x in row), *joint.translation]
+        lines.append(f"JOINT(({model}), {', '.join(map(repr, numbers))})")
+    numbers = [*(x for row in chain.tip_rotation for x in row), *chain.tip_translation]
+    return "\n".join([*lines, "TIP(" + ", ".join(map(repr, numbers)) + ")", ""])
+
+
+def in_c(chain: stiffgen.Chain, folder: Path, robot: Path) -> list[tuple[str, float, float, float]]:
+    """(name, median, lower and upper quartile) in ns a configuration."""
+    built = libraries(chain, folder, robot)
+    samples = Samples.draw(chain, COUNT, seed=1)
+    inputs = folder / "inputs"
+    inputs.write_bytes(samples.q.tobytes() + samples.wrench.tobytes() + samples.task_stiffness[0].tobytes())
+    driver = folder / "driver"
+    run(["gcc", "-O2", str(HERE / "contenders" / "driver.c"), "-o", str(driver), "-ldl", "-lm"])
+    names = {str(path): name for name, path in built.items()}
+    command = pinned([str(driver), str(inputs), str(COUNT), str(ROUNDS), *names])
+    rows = []
+    for line in run(command).splitlines():
+        path, difference, *times = line.split()
+        name = names[path.removesuffix("+batch")]
+        if path.endswith("+batch"):
+            name = name.replace("stiffgen;", "stiffgen batch;")
+        if float(difference) > AGREE:
+            raise SystemExit(f"{name} disagrees by {difference}")
+        rows.append((name, *quartiles([float(t) for t in times])))
+    return rows
+
+
+def quartiles(values: list[float]) -> tuple[float, float, float]:
+    lower, median, upper = statistics.quantiles(values, n=4)
+    return median, lower, upper
+
+
+def timed(call, repeat: int = 15, target: float = 0.02) -> tuple[float, float, float]:
+    """Microseconds a call: median and quartiles of batches of calls."""
+    start = time.perf_counter()
+    call()
+    number = max(1, int(target / max(time.perf_counter() - start, 1e-7)))
+    values = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        for _ in range(number):
+            call()
+        values.append((time.perf_counter() - start) / number * 1e6)
+    return quartiles(values)
+
+
+def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list, list]:
+    """Rows (name, median, quartiles) for one call [us], and for a batch of 65536 [us a configuration]."""
+    module = import_robot(robot)
+    size = 65536
+    samples = Samples.draw(chain, size, seed=2)
+    q, F, K = samples.q, samples.wrench, samples.task_stiffness[0]
+    q0, F0 = q[0].copy(), F[0].copy()
+    kernel = module.hybrid.joint_stiffness
+    out, left = np.empty((7, 7)), np.random.default_rng(0).normal(size=(7, 7))
+    function = stiffgen.StiffnessModel(chain).hybrid.joint_stiffness
+    expected = kernel(q, F, K)
+    assert np.allclose(np.array(function(q0, F0, K)), expected[0], rtol=1e-11, atol=1e-9)
+    J, dJ = module.hybrid.jacobian(q), module.hybrid.jacobian_transpose_derivative(q)
+    correction = module.hybrid.connection_correction(F)
+
+    def einsum(s: slice | int) -> np.ndarray:
+        return np.einsum("...ibk,...k->...bi", dJ[s], F[s]) + np.einsum(
+            "...ka,...kl,...lb->...ab", J[s], K + correction[s], J[s], optimize=["einsum_path", (0, 1), (0, 1)]
+        )
+
+    assert np.allclose(einsum(slice(None)), expected, rtol=1e-10, atol=1e-8)
+    single = [
+        ("numpy.matmul of two 7x7", *timed(lambda: np.matmul(left, left))),
+        ("stiffgen", *timed(lambda: kernel(q0, F0, K))),
+        ("stiffgen, out=", *timed(lambda: kernel(q0, F0, K, out=out))),
+        ("CasADi function", *timed(lambda: function(q0, F0, K))),
+        ("NumPy einsum, derivatives given", *timed(lambda: einsum(0))),
+    ]
+    many = np.empty((size, 7, 7))
+    batch = [("stiffgen, out=", *timed(lambda: kernel(q, F, K, out=many), 9))]
+    batch.append(("stiffgen", *timed(lambda: kernel(q, F, K), 9)))
+    batch.append(("NumPy einsum, derivatives given", *timed(lambda: einsum(slice(None)), 5)))
+    mapped = function.map(size)
+    repeated = np.tile(K, size)
+    batch.append(("CasADi map", *timed(lambda: mapped(q.T, F.T, repeated), 5)))
+    in_pinocchio(chain, q0, F0, K, expected[0], single)
+    in_jax(chain, q, F, K, expected, single, batch)
+    return single, [(name, *(t / size for t in times)) for name, *times in batch]
+
+
+def in_pinocchio(chain: stiffgen.Chain, q, F, K, expected, single: list) -> None:
+    try:
+        import pinocchio as pin
+    except ImportError:
+        left_out.append("Pinocchio's bindings: 'pin' is not installed")
+        return
+    model = pin.buildModelFromUrdf(str(URDF))
+    data, frame = model.createData(), model.getFrameId(chain.tip)
+
+    def stiffness() -> np.ndarray:
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacement(model, data, frame)
+        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        pin.computeJointKinematicHessians(model, data)
+        H = np.asarray(pin.getFrameKinematicHessian(model, data, frame, pin.LOCAL_WORLD_ALIGNED))
+        A = K.copy()
+        A[3:, 3:] -= pin.skew(F[3:] / 2)
+        # Column-major memory that the binding labels row-major: [i, b, k] = dJ[k, b]/dq_i.
+        return (H.ravel().reshape(7, 7, 6) @ F).T + J.T @ A @ J
+
+    if not np.allclose(stiffness(), expected, rtol=1e-9, atol=1e-7):
+        left_out.append("Pinocchio's bindings: the result disagrees")
+        return
+    single.append(("Pinocchio's bindings, kinematic Hessian", *timed(stiffness)))
+
+
+def in_jax(chain: stiffgen.Chain, q, F, K, expected, single: list, batch: list) -> None:
+    try:
+        import jax
+        import jax.numpy as jnp
+    except ImportError:
+        left_out.append("JAX is not installed")
+        return
+    jax.config.update("jax_enable_x64", True)
+
+    def skew(v):
+        return jnp.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+    def jacobian(q):
+        rotation, origin, axes, origins = jnp.eye(3), jnp.zeros(3), [], []
+        for k, joint in enumerate(chain.joints):
+            origin = origin + rotation @ jnp.array(joint.translation)
+            cross = skew(np.array(joint.axis))
+            turn = jnp.eye(3) + jnp.sin(q[k]) * cross + (1 - jnp.cos(q[k])) * (cross @ cross)
+            rotation = rotation @ jnp.array(joint.rotation) @ turn
+            axes.append(rotation @ jnp.array(joint.axis))
+            origins.append(origin)
+        tip = origin + rotation @ jnp.array(chain.tip_translation)
+        columns = [jnp.concatenate([jnp.cross(a, tip - o), a]) for a, o in zip(axes, origins, strict=True)]
+        return jnp.stack(columns, axis=1)
+
+    def stiffness(q, F, K):
+        J = jacobian(q)
+        A = K.at[3:, 3:].add(-skew(F[3:] / 2))
+        return jax.jacfwd(lambda x: jacobian(x).T @ F)(q) + J.T @ A @ J
+
+    one, all_ = jax.jit(stiffness), jax.jit(jax.vmap(stiffness, in_axes=(0, 0, None)))
+    if not np.allclose(all_(q, F, K), expected, rtol=1e-9, atol=1e-7):
+        left_out.append("JAX: the result disagrees")
+        return
+    single.append(("JAX, jit, forward mode", *timed(lambda: one(q[0], F[0], K).block_until_ready())))
+    batch.append(("JAX, vmap and jit, forward mode", *timed(lambda: all_(q, F, K).block_until_ready(), 5)))
+
+
+def synthetic(n: int) -> str:
+    text = '<robot name="chain"><link name="l0"/>'
+    for k in range(n):
+        text += (
+            f'<link name="l{k + 1}"/><joint name="j{k}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/>'
+            f'<origin xyz="0 0.05 0.3" rpy="{(-1) ** k * math.pi / 2:.15f} 0 0"/><axis xyz="0 0 1"/></joint>'
+        )
+    return text + "</robot>"
+
+
+GROWTH = """
+#include "chain.c"
+#include <stdio.h>
+#include <time.h>
+static double q[256][N], F[6] = {1, 2, 3, 4, 5, 6}, K[36], out[N * N];
+int main(void)
+{
+    struct timespec a, b;
+    double best = 1e30;
+    for (int k = 0; k < 256 * N; ++k) { q[0][k] = 0.001 * (k % 3001); }
+    for (int k = 0; k < 36; ++k) { K[k] = k % 7 ? 1.0 : 300.0; }
+    for (int round = 0; round < 60; ++round) {
+        clock_gettime(CLOCK_MONOTONIC, &a);
+        for (int k = 0; k < 1024; ++k) { chain_hybrid_joint_stiffness(q[k % 256], F, K, out); }
+        clock_gettime(CLOCK_MONOTONIC, &b);
+        const double t = (1e9 * (double)(b.tv_sec - a.tv_sec) + (double)(b.tv_nsec - a.tv_nsec)) / 1024;
+        best = t < best ? t : best;
+    }
+    printf("%.1f", best);
+    return 0;
+}
+"""
+
+
+def growth(folder: Path) -> list[tuple[int, float, int, int]]:
+    """(joints, ns a call, bytes of machine code of the whole library, lines of C)."""
+    rows = []
+    for n in JOINTS:
+        urdf = folder / "chain.urdf"
+        urdf.write_text(synthetic(n))
+        made = stiffgen.generate(urdf, output=folder, name="chain", build=False)
+        main, program, library = folder / "main.c", folder / "program", folder / "chain.o"
+        main.write_text(GROWTH)
+        run(["gcc", *NATIVE.split(), f"-I{made}", str(main), "-o", str(program), "-lm"])
+        run(["gcc", *NATIVE.split(), "-c", str(made / "chain.c"), "-o", str(library)])
+        text = int(run(["size", str(library)]).splitlines()[1].split()[0])
+        nanoseconds = min(float(run(pinned([str(program)]))) for _ in range(3))
+        rows.append((n, nanoseconds, text, len((made / "chain.c").read_text().splitlines())))
+    return rows
+
+
+def exponent(rows: list[tuple[int, float, int, int]], column: int) -> float:
+    chosen = [(row[0], row[column]) for row in rows if row[0] >= 10]
+    x, y = np.log([c[0] for c in chosen]), np.log([c[1] for c in chosen])
+    return float(np.polyfit(x, y, 1)[0])
+
+
+def machine() -> str:
+    cpu = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    model = next((line.split(":")[1].strip() for line in cpu.splitlines() if line.startswith("model name")), "unknown")
+    widths = [name for flag, name in ((" avx512f", "AVX-512"), (" avx2", "AVX2")) if flag in cpu]
+    return f"{platform.machine()}, {model}, {os.cpu_count()} cores, {', '.join(widths)}; virtual and shared"
+
+
+def table(head: str, rows: list, unit: str, reference: float, named: str) -> list[str]:
+    lines = [f"| {head} | {unit} | quartiles | to {named} |", "|---|---|---|---|"]
+    for name, median, lower, upper in rows:
+        lines.append(f"| {name} | {median:.3g} | {lower:.3g} to {upper:.3g} | {median / reference:.2f} |")
+    return [*lines, ""]
+
+
+def svg(rows: list, floor: float) -> str:
+    height, left, scale = 22, 330, 300 / math.log10(max(r[1] for r in rows) / 10)
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="760" height="{height * len(rows) + 70}" '
+        'font-family="sans-serif" font-size="12">',
+        '<rect width="100%" height="100%" fill="white"/>',
+        '<text x="10" y="20" font-size="14">iiwa14 joint stiffness, hybrid: ns a configuration (logarithmic)</text>',
+    ]
+    for tick in (10, 30, 100, 300, 1000, 3000):
+        x = left + scale * math.log10(tick / 10)
+        if x < 660:
+            lines.append(f'<path d="M{x:.0f} 32V{height * len(rows) + 40}" stroke="#ddd"/>')
+            lines.append(f'<text x="{x:.0f}" y="{height * len(rows) + 55}" text-anchor="middle">{tick}</text>')
+    for k, (name, median, *_) in enumerate(rows):
+        y = 36 + height * k
+        colour = "#2a6" if name.startswith("stiffgen") else "#999" if "sincos" in name else "#47a"
+        width = max(scale * math.log10(median / 10), 1)
+        lines.append(f'<text x="{left - 6}" y="{y + 14}" text-anchor="end">{name}</text>')
+        lines.append(f'<rect x="{left}" y="{y + 2}" width="{width:.0f}" height="{height - 6}" fill="{colour}"/>')
+        lines.append(f'<text x="{left + width + 4:.0f}" y="{y + 14}">{median:.0f} ({median / floor:.2f})</text>')
+    return "\n".join([*lines, "</svg>", ""])
+
+
+def bars(rows: list, single: list, batch: list, grown: list) -> list[str]:
+    ns = {name: median for name, median, *_ in rows}
+    us = {name: median for name, median, *_ in single}
+    own = min(ns[f"stiffgen; {c} {NATIVE}"] for c in ("gcc", "clang") if f"stiffgen; {c} {NATIVE}" in ns)
+    many = min(ns[f"stiffgen batch; {c} {NATIVE}"] for c in ("gcc", "clang") if f"stiffgen batch; {c} {NATIVE}" in ns)
+    avx2 = min(ns[f"stiffgen batch; {c} {AVX2}"] for c in ("gcc", "clang") if f"stiffgen batch; {c} {AVX2}" in ns)
+    floor = ns["7 libm sincos"]
+
+    def stock(name: str) -> float:
+        return min(value for key, value in ns.items() if key.startswith(name))
+
+    checks = [
+        ("single call to 7 libm sincos", own / floor, 0.8),
+        ("single call to CasADi C, differentiated (its best build)", own / stock("CasADi C, differentiated"), 0.3),
+        ("single call to CasADi C, closed form (its best build)", own / stock("CasADi C, closed form"), 0.5),
+        ("batch to 7 libm sincos, host's instruction set", many / floor, 0.3),
+        ("batch to 7 libm sincos, AVX2", avx2 / floor, 0.5),
+        ("one Python call to numpy.matmul", us["stiffgen"] / us["numpy.matmul of two 7x7"], 1.5),
+        ("one Python call to the CasADi function", us["stiffgen"] / us["CasADi function"], 0.2),
+        ("exponent of the time, 10 to 30 joints", exponent(grown, 1), 2.1),
+        ("exponent of the machine code's size, 10 to 30 joints", exponent(grown, 2), 1.1),
+    ]
+    lines = ["| what | measured | bar | |", "|---|---|---|---|"]
+    for name, value, bar in checks:
+        lines.append(f"| {name} | {value:.2f} | {bar} | {'met' if value <= bar else '**missed**'} |")
+    return [*lines, ""]
+
+
+def versions() -> str:
+    tools = []
+    for name in ("gcc", "clang"):
+        if shutil.which(name):
+            tools.append(run([name, "--version"]).splitlines()[0])
+    packages = [f"{p} {metadata.version(p)}" for p in ("casadi", "numpy", "pin", "jax") if _installed(p)]
+    return ", ".join([*tools, f"Python {platform.python_version()}", *packages])
+
+
+def _installed(package: str) -> bool:
+    try:
+        metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def main() -> None:
+    chain = stiffgen.load_chain(URDF)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        robot = stiffgen.generate(URDF, output=folder)
+        rows = in_c(chain, folder, robot)
+        single, batch = in_python(chain, robot)
+        grown = growth(folder)
+    floor = rows[0][1]
+    lines = [
+        "# Results",
+        "",
+        "Written by `benchmarks/run.py`; another machine gives other figures. All C contenders in one process, in turn,",
+        f"on the same {COUNT} inputs (iiwa14, hybrid, dense task stiffness, full 7x7), results equal to {AGREE:g} before",
+        f"timing. Medians and quartiles of {ROUNDS} rounds, one core.",
+        "",
+        f"* machine: {machine()}",
+        f"* versions: {versions()}",
+        "",
+        "## Bars",
+        "",
+        *bars(rows, single, batch, grown),
+        "## C and C++, ns a configuration",
+        "",
+        "![bar chart](results.svg)",
+        "",
+        *table("contender; compiler and flags", rows, "ns", floor, "7 sincos"),
+        "## One call from Python",
+        "",
+        *table("contender", single, "us", single[0][1], "matmul"),
+        "## 65536 configurations from Python",
+        "",
+        *table("contender", batch, "us a configuration", batch[0][1], "stiffgen, out="),
+        "## Number of joints",
+        "",
+        f"Synthetic chains, gcc {NATIVE}, hybrid joint stiffness; best of three runs. Machine code of all kernels.",
+        "",
+        "| joints | ns | bytes of code | lines of C |",
+        "|---|---|---|---|",
+        *(f"| {n} | {t:.0f} | {text} | {count} |" for n, t, text, count in grown),
+        "",
+        f"Fitted exponents from 10 to 30 joints: time {exponent(grown, 1):.2f}, machine code {exponent(grown, 2):.2f}, "
+        f"lines of C {exponent(grown, 3):.2f}.",
+        "",
+        "The GPU figure is not measured.",
+        "",
+        *(["Left out:", "", *(f"* {reason}" for reason in left_out), ""] if left_out else []),
+    ]
+    (HERE / "RESULTS.md").write_text("\n".join(lines))
+    chosen = [r for r in rows if PLAIN not in r[0].split(";")[-1] and AVX2 not in r[0]]
+    (HERE / "results.svg").write_text(svg(chosen, floor))
+    print((HERE / "RESULTS.md").read_text())
+    print(json.dumps({"left out": left_out}))
+
+
+if __name__ == "__main__":
+    main()
