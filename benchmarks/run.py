@@ -354,7 +354,8 @@ def machine() -> str:
 def table(head: str, rows: list, unit: str, reference: float, named: str) -> list[str]:
     lines = [f"| {head} | {unit} | quartiles | to {named} |", "|---|---|---|---|"]
     for name, median, lower, upper in rows:
-        lines.append(f"| {name} | {median:.3g} | {lower:.3g} to {upper:.3g} | {median / reference:.2f} |")
+        figures = [f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in (median, lower, upper)]
+        lines.append(f"| {name} | {figures[0]} | {figures[1]} to {figures[2]} | {median / reference:.2f} |")
     return [*lines, ""]
 
 
@@ -438,9 +439,9 @@ def main() -> None:
     lines = [
         "# Results",
         "",
-        "Written by `benchmarks/run.py`; another machine gives other figures. All C contenders in one process, in turn,",
-        f"on the same {COUNT} inputs (iiwa14, hybrid, dense task stiffness, full 7x7), results equal to {AGREE:g} before",
-        f"timing. Medians and quartiles of {ROUNDS} rounds, one core.",
+        "Written by `benchmarks/run.py`; another machine gives other figures. All C contenders in one process, in",
+        f"turn, on the same {COUNT} inputs (iiwa14, hybrid, dense task stiffness, full 7x7), results equal to",
+        f"{AGREE:g} before timing. Medians and quartiles of {ROUNDS} rounds, one core.",
         "",
         f"* machine: {machine()}",
         f"* versions: {versions()}",
