@@ -360,16 +360,16 @@ def table(head: str, rows: list, unit: str, reference: float, named: str) -> lis
 
 
 def svg(rows: list, floor: float) -> str:
-    height, left, scale = 22, 330, 300 / math.log10(max(r[1] for r in rows) / 10)
+    height, left, scale = 22, 390, 300 / math.log10(max(r[1] for r in rows) / 10)
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="760" height="{height * len(rows) + 70}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="820" height="{height * len(rows) + 70}" '
         'font-family="sans-serif" font-size="12">',
         '<rect width="100%" height="100%" fill="white"/>',
         '<text x="10" y="20" font-size="14">iiwa14 joint stiffness, hybrid: ns a configuration (logarithmic)</text>',
     ]
     for tick in (10, 30, 100, 300, 1000, 3000):
         x = left + scale * math.log10(tick / 10)
-        if x < 660:
+        if x < 720:
             lines.append(f'<path d="M{x:.0f} 32V{height * len(rows) + 40}" stroke="#ddd"/>')
             lines.append(f'<text x="{x:.0f}" y="{height * len(rows) + 55}" text-anchor="middle">{tick}</text>')
     for k, (name, median, *_) in enumerate(rows):
