@@ -355,21 +355,22 @@ def machine() -> str:
 def table(head: str, rows: list, unit: str, reference: float, named: str) -> list[str]:
     lines = [f"| {head} | {unit} | quartiles | to {named} |", "|---|---|---|---|"]
     for name, median, lower, upper in rows:
-        lines.append(f"| {name} | {median:.3g} | {lower:.3g} to {upper:.3g} | {median / reference:.2f} |")
+        figures = [f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in (median, lower, upper)]
+        lines.append(f"| {name} | {figures[0]} | {figures[1]} to {figures[2]} | {median / reference:.2f} |")
     return [*lines, ""]
 
 
 def svg(rows: list, floor: float) -> str:
-    height, left, scale = 22, 330, 300 / math.log10(max(r[1] for r in rows) / 10)
+    height, left, scale = 22, 390, 300 / math.log10(max(r[1] for r in rows) / 10)
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="760" height="{height * len(rows) + 70}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="820" height="{height * len(rows) + 70}" '
         'font-family="sans-serif" font-size="12">',
         '<rect width="100%" height="100%" fill="white"/>',
         '<text x="10" y="20" font-size="14">iiwa14 joint stiffness, hybrid: ns a configuration (logarithmic)</text>',
     ]
     for tick in (10, 30, 100, 300, 1000, 3000):
         x = left + scale * math.log10(tick / 10)
-        if x < 660:
+        if x < 720:
             lines.append(f'<path d="M{x:.0f} 32V{height * len(rows) + 40}" stroke="#ddd"/>')
             lines.append(f'<text x="{x:.0f}" y="{height * len(rows) + 55}" text-anchor="middle">{tick}</text>')
     for k, (name, median, *_) in enumerate(rows):
@@ -439,9 +440,9 @@ def main() -> None:
     lines = [
         "# Results",
         "",
-        "Written by `benchmarks/run.py`; another machine gives other figures. All C contenders in one process, in turn,",
-        f"on the same {COUNT} inputs (iiwa14, hybrid, dense task stiffness, full 7x7), results equal to {AGREE:g} before",
-        f"timing. Medians and quartiles of {ROUNDS} rounds, one core.",
+        "Written by `benchmarks/run.py`; another machine gives other figures. All C contenders in one process, in",
+        f"turn, on the same {COUNT} inputs (iiwa14, hybrid, dense task stiffness, full 7x7), results equal to",
+        f"{AGREE:g} before timing. Medians and quartiles of {ROUNDS} rounds, one core.",
         "",
         f"* machine: {machine()}",
         f"* versions: {versions()}",
