@@ -25,7 +25,7 @@ import numpy as np
 import stiffgen
 from stiffgen.kernels import KERNELS
 from stiffgen.model import casadi_function
-from stiffgen.verify import Samples, _product_of_poses, import_robot
+from stiffgen.verify import Samples, import_robot
 
 HERE = Path(__file__).resolve().parent
 URDF = HERE.parent / "urdf" / "iiwa14.urdf"

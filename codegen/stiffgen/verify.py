@@ -119,6 +119,11 @@ def _joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
     return joints
 
 
+def product_of_poses(chain: Chain, q: ca.SX) -> ca.SX:
+    """Pose (4x4) of the chain's only tip in the base, by plain 4x4 products."""
+    return _joint_poses(chain, q)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+
+
 def _homogeneous(rotation: Any, translation: Any) -> ca.DM:
     return ca.vertcat(ca.horzcat(ca.DM(rotation), ca.DM(translation)), ca.DM([[0, 0, 0, 1]]))
 
@@ -185,7 +190,7 @@ class References:
             self.samples = replace(self.samples, q=q)
         symbol, tool = ca.SX.sym("q", chain.dof), ca.SX.sym("T", 16)
         self._symbols = symbol, tool
-        pose = _joint_poses(chain, symbol)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+        pose = product_of_poses(chain, symbol)
         if chain.runtime_tool:
             pose = pose @ tool.reshape((4, 4)).T
         self.pose = self._evaluate(pose)
