@@ -3,6 +3,7 @@
 # make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
 # make robots     real robots against Pinocchio, into docs/robots.md
+# make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
 VENV := .venv
@@ -13,7 +14,7 @@ WORKERS ?= 2
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -57,6 +58,9 @@ random-robots: $(VENV)/installed-test
 
 robots: $(VENV)/installed-test
 	$(BIN)/python tests/robots_table.py build/robots docs/robots.md
+
+bench: $(VENV)/installed-test
+	$(BIN)/python benchmarks/run.py
 
 soak: $(VENV)/installed-test
 	$(BIN)/python tests/soak.py

@@ -25,7 +25,7 @@ import numpy as np
 import stiffgen
 from stiffgen.kernels import KERNELS
 from stiffgen.model import casadi_function
-from stiffgen.verify import Samples, import_robot
+from stiffgen.verify import Samples, import_robot, joint_poses, product_of_poses
 
 HERE = Path(__file__).resolve().parent
 URDF = HERE.parent / "urdf" / "iiwa14.urdf"
@@ -50,7 +50,7 @@ def pinned(command: list[str]) -> list[str]:
 def differentiated(chain: stiffgen.Chain) -> ca.Function:
     """Plain 4x4 kinematics, geometric Jacobian, dJ/dq by CasADi's differentiation."""
     q, F, K = ca.SX.sym("q", 7), ca.SX.sym("F", 6), ca.SX.sym("K", 6, 6)
-    frames, tip = _product_of_poses(chain, q)
+    frames, tip = joint_poses(chain, q), product_of_poses(chain, q)
     columns = []
     for joint, frame in zip(chain.joints, frames, strict=True):
         axis = frame[:3, :3] @ ca.DM(joint.axis)

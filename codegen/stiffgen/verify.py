@@ -102,7 +102,7 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
     return poses
 
 
-def _joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
+def joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
     """Pose of every joint's frame in the base, by plain 4x4 products."""
     joints: list[ca.SX] = []
     for joint in chain.joints:
@@ -121,7 +121,7 @@ def _joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
 
 def product_of_poses(chain: Chain, q: ca.SX) -> ca.SX:
     """Pose (4x4) of the chain's only tip in the base, by plain 4x4 products."""
-    return _joint_poses(chain, q)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+    return joint_poses(chain, q)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
 
 
 def _homogeneous(rotation: Any, translation: Any) -> ca.DM:
@@ -259,7 +259,7 @@ def kinetic_hessian(chain: Chain, q: Array) -> Array:
     """Mass matrices at postures (count, n): Hessian of the kinetic energy of all bodies by the joint velocities."""
     symbol = ca.SX.sym("q", chain.dof)
     total = ca.SX(chain.dof, chain.dof)
-    for joint, pose in zip(chain.joints, _joint_poses(chain, symbol), strict=True):
+    for joint, pose in zip(chain.joints, joint_poses(chain, symbol), strict=True):
         xx, xy, xz, yy, yz, zz = joint.body.tensor
         tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         moment = ca.skew(ca.DM(joint.body.moment))
