@@ -451,12 +451,23 @@ KERNELS: tuple[Kernel, ...] = _serial()
 """The kernels of a chain with one tip, in the order in which they are printed."""
 
 
+MAX_BATCH_JOINTS = 24
+"""Chains with more moving joints have no batch functions, which would double a C source of nearly a megabyte."""
+
+
 def chain_kernels(chain: Chain) -> tuple[Kernel, ...]:
     """The kernels that a chain has, in the order in which they are printed.
 
     The mass matrix is left out where the chain's masses were. With several tips, each has its own pose and
     representation kernels, and the joint stiffness of all contacts together is added.
     """
+    kernels = _all_kernels(chain)
+    if len(chain.joints) <= MAX_BATCH_JOINTS:
+        return kernels
+    return tuple(replace(kernel, batch=False) for kernel in kernels)
+
+
+def _all_kernels(chain: Chain) -> tuple[Kernel, ...]:
     if len(chain.tips) == 1:
         return _serial(runtime_tool=chain.runtime_tool, masses=chain.masses)
     per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, runtime_tool=chain.runtime_tool)]
