@@ -6,6 +6,8 @@
  *   that reports what the robot applies to the environment.
  *   Base frame: link link_0.
  *   Tip frame: link link_ee.
+ *   Links without inertia in the URDF, which the mass matrix takes as massless:
+ *     link_ee
  *   body     linear velocity of the tip's origin and angular velocity, both in tip axes
  *   spatial  linear velocity of the point passing the base's origin and angular velocity, both in base axes
  *   hybrid   linear velocity of the tip's origin and angular velocity, both in base axes
