@@ -341,6 +341,8 @@ def test_mass_matrix_that_is_not_positive_definite(tmp_path: Path) -> None:
         )
         assert "MASS_MATRIX" in names(arm, out.status[-1])
         np.testing.assert_array_equal(out.damping[-1], 0.5 * np.eye(2))
+        if "nullspace" in fields:  # never computed: it is that of the last good step still, and there was none
+            np.testing.assert_array_equal(out.stiffness_target, np.zeros((5, 2, 2)))
         assert np.all(np.isfinite(out.torque))
     # The paper's design needs no mass matrix.
     out = arm.Impedance(damping_design="task", task_damping=TASK_DAMPING, **QUICK).step(
