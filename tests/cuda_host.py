@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from c_program import STRICT
+from conftest import require_compiler
 from runtime import compile_c
 from stiffgen.chain import Chain
 from stiffgen.kernels import Kernel, chain_kernels
@@ -21,7 +22,8 @@ class HostCuda:
 
     def __init__(self, source: Path, name: str, chain: Chain, work: Path, compiler: str = "g++", level: str = "-O1"):
         flags = ["-x", "c++", "-std=c++11", level, *STRICT, "-shared", "-fPIC", f"-I{source.parent}"]
-        self.library = ctypes.CDLL(str(compile_c(work / f"{name}_cuda.so", *flags, source, compiler=compiler)))
+        library = compile_c(work / f"{name}_cuda.so", *flags, source, compiler=require_compiler(compiler))
+        self.library = ctypes.CDLL(str(library))
         self.name = name
         self.chain = chain
         self.kernels = {kernel.qualified_name: kernel for kernel in chain_kernels(chain) if kernel.batch}
@@ -36,8 +38,10 @@ class HostCuda:
         kernel = self.kernels[name]
         count = len(arguments[0])
         stride = count + spare
-        given = [self._columns(a, stride) if a.ndim == 2 and len(a) == count and argument.shape[1:] == () else
-                 np.ascontiguousarray(a) for a, argument in zip(arguments, kernel.arguments, strict=True)]  # fmt: skip
+        given = [
+            self._columns(a, stride) if len(argument.shape) == 1 else np.ascontiguousarray(a)
+            for a, argument in zip(arguments, kernel.arguments, strict=True)
+        ]
         result = kernel.result.array(self.chain)
         n = result.shape[0]
         rows = n * (n + 1) // 2 if kernel.result.symmetric else result.size

@@ -75,8 +75,7 @@ def test_other_chains(case, compiler, tmp_path):
         urdf, options = DUAL, {"tip": ["left hand", "right-hand"], "runtime_tool": True}
     folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True, **options)
     chain = stiffgen.load_chain(urdf, **options)
-    compiler = require_compiler({"gcc": "g++", "clang": "clang++"}[compiler])
-    host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, compiler)
+    host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
     samples = Samples.draw(chain, 5, seed=9)
     assert len(host.kernels) == (7 if case == "slides and mimics" else 13)
     for kernel in chain_kernels(chain):
@@ -167,12 +166,30 @@ def test_a_chain_too_long_is_refused(tmp_path, capsys):
 
 def test_the_c_header(folder, tmp_path):
     (tmp_path / "main.c").write_text('#include "iiwa14_cuda.h"\nint main(void) { return 0; }\n')
-    command = ["gcc", "-std=c99", *STRICT, f"-I{folder}", "-c", str(tmp_path / "main.c"), "-o", str(tmp_path / "o")]
+    command = [
+        require_compiler("gcc"),
+        "-std=c99",
+        *STRICT,
+        f"-I{folder}",
+        "-c",
+        str(tmp_path / "main.c"),
+        "-o",
+        str(tmp_path / "o"),
+    ]
     subprocess.run(command, check=True)
 
 
 def test_fast_math_is_refused(folder, tmp_path):
-    command = ["g++", "-x", "c++", "-ffast-math", "-c", str(folder / "iiwa14.cu"), "-o", str(tmp_path / "o")]
+    command = [
+        require_compiler("g++"),
+        "-x",
+        "c++",
+        "-ffast-math",
+        "-c",
+        str(folder / "iiwa14.cu"),
+        "-o",
+        str(tmp_path / "o"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0 and "NaN contract" in done.stderr
 
