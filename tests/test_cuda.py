@@ -194,9 +194,13 @@ def test_fast_math_is_refused(folder, tmp_path):
     assert done.returncode != 0 and "NaN contract" in done.stderr
 
 
-def nvcc(*arguments):
+def require_nvcc():
     if shutil.which("nvcc") is None:
         pytest.skip("nvcc is not installed (NVIDIA's CUDA toolkit)")
+
+
+def nvcc(*arguments):
+    require_nvcc()
     warnings = ["-Werror", "all-warnings", "-Xcompiler", "-Wall,-Wextra,-Wconversion,-Wshadow,-Werror"]
     command = ["nvcc", "-arch=sm_80", *warnings, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -209,6 +213,22 @@ def test_nvcc(folder, tmp_path):
     resources = nvcc("-Xptxas", "-v", "-c", folder / "iiwa14.cu", "-o", tmp_path / "o")
     entry = resources[resources.index("hybrid_joint_stiffness_kernel") :]
     assert " 0 bytes spill stores, 0 bytes spill loads" in entry.split("Used")[0]
+
+
+def test_cmake(folder, tmp_path):
+    """The option, in a project that calls a launch function from C (with a stride that is refused)."""
+    require_nvcc()
+    (tmp_path / "main.c").write_text(
+        '#include "iiwa14_cuda.h"\nint main(void) { return iiwa14_hybrid_jacobian_cuda(1, 0, 0, 0, 0) == 1 ? 0 : 1; }\n'
+    )
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.18)\nproject(app LANGUAGES C CUDA)\n"
+        f"set(IIWA14_CUDA ON)\nadd_subdirectory({folder} iiwa14)\nadd_executable(app main.c)\n"
+        "target_link_libraries(app PRIVATE iiwa14_cuda)\n"
+    )
+    for arguments in (("-S", ".", "-B", "build", "-DCMAKE_CUDA_ARCHITECTURES=80"), ("--build", "build")):
+        subprocess.run(["cmake", *arguments], check=True, cwd=tmp_path, capture_output=True)
+    subprocess.run([tmp_path / "build" / "app"], check=True)
 
 
 def test_nvcc_takes_mimic_joints_and_the_benchmark(folder, tmp_path):

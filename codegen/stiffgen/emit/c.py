@@ -171,7 +171,7 @@ class _ChainPrinter:
             heading=step.heading,
             wide={text for _, text in inputs} if self.body.many else (),
             wide_outputs=self.body.many,
-            wide_number=self.body.number if self.body.many else "lanes",
+            wide_number=self.body.wide_number,
             define=by_rows,
         )
         lines, values = list(printed.lines), list(printed.values)
@@ -240,6 +240,7 @@ class _Body:
 
     many = False  # made for many configurations in one call
     number = "double"
+    wide_number = "lanes"  # of what runs over lanes: of joints, or of configurations
     guard = "finite_or_nan"
     _zero = "0.0"
     _suffix = ""  # of the recursions' names
@@ -390,7 +391,7 @@ class _Body:
             outputs,
             wide=wide,
             wide_outputs=rows or step.over == "j" or self.many,
-            wide_number=self.number if self.many else "lanes",
+            wide_number=self.wide_number,
         )
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
@@ -607,7 +608,7 @@ class _BatchBody(_Body):
 class _ThreadBody(_BatchBody):
     """The same with one configuration in place of lanes of them: what a CUDA thread does."""
 
-    number = "double"
+    number = wide_number = "double"
     guard = "finite_or_nan"
     _zero = "0.0"
     _suffix = ""
