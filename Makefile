@@ -4,17 +4,19 @@
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
 # make robots     real robots against Pinocchio, into docs/robots.md
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
+# make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 URDFS := $(sort $(wildcard urdf/*.urdf))
 WORKERS ?= 2
+CONFIGURATIONS ?= 4194304
 
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench bench-cuda soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -61,6 +63,12 @@ robots: $(VENV)/installed-test
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py
+
+bench-cuda: $(VENV)/installed
+	@$(BIN)/stiffgen generate urdf/iiwa14.urdf --cuda --no-build --output build/cuda
+	nvcc -O3 -arch=native -Ibuild/cuda/iiwa14 benchmarks/cuda_stiffness.cu build/cuda/iiwa14/iiwa14.cu \
+	  build/cuda/iiwa14/iiwa14.c -o build/cuda/cuda_stiffness
+	build/cuda/cuda_stiffness $(CONFIGURATIONS)
 
 soak: $(VENV)/installed-test
 	$(BIN)/python tests/soak.py

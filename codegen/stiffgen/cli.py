@@ -60,6 +60,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
     command.add_argument("--output", type=Path, default=Path("generated"), metavar="DIR", help="default: generated")
     command.add_argument("--no-masses", action="store_true", help="ignore all masses; the mass matrix is left out")
+    command.add_argument(
+        "--cuda", action="store_true", help="also write NAME.cu: CUDA for the functions that take many configurations"
+    )
     command.add_argument("--no-build", action="store_true", help="write the sources only, do not compile")
     command.add_argument(
         "--lock",
@@ -165,6 +168,7 @@ def _generate(options: argparse.Namespace) -> int:
             output=options.output,
             build=not options.no_build,
             masses=not options.no_masses,
+            cuda=options.cuda,
             progress=progress,
         )
     print(folder)

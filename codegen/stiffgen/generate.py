@@ -29,6 +29,7 @@ def generate(
     output: str | Path = "generated",
     build: bool = True,
     masses: bool = True,
+    cuda: bool = False,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -47,13 +48,15 @@ def generate(
         output: folder that gets the robot's folder.
         build: compile the Python module.
         masses: False ignores all masses of the file and leaves the mass matrix out.
+        cuda: also write NAME.cu and NAME_cuda.h, CUDA for the functions that have a batch.
         progress: called with a few words before each step.
 
     Returns:
         Path of the robot's folder.
 
     Raises:
-        DescriptionError, ChainError: see :func:`stiffgen.load_chain`.
+        DescriptionError, ChainError: see :func:`stiffgen.load_chain`; ChainError also for ``cuda`` and a chain too
+            long for it.
         OutputError: the folder cannot be written, or something else stands in its place.
         BuildError: the C code did not compile.
 
@@ -65,7 +68,7 @@ def generate(
     target = output / name
     refuse_foreign(target)
     progress(f"deriving and printing the kernels of {name}")
-    texts = render(chain, name)
+    texts = render(chain, name, cuda=cuda)
     created = not output.exists()
     try:
         output.mkdir(parents=True, exist_ok=True)
