@@ -54,7 +54,7 @@ def worst_residual(count: int, folder: Path) -> float:
     runtime, worst = Runtime(folder), 0.0
     for K, M in pencils(2025, count):
         code, values, vectors = runtime.eigen_generalised(K, M)
-        worst = max(worst, residual(K, M, values, vectors)) if code == 0 else np.inf
+        worst = float(np.maximum(worst, residual(K, M, values, vectors))) if code == 0 else np.inf
     return worst
 
 

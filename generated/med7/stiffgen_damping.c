@@ -203,14 +203,14 @@ static void solve_lower(int n, const double *L, double *x, int stride)
 }
 
 /* x <- L^-T x. */
-static void solve_upper(int n, const double *L, double *x, int stride)
+static void solve_upper(int n, const double *L, double *x)
 {
     for (int i = n - 1; i >= 0; --i) {
-        double sum = x[i * stride];
+        double sum = x[i];
         for (int k = i + 1; k < n; ++k) {
-            sum -= L[k * n + i] * x[k * stride];
+            sum -= L[k * n + i] * x[k];
         }
-        x[i * stride] = sum / L[i * n + i];
+        x[i] = sum / L[i * n + i];
     }
 }
 
@@ -306,7 +306,7 @@ int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mas
         return error;
     }
     for (int k = 0; k < n; ++k) {
-        solve_upper(n, L, vectors + k * n, 1);
+        solve_upper(n, L, vectors + k * n);
         for (int i = 0; i < n; ++i) {
             vectors[k * n + i] /= sqrt(scale);
         }
@@ -484,7 +484,7 @@ int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *ma
         }
     }
     for (int r = 0; r < 6; ++r) {
-        solve_upper(n, L, Z + r * n, 1); /* row r of J M^-1, times the mass scale, which cancels */
+        solve_upper(n, L, Z + r * n); /* row r of J M^-1, times the mass scale, which cancels */
     }
     int immovable = 0;
     for (int r = 0; r < 6; ++r) {
