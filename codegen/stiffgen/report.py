@@ -55,7 +55,7 @@ class _Figure:
 
 
 def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """(quantity, unit, least, mean, median, 99 % quantile, most, where the extremes stand) of the measures in LABELS."""
+    """Cells of the measures in LABELS, as TABLE_HEAD names them; "" where there is no number."""
     rows = []
     for name, label in LABELS.items():
         measure = summary["measures"][name]
@@ -107,14 +107,14 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
 
     """
     figures = _figures(chain, result)
-    x, x_label = _abscissa(recording, result)
+    x, x_label = _abscissa(result)
     for figure in figures:
         (folder / figure.file).write_text(_over_time(figure, result, x, x_label), encoding="utf-8")
     shown = [(figure.file, figure.title, figure.text) for figure in figures]
     if summary["measures"]["antisymmetric_per_moment"]["count"]:
         text = (
-            f"Rows by moment and antisymmetric part, darker (on a dark page: brighter) where there are more; rows "
-            f"below {SMALL_MOMENT} N m are left out of the ratio. The lines have the least and the largest ratio of a row."
+            f"Rows by moment and antisymmetric part, darker (on a dark page: brighter) where there are more; "
+            f"rows below {SMALL_MOMENT} N m are left out of the ratio. The lines have the least and the largest ratio."
         )
         if summary["representation"] != "hybrid":
             text += (
@@ -195,7 +195,7 @@ def _figures(chain: Chain, result: Summary) -> tuple[_Figure, ...]:
     )
 
 
-def _abscissa(recording: Recording, result: Summary) -> tuple[Array, str]:
+def _abscissa(result: Summary) -> tuple[Array, str]:
     """Where bins stand: time since the first row, or row numbers where there is no time to draw over."""
     envelope = result.envelope
     assert envelope is not None
@@ -203,13 +203,15 @@ def _abscissa(recording: Recording, result: Summary) -> tuple[Array, str]:
         span = result.times[1] - result.times[0]
         # One pause longer than the rest is a broken clock rather than a recording.
         if span > 0 and (result.longest_step <= span / 2 or result.good < 4):
-            middle = np.where(envelope.start <= envelope.stop, (envelope.start + envelope.stop) / 2, np.nan)
+            middle = np.full(len(envelope.start), np.nan)
+            some = envelope.start <= envelope.stop
+            middle[some] = (envelope.start[some] + envelope.stop[some]) / 2
             scale, unit = next(
                 (s, u) for s, u, least in ((3600, "h", 7200), (60, "min", 600), (1, "s", 0)) if span >= least
             )
             return np.asarray((middle - result.times[0]) / scale, dtype=float), f"time since the first row [{unit}]"
-    rows = (np.arange(len(envelope.start)) + envelope.first + 0.5) * 2.0**envelope.shift - 0.5
-    return rows, "row"
+    bins = np.arange(len(envelope.start)) + envelope.first + 0.5
+    return np.asarray(bins * 2.0**envelope.shift - 0.5, dtype=float), "row, counted from 0"
 
 
 def _pyplot() -> Any:
@@ -267,6 +269,7 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
     assert result.grid is not None
     plt = _pyplot()
     from matplotlib.colors import ListedColormap, LogNorm, to_rgba
+    from matplotlib.ticker import NullFormatter
 
     edges = 10 ** (GRID_DECADES[0] + np.arange(result.grid.shape[0] - 1) / GRID_PER_DECADE)
     counts = result.grid[1:-1, 1:-1].T
@@ -278,7 +281,7 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
         mesh = axes.pcolormesh(
             edges, edges, np.ma.masked_equal(counts, 0), cmap=shades, norm=LogNorm(1, top), linewidth=0
         )
-        drawing.colorbar(mesh, ax=axes, label="rows")
+        drawing.colorbar(mesh, ax=axes, label="rows", format="{x:g}").ax.yaxis.set_minor_formatter(NullFormatter())
         spread = np.array([SMALL_MOMENT, edges[-1]])
         for value, style, name in ((ratio["least"], "--", "least"), (ratio["most"], "-", "largest")):
             if value > 0:
@@ -297,6 +300,9 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
             (low_y, low_x), (high_y, high_x) = filled.min(axis=0), filled.max(axis=0)
             axes.set_xlim(edges[low_x] / 1.5, edges[high_x + 1] * 1.5)
             axes.set_ylim(edges[low_y] / 1.5, edges[high_y + 1] * 1.5)
+        for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter("{x:g}" if high < 20 * low else NullFormatter())  # few ticks, or decades alone
         axes.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, ncols=2)
         return _svg(plt, drawing)
 

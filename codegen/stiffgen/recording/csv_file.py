@@ -85,7 +85,7 @@ class CsvPartition:
         for index, line in enumerate(piece.decode("utf-8", errors="replace").split("\n")):
             if not line.strip():
                 continue
-            cells = [cell.strip() for cell in next(csv.reader([line.rstrip("\r")], delimiter=self.delimiter))]
+            cells = _cells(line.rstrip("\r"), self.delimiter)
             numbers = [np.nan] * len(self.wanted)
             absent = [False] * len(self.wanted)
             if len(cells) != self.width:
@@ -112,6 +112,13 @@ class CsvPartition:
         )
 
 
+def _cells(line: str, delimiter: str) -> list[str]:
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    except csv.Error:
+        return []  # a cell longer than any number, or an open quote: counted as a wrong number of columns
+
+
 def _number(cell: str) -> float | None:
     if not cell:
         return float("nan")
@@ -126,10 +133,14 @@ def _lines(file: BinaryIO, size: int, path: Path) -> bytes:
     piece = file.read(size)
     if piece and not piece.endswith(b"\n"):
         rest = file.readline(_LONGEST_LINE)
-        if len(rest) == _LONGEST_LINE:
-            raise RecordingError(f"{path}: has a line of over {_LONGEST_LINE} bytes; is it a text file?")
+        _refuse_long(rest, path)
         piece += rest
     return piece
+
+
+def _refuse_long(line: bytes, path: Path) -> None:
+    if len(line) == _LONGEST_LINE:
+        raise RecordingError(f"{path}: has a line of over {_LONGEST_LINE} bytes; is it a text file?")
 
 
 def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
@@ -140,13 +151,14 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
         header = ""
         while not header:
             line = file.readline(_LONGEST_LINE)
+            _refuse_long(line, path)
             if not line:
                 raise RecordingError(f"{path}: is empty; its first line names the columns")
             header_line += 1
             # NumPy's savetxt marks the header as a comment.
             header = line.decode("utf-8-sig", errors="replace").strip().removeprefix("#").strip()
         delimiter = max(",;\t", key=header.count)
-        names = [cell.strip() for cell in next(csv.reader([header], delimiter=delimiter))]
+        names = _cells(header, delimiter)
         if all(_number(name) is not None for name in names):
             raise RecordingError(
                 f"{path}: line {header_line} has numbers where the columns' names must stand: '{printable(header)}'; "

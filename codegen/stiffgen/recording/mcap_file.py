@@ -134,9 +134,11 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
         try:
             summary = extra("mcap.reader", _PURPOSE).make_reader(file).get_summary()
         except exceptions.McapError as error:
-            raise RecordingError(f"{path}: is no MCAP file, or a damaged one ({error})") from error
+            raise RecordingError(
+                f"{path}: is no MCAP file, or was not closed ({error}); 'mcap recover' repairs one"
+            ) from error
         if summary is None or summary.statistics is None:
-            raise RecordingError(f"{path}: has no summary (was it closed?); repair it with 'mcap recover'")
+            raise RecordingError(f"{path}: has no summary (was it closed?); 'mcap recover' makes one")
         counts = summary.statistics.channel_message_counts
         topics: dict[str, str] = {}
         messages: dict[str, int] = {}

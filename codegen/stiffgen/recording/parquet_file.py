@@ -46,7 +46,7 @@ class ParquetPartition:
                     values = np.stack([_numbers(column) for column in columns], axis=1)
                     yield Block(np.arange(row, row + len(values)), values, missing, work=len(values))
                     row += len(values)
-        except pa.ArrowException as error:
+        except (pa.ArrowException, OSError) as error:
             raise RecordingError(f"{self.path}: is damaged ({error})") from error
 
 
