@@ -268,6 +268,7 @@ def _over_time(figure: _Figure, result: Summary, x: Array, x_label: str) -> str:
 def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) -> str:
     assert result.grid is not None
     plt = _pyplot()
+    from matplotlib.collections import PolyCollection
     from matplotlib.colors import ListedColormap, LogNorm, to_rgba
     from matplotlib.ticker import NullFormatter
 
@@ -278,9 +279,10 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
         drawing, axes = plt.subplots(figsize=(6.4, 4.8), layout="constrained")
         shades = ListedColormap([to_rgba(_BLUE, alpha) for alpha in np.linspace(0.2, 1, 10)])
         top = max(int(counts.max()), 10)
-        mesh = axes.pcolormesh(
-            edges, edges, np.ma.masked_equal(counts, 0), cmap=shades, norm=LogNorm(1, top), linewidth=0
-        )
+        filled = np.argwhere(counts > 0)
+        cells = [[(edges[x + i], edges[y + j]) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))] for y, x in filled]
+        mesh = PolyCollection(cells, array=counts[tuple(filled.T)], cmap=shades, norm=LogNorm(1, top), linewidth=0)
+        axes.add_collection(mesh)
         drawing.colorbar(mesh, ax=axes, label="rows", format="{x:g}").ax.yaxis.set_minor_formatter(NullFormatter())
         spread = np.array([SMALL_MOMENT, edges[-1]])
         for value, style, name in ((ratio["least"], "--", "least"), (ratio["most"], "-", "largest")):
@@ -295,7 +297,6 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
                 )
         axes.set(xscale="log", yscale="log", xlabel="moment [N m]")
         axes.set_ylabel(f"antisymmetric part, conventional [{stiffness_unit(chain)}]")
-        filled = np.argwhere(counts > 0)
         if len(filled):
             (low_y, low_x), (high_y, high_x) = filled.min(axis=0), filled.max(axis=0)
             axes.set_xlim(edges[low_x] / 1.5, edges[high_x + 1] * 1.5)
