@@ -101,7 +101,8 @@ def analyze(
         tolerance: MCAP: largest time between joint positions and their wrench [s].
         output: folder to write (default: ``analysis/`` and the log's name without its ending).
         figures: False leaves out figures and report.html; only the numbers are written.
-        dask: address of a Dask scheduler, or "local" for a cluster of processes on this machine.
+        dask: address of a Dask scheduler, or "local" for a cluster of processes on this machine (which import the
+            calling script: it must guard its own calls with ``if __name__ == "__main__"``).
         block_rows: rows that a thread or worker computes at a time.
         progress: called with a few words and the share done (0 ... 1).
 
@@ -150,12 +151,15 @@ def analyze(
         if not result.good:
             raise EmptyRecordingError(_nothing_left(recording, result))
         summary = _summary(recording, chain, task, result)
-        (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        if figures:
-            progress("drawing", 1.0)
-            from stiffgen.report import write_report  # matplotlib takes a while to import
+        try:
+            (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            if figures:
+                progress("drawing", 1.0)
+                from stiffgen.report import write_report  # which needs this module
 
-            write_report(staging, recording, chain, result, summary)
+                write_report(staging, recording, chain, result, summary)
+        except OSError as error:
+            raise OutputError(f"{target}: cannot be written ({error.strerror}); choose another --output") from error
     return Analysis(target, summary, result, recording)
 
 
@@ -267,10 +271,13 @@ def summarise_partition(
     """Read a partition block by block and add up what is found. Runs in threads and on Dask workers."""
     module = _robot_module(job.robot)
     summary = Summary()
-    for block in partition.blocks(job.block_rows):
-        for part in block.split(job.block_rows):
-            summary = summary.merged(ms.summarise(module, job.task, job.layout, part))
-            advance(part.work)
+    try:
+        for block in partition.blocks(job.block_rows):
+            for part in block.split(job.block_rows):
+                summary = summary.merged(ms.summarise(module, job.task, job.layout, part))
+                advance(part.work)
+    except OSError as error:
+        raise RecordingError(f"{partition.path}: cannot be read ({error.strerror or error})") from error
     return summary
 
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -68,6 +67,10 @@ class Block:
 
 class Partition(Protocol):
     """A part of a recording that can be read on its own, in any process that sees the file."""
+
+    @property
+    def path(self) -> Path:
+        """The file."""
 
     @property
     def work(self) -> float:
@@ -205,7 +208,7 @@ def open_recording(
         opened: Recording = importlib.import_module(f"stiffgen.recording.{reader}").open_file(path, request, progress)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from error
-    return replace(opened, partitions=tuple(opened.partitions))
+    return opened
 
 
 def extra(module: str, purpose: str) -> Any:
@@ -228,7 +231,6 @@ __all__ = [
     "Array",
     "Block",
     "Layout",
-    "ModuleType",
     "Partition",
     "Problem",
     "Recording",
