@@ -273,9 +273,8 @@ def summarise_partition(
     summary = Summary()
     try:
         for block in partition.blocks(job.block_rows):
-            for part in block.split(job.block_rows):
-                summary = summary.merged(ms.summarise(module, job.task, job.layout, part))
-                advance(part.work)
+            summary = summary.merged(ms.summarise(module, job.task, job.layout, block))
+            advance(block.work)
     except OSError as error:
         raise RecordingError(f"{partition.path}: cannot be read ({error.strerror or error})") from error
     return summary

@@ -77,7 +77,7 @@ class Partition(Protocol):
         """How much there is to read, in the recording's own measure."""
 
     def blocks(self, most: int) -> Iterator[Block]:
-        """Read it, in blocks of about ``most`` rows."""
+        """Read it, in blocks of at most ``most`` rows."""
 
 
 @dataclass(frozen=True)
