@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +11,7 @@ from stiffgen.chain import Tool, load_chain
 from stiffgen.emit.build import build_module
 from stiffgen.emit.render import MANIFEST, is_manifest, render
 from stiffgen.errors import OutputError
+from stiffgen.folder import swapped_in
 from stiffgen.names import checked_identifier, identifier
 
 
@@ -69,24 +67,12 @@ def generate(
     refuse_foreign(target)
     progress(f"deriving and printing the kernels of {name}")
     texts = render(chain, name, cuda=cuda)
-    created = not output.exists()
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{name}.", dir=output))
-    except OSError as error:
-        raise OutputError(f"{output}: cannot be written ({error.strerror}); choose another --output") from error
-    try:
+    with swapped_in(target) as staging:
         for file, text in texts.items():
             (staging / file).write_text(text, encoding="utf-8", newline="\n")
         if build:
             progress(f"compiling {name}")
             build_module(staging, name)
-        _swap(staging, target)
-    except BaseException:
-        shutil.rmtree(staging, ignore_errors=True)
-        if created and not any(output.iterdir()):
-            output.rmdir()
-        raise
     return target
 
 
@@ -119,26 +105,3 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return content if is_manifest(content) else None
-
-
-def _swap(staging: Path, target: Path) -> None:
-    umask = os.umask(0)
-    os.umask(umask)
-    try:
-        staging.chmod(0o777 & ~umask)  # mkdtemp makes private folders
-        if not target.exists():
-            staging.rename(target)
-            return
-        old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-        target.rename(old / target.name)
-        try:
-            staging.rename(target)
-        except OSError:
-            (old / target.name).rename(target)
-            raise
-        finally:
-            shutil.rmtree(old, ignore_errors=True)
-    except OSError as error:
-        raise OutputError(
-            f"{target}: cannot be replaced ({error.strerror}); close what uses it and try again"
-        ) from error
