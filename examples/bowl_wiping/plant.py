@@ -260,6 +260,7 @@ def _model(bowl: Bowl | None, tool: bool, substep: float) -> mujoco.MjModel:
         raise StiffgenError(f"{URDF.name} is not in urdf/; run the example from a checkout of the repository")
     spec = mujoco.MjSpec.from_file(str(URDF))
     spec.compiler.fusestatic = False  # the tool stays a body of its own, which a sensor can hold
+    spec.compiler.discardvisual = False  # the tool's parts that touch nothing are still to be seen
     spec.option.timestep = substep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
