@@ -67,9 +67,9 @@ MEASURED = Geometry(
     tip=0.2636 - 0.035,
     lead=0.0424,
 )
-"""As the recording has it: found by fitting a circle through the recorded tip for every place of the tip along the
-tool's axis. At 0.2636 m from joint 7 the radius is 0.1000 m, and the tip at CENTRE_POSTURE is not the circle's centre but
-its far end, to 0.1 mm in each coordinate."""
+"""As the recording has it, found by fitting a circle through the recorded tip for every place of the tip along the
+tool's axis. At 0.2636 m from joint 7 the radius is 0.1000 m, and the tip at CENTRE_POSTURE is not the circle's centre
+but its far end, to 0.1 mm in each coordinate."""
 
 
 @dataclass(frozen=True)
@@ -164,12 +164,13 @@ def _tip(robot: ModuleType, q: Array, tip: float) -> Array:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Largest deviations of a regenerated trajectory from the recorded one over its samples.
+    """A regenerated trajectory q (N, 7) [rad], and its largest deviations from the recorded one.
 
     ``joints`` (7,) [rad]; ``position`` [m] and ``orientation`` [rad] of the tool point; ``worst`` the sample of the
     largest joint deviation.
     """
 
+    q: Array
     joints: Array
     position: float
     orientation: float
@@ -184,6 +185,7 @@ def compare(robot: ModuleType, geometry: Geometry) -> Comparison:
     here, there = robot.forward_kinematics(made), robot.forward_kinematics(record)
     turns = Rotation.from_matrix(here[:, :3, :3] @ there[:, :3, :3].transpose(0, 2, 1)).magnitude()
     return Comparison(
+        made,
         deviation.max(axis=0),
         float(np.linalg.norm(here[:, :3, 3] - there[:, :3, 3], axis=1).max()),
         float(turns.max()),

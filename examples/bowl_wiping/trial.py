@@ -20,9 +20,8 @@ TASK_DAMPING: Array = np.diag([40.0, 40.0, 40.0, 12.0, 12.0, 12.0])
 """B [N s/m, N m s/rad], hybrid frame."""
 FORCE_NOISE, MOMENT_NOISE = 0.05, 0.002
 """[N], [N m] standard deviation of the force/torque sensor's noise, seeded."""
-FAULTS = ("NON_FINITE", "OUT_OF_RANGE", "TASK_STIFFNESS", "MISSED", "WATCHDOG", "FALLBACK", "SATURATED", "RATE_LIMITED",
-          "STIFFNESS_RATE", "TANK_LIMITED", "TANK_DEFICIT", "MASS_MATRIX", "CONFIG")  # fmt: skip
-"""Status bits that a trial must not show. The others tell of the start (RETURNING) and of the stiffness (INDEFINITE)."""
+EXPECTED = ("RETURNING", "INDEFINITE")
+"""Status bits that are no fault: they tell of the trial's start and of the stiffness. All others must not show."""
 
 COLUMNS = {
     "trial": "0 corrected, 1 conventional",
@@ -40,6 +39,7 @@ COLUMNS = {
     "arm_contact": "whether a link of the arm touches the bowl",
     "position": "[m] of the tool point, base frame",
     "error": "[rad] spring deflection that the controller used",
+    "stiffness": "[N m/rad] joint stiffness Kq that the controller applied, nullspace stiffness included",
     "symmetric": "[N m/rad] largest singular value of the symmetric part of the controller's joint stiffness",
     "antisymmetric": "[N m/rad] the same of its antisymmetric part",
     "eigenvalues": "[N m/rad] of the symmetric part, ascending",
@@ -136,6 +136,7 @@ def run(
         "contact": contact,
         "arm_contact": arm_contact,
         "position": position,
+        "stiffness": stiffness,
         "symmetric": np.linalg.norm(symmetric, 2, axis=(1, 2)),
         "antisymmetric": np.linalg.norm(antisymmetric, 2, axis=(1, 2)),
         "eigenvalues": np.linalg.eigvalsh(symmetric),
@@ -151,11 +152,11 @@ def parts(stiffness: Array) -> tuple[Array, Array]:
 
 def faults(robot: ModuleType, status: NDArray) -> dict[str, int]:
     """Status bits that count as a fault and show in a trial, with the number of steps."""
-    counts = {name: int(np.count_nonzero(status & int(robot.impedance.Status[name]))) for name in FAULTS}
-    return {name: count for name, count in counts.items() if count}
+    counts = {bit.name: int(np.count_nonzero(status & int(bit))) for bit in robot.Status}
+    return {name: count for name, count in counts.items() if count and name not in EXPECTED}
 
 
 def join(trials: list[Trace]) -> Trace:
     """Traces of several trials one after the other, with a column ``trial`` that counts them."""
-    trial = np.concatenate([np.full(len(trace["time"]), index) for index, trace in enumerate(trials)])
-    return {"trial": trial, **{name: np.concatenate([trace[name] for trace in trials]) for name in trials[0]}}
+    counted = [{"trial": np.full(len(trace["time"]), index), **trace} for index, trace in enumerate(trials)]
+    return {name: np.concatenate([trace[name] for trace in counted]) for name in COLUMNS}
