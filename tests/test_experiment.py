@@ -237,3 +237,11 @@ def test_a_missing_robot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["--robot", str(tmp_path / "none"), "--output", str(tmp_path / "out")]) == 2
     assert "make build/robots/iiwa14_plate" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_the_arm_without_the_tool_is_refused(
+    robot_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--robot", str(robot_folder), "--output", str(tmp_path / "out")]) == 2
+    assert "not the arm with the experiment's tool" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

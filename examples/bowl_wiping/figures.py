@@ -41,7 +41,7 @@ STYLE = {
     "ytick.color": INK,
     "lines.linewidth": 1.2,
     "legend.frameon": False,
-    "path.simplify_threshold": 0.2,
+    "path.simplify_threshold": 0.6,
 }
 THEME = (
     "<style>svg{color:#1f2328;background:#ffffff}"

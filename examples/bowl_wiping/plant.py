@@ -11,7 +11,7 @@ What the paper does not give and is chosen here:
 * the tool's shape, from which its centre of mass and inertia follow (the paper has 0.455 kg and a length);
 * the bowl's shape, place and friction, chosen so that the zero-force trajectory presses the plate on it;
 * the motors' inertia as it appears at the joints. A URDF has none, and with the links' inertia alone the paper's
-  damping cannot run at 5 ms: the wrist's light directions would need a sample time 100 times shorter.
+  damping cannot run at 5 ms: the wrist's light directions would need a sample time 30 times shorter.
 """
 
 from __future__ import annotations
