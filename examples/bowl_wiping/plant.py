@@ -244,7 +244,7 @@ class Plant:
     @property
     def arm_in_contact(self) -> bool:
         """Whether a link of the arm touches the bowl, which it should not."""
-        return self.data.ncon > len(self._tool_contacts())
+        return bool(self.data.ncon > len(self._tool_contacts()))
 
     def _tool_contacts(self) -> list[int]:
         bodies = self.model.geom_bodyid

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
@@ -87,10 +87,10 @@ def recorded() -> Array:
     return np.loadtxt(RECORDED, delimiter=",").T
 
 
-def minimum_jerk(s: Array | float) -> Array:
+def minimum_jerk(s: ArrayLike) -> Array:
     """Position from 0 to 1 over the time share s, clipped to 0 ... 1 (Flash and Hogan 1985)."""
-    s = np.clip(s, 0.0, 1.0)
-    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+    share = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
+    return np.asarray(share**3 * (10 - 15 * share + 6 * share**2))
 
 
 def reference(sample_time: float) -> Reference:
