@@ -5,6 +5,7 @@
 # make robots     real robots against Pinocchio, into docs/robots.md
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
+# make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
 VENV := .venv
@@ -12,11 +13,14 @@ BIN := $(VENV)/bin
 URDFS := $(sort $(wildcard urdf/*.urdf))
 WORKERS ?= 2
 CONFIGURATIONS ?= 4194304
+# The tool of the bowl-wiping experiment, as examples/bowl_wiping/plant.py has it
+PLATE := --tool-xyz 0 0 0.24 --tool-mass 0.455 --tool-com 0 0 0.0947 --tool-inertia 0.00469 0 0 0.00469 0 0.00079
+GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench bench-cuda soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench bench-cuda experiment soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -47,6 +51,17 @@ check-generated: $(VENV)/installed
 	diff -r -x '*.so' -x '*.pyd' -x __pycache__ "$$fresh" generated \
 	  || { echo "generated/ is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
 	echo "generated/ is what the generator writes"
+
+build/robots/iiwa14_plate: urdf/iiwa14.urdf Makefile $(GENERATOR) $(VENV)/installed
+	$(BIN)/stiffgen generate urdf/iiwa14.urdf --name iiwa14_plate $(PLATE) --output build/robots
+	@touch $@
+
+$(VENV)/installed-examples: $(VENV)/installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[examples]'
+	@touch $@
+
+experiment: build/robots/iiwa14_plate $(VENV)/installed-examples
+	$(BIN)/python -m examples.bowl_wiping
 
 $(VENV)/installed-fuzz: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,fuzz]'
