@@ -63,9 +63,7 @@ def test_generalised_eigenproblem_against_scipy(runtime: Runtime) -> None:
         assert np.all(np.diff(values) >= 0)
         reference = scipy.linalg.eigh(K, M, eigvals_only=True)
         worst = np.maximum(worst, residual(K, M, values, vectors))  # max() would lose a NaN
-        worst_value = np.maximum(
-            worst_value, np.abs(values - reference).max() / max(np.abs(reference).max(), 1e-300)
-        )
+        worst_value = np.maximum(worst_value, np.abs(values - reference).max() / max(np.abs(reference).max(), 1e-300))
         worst_basis = np.maximum(worst_basis, np.abs(vectors.T @ M @ vectors - np.eye(len(K))).max())
     assert worst <= 1e-12
     assert worst_value <= 1e-11
