@@ -24,7 +24,8 @@ try:
     import mujoco  # noqa: F401
     import scipy  # noqa: F401
 except ImportError as missing:
-    sys.exit(f"bowl_wiping: {missing.name} is not installed; pip install 'stiffgen[examples]'")
+    print(f"bowl_wiping: {missing.name} is not installed; pip install 'stiffgen[examples]'", file=sys.stderr)
+    sys.exit(2)
 
 from examples.bowl_wiping import analysis, figures, render, report, trajectory, trial
 from examples.bowl_wiping.plant import DOF, START_POSTURE, Plant

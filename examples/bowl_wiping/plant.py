@@ -134,7 +134,6 @@ class Plant:
         self._tip = self.model.site("tip").id
         self._sensor = self.model.site("sensor").id
         self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
-        self._bowl = self.model.geom("bowl").id if bowl else -1
         self._place(np.asarray(q, dtype=float))
 
     def _place(self, q: Array) -> None:
@@ -214,9 +213,9 @@ class Plant:
         for index in self._tool_contacts():
             contact, local = self.data.contact[index], np.empty(6)
             mujoco.mj_contactForce(self.model, self.data, index, local)
-            # On the second geom of the pair, in the contact's axes (rows of the frame), at its position.
-            sign = -1.0 if contact.geom1 != self._bowl else 1.0
-            force, moment = sign * (local.reshape(2, 3) @ contact.frame.reshape(3, 3))
+            # On the second geom of the pair, in the contact's axes (rows of the frame), at its position. MuJoCo orders
+            # a pair by the geoms' types: the height field of the bowl comes first.
+            force, moment = local.reshape(2, 3) @ contact.frame.reshape(3, 3)
             total[:3] += force
             total[3:] += moment + np.cross(contact.pos - self.data.site_xpos[self._tip], force)
         return total
