@@ -85,7 +85,7 @@ std::vector<std::vector<double>> read(const std::string &path)
 
 } // namespace
 
-Trajectory::Trajectory(const std::string &path, double period) : period_(period), samples_(0)
+Trajectory::Trajectory(const std::string &path, double period) : period_(period)
 {
     const std::vector<std::vector<double>> rows = read(path);
     const size_t columns = rows.empty() ? 0 : rows.front().size();
@@ -98,11 +98,10 @@ Trajectory::Trajectory(const std::string &path, double period) : period_(period)
     if (count < 3) {
         refuse(path, std::to_string(count) + " samples; it takes at least 3");
     }
-    samples_ = static_cast<int>(count);
-    values_.resize(count * JOINTS);
+    samples_.resize(count, Sample());
     for (size_t s = 0; s < count; ++s) {
         for (size_t j = 0; j < JOINTS; ++j) {
-            values_[s * JOINTS + j] = row_a_joint ? rows[j][s] : rows[s][j];
+            samples_[s].q[j] = row_a_joint ? rows[j][s] : rows[s][j];
         }
     }
     check(path);
@@ -114,21 +113,21 @@ void Trajectory::check(const std::string &path) const
     for (int j = 0; j < JOINTS; ++j) {
         const std::string joint = std::string("joint ") + robot::joint(j);
         const double limit = robot::velocity(j);
-        for (int s = 0; s < samples_; ++s) {
-            const double q = position(s, j);
+        for (int s = 0; s < count(); ++s) {
+            const double q = sample(s).q[j];
             if (q < robot::lower(j) || q > robot::upper(j)) {
                 refuse(path, joint + " is at " + text(q) + " rad in sample " + std::to_string(s) +
                                  ", beyond its limits " + text(robot::lower(j)) + " .. " + text(robot::upper(j)));
             }
         }
-        for (int s = 0; s + 1 < samples_; ++s) {
-            const double way = position(s + 1, j) - position(s, j), speed = std::fabs(way) / period_;
+        for (int s = 0; s + 1 < count(); ++s) {
+            const double way = sample(s + 1).q[j] - sample(s).q[j], speed = std::fabs(way) / period_;
             if (speed > limit) {
                 refuse(path, joint + " jumps by " + text(way) + " rad from sample " + std::to_string(s) + " to " +
                                  std::to_string(s + 1) + ": " + text(speed) + " rad/s, its limit is " + text(limit) +
                                  " rad/s; check the samples and --trajectory-period");
             }
-            const bool first = s == 0, last = s + 2 == samples_;
+            const bool first = s == 0, last = s + 2 == count();
             if ((first || last) && speed > REST * limit) {
                 refuse(path, joint + (first ? " starts" : " ends") + " at " + text(speed) +
                                  " rad/s; the trajectory must " + (first ? "start" : "end") +
@@ -140,29 +139,28 @@ void Trajectory::check(const std::string &path) const
 
 void Trajectory::differentiate()
 {
-    slopes_.assign(values_.size(), 0.0);
-    for (int s = 1; s + 1 < samples_; ++s) {
-        const int width = std::min(std::min(s, samples_ - 1 - s), FIT);
+    for (int s = 1; s + 1 < count(); ++s) {
+        const int width = std::min(std::min(s, count() - 1 - s), FIT);
         for (int j = 0; j < JOINTS; ++j) {
             double sum = 0.0, weight = 0.0;
             for (int k = 1; k <= width; ++k) {
-                sum += k * (position(s + k, j) - position(s - k, j));
+                sum += k * (sample(s + k).q[j] - sample(s - k).q[j]);
                 weight += 2.0 * k * k;
             }
-            slopes_[static_cast<size_t>(s) * JOINTS + static_cast<size_t>(j)] = sum / (weight * period_);
+            samples_[static_cast<size_t>(s)].dq[j] = sum / (weight * period_);
         }
     }
 }
 
 void Trajectory::at(double time, double *q, double *dq) const
 {
-    const double place = std::min(std::max(time / period_, 0.0), static_cast<double>(samples_ - 1));
-    const int s = std::min(static_cast<int>(place), samples_ - 2);
+    const double place = std::min(std::max(time / period_, 0.0), static_cast<double>(count() - 1));
+    const int s = std::min(static_cast<int>(place), count() - 2);
     const double u = place - s;
     for (int j = 0; j < JOINTS; ++j) {
         /* Cubic Hermite polynomial. */
-        const double p = position(s, j), a = slope(s, j) * period_, b = slope(s + 1, j) * period_;
-        const double way = position(s + 1, j) - p;
+        const double p = sample(s).q[j], a = sample(s).dq[j] * period_, b = sample(s + 1).dq[j] * period_;
+        const double way = sample(s + 1).q[j] - p;
         q[j] = p + u * (a + u * (3.0 * way - 2.0 * a - b + u * (a + b - 2.0 * way)));
         /* Not that polynomial's derivative, which would rattle with the file's last decimal. */
         dq[j] = ((1.0 - u) * a + u * b) / period_;

@@ -17,20 +17,23 @@ public:
      */
     Trajectory(const std::string &path, double period);
 
-    double duration() const { return (samples_ - 1) * period_; }
+    double duration() const { return (count() - 1) * period_; }
 
     /* Position and velocity at a time [s], that is cut to 0 .. duration. */
     void at(double time, double *q, double *dq) const;
 
 private:
-    double position(int sample, int joint) const { return values_[static_cast<size_t>(sample) * JOINTS + joint]; }
-    double slope(int sample, int joint) const { return slopes_[static_cast<size_t>(sample) * JOINTS + joint]; }
+    struct Sample {
+        double q[JOINTS], dq[JOINTS];
+    };
+
+    const Sample &sample(int s) const { return samples_[static_cast<size_t>(s)]; }
+    int count() const { return static_cast<int>(samples_.size()); }
     void check(const std::string &path) const;
     void differentiate();
 
     double period_;
-    int samples_;
-    std::vector<double> values_, slopes_;
+    std::vector<Sample> samples_;
 };
 
 /* Minimum-jerk move between two postures at rest: 10 s^3 - 15 s^4 + 6 s^5. */
