@@ -10,7 +10,7 @@
 enum Event {
     EVENT_LOST_CYCLES = 1 << 0,       /* the robot's clock advanced by more than one period */
     EVENT_MISSING_FIELD = 1 << 1,     /* the message lacked a value that is needed; the cycle counts as missed */
-    EVENT_BAD_TIMESTAMP = 1 << 2,     /* the robot's clock stood still or went back */
+    EVENT_BAD_TIMESTAMP = 1 << 2,     /* the robot's clock was left out, not ahead, or far off; a message that is not new counts as missed */
     EVENT_QUALITY_DROP = 1 << 3,      /* the robot's rating of the connection got worse */
     EVENT_BAD_DATAGRAM = 1 << 4,      /* something arrived that was no message, or one out of order */
     EVENT_NO_TORQUE_MODE = 1 << 5,    /* commanding, but not in torque mode: nothing was sent */

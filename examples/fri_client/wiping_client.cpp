@@ -20,8 +20,8 @@ const int TORQUE_MODE_PATIENCE = 10;
 /* A sensor that has been silent for so many seconds has failed. */
 const double SENSOR_PATIENCE = 0.05;
 
-/* [s] A step of the robot's clock beyond this is a clock that was set, not cycles that were lost. */
-const double LARGEST_GAP = 10.0;
+/* [s] The robot's clock further ahead, or further back, was set: no cycles were lost, and the message is not old. */
+const double LARGEST_GAP = 10.0, LARGEST_DELAY = 1.0;
 
 /* Periods that torque can be commanded at, in seconds. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
@@ -59,7 +59,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
                            Records &records)
     : settings_(settings), trajectory_(trajectory), sensor_(sensor), records_(records),
       velocity_(settings.velocity_filter), sample_time_(0.0), clock_known_(false), clock_start_(0), clock_last_(0),
-      time_(0.0), lost_(0), since_position_(1), valid_(false), controlling_(false), start_(0), fallen_back_(false),
+      time_(0.0), lost_(0), stale_(false), since_position_(0), valid_(false), controlling_(false), start_(0), fallen_back_(false),
       approach_clock_(0.0), progress_(0.0), pace_(1.0), done_(false), quality_(0), without_torque_mode_(0),
       button_registered_(false), button_(false), sensor_age_(0), events_(0), last_callback_(0.0), finished_(false),
       refusal_(REFUSAL_NONE), controller_error_(0)
@@ -142,32 +142,50 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
     finished_ = newState == KUKA::FRI::IDLE;
 }
 
-/* Cycles lost, by the robot's clock: the messages' own counter is not in the interface. */
+/* Cycles lost and messages out of order, by the robot's clock: the messages' own counter is not in the interface. */
 void WipingClient::clock()
 {
     const double period = sample_time_ > 0.0 ? sample_time_ : robotState().getSampleTime();
-    const std::int64_t now = static_cast<std::int64_t>(robotState().getTimestampSec()) * 1000000000 +
-                             static_cast<std::int64_t>(robotState().getTimestampNanoSec());
+    std::int64_t now = static_cast<std::int64_t>(robotState().getTimestampSec()) * 1000000000 +
+                       static_cast<std::int64_t>(robotState().getTimestampNanoSec());
     lost_ = 0;
+    stale_ = false;
     if (!clock_known_) {
         clock_known_ = true;
         clock_start_ = clock_last_ = now;
         return;
     }
+    const std::int64_t next = clock_last_ + static_cast<std::int64_t>(std::llround(1e9 * period));
+    bool good = now != 0;
+    now = good ? now : next; /* it was left out */
     const double elapsed = 1e-9 * static_cast<double>(now - clock_last_);
-    clock_last_ = now;
-    if (!(elapsed > 0.0 && elapsed < LARGEST_GAP)) {
+    if (elapsed <= 0.0 && elapsed > -LARGEST_DELAY) {
+        good = false;
+        stale_ = true;
+    } else {
+        if (elapsed < 0.0 || elapsed > LARGEST_GAP) {
+            good = false;
+            clock_start_ += now - next;
+        } else if (period > 0.0) {
+            lost_ = std::max(0, static_cast<int>(std::lround(elapsed / period)) - 1);
+        }
+        clock_last_ = now;
+    }
+    time_ = 1e-9 * static_cast<double>(clock_last_ - clock_start_);
+    if (!good) {
         ++counters_.bad_timestamps;
         events_ |= EVENT_BAD_TIMESTAMP;
-        clock_start_ += static_cast<std::int64_t>(std::llround(1e9 * (elapsed - period)));
-    } else if (period > 0.0) {
-        lost_ = std::max(0, static_cast<int>(std::lround(elapsed / period)) - 1);
     }
-    time_ = 1e-9 * static_cast<double>(now - clock_start_);
     if (lost_ > 0) {
         counters_.lost_cycles += static_cast<unsigned long long>(lost_);
         events_ |= EVENT_LOST_CYCLES;
     }
+}
+
+void WipingClient::missing_field()
+{
+    ++counters_.missing_fields;
+    events_ |= EVENT_MISSING_FIELD;
 }
 
 void WipingClient::observe()
@@ -176,8 +194,8 @@ void WipingClient::observe()
     clock();
     const double *const q = robotState().getMeasuredJointPosition();
     const bool positions = all_finite(q, JOINTS);
-    since_position_ += lost_;
-    if (positions) {
+    since_position_ += lost_ + (stale_ ? 0 : 1);
+    if (positions && !stale_) {
         copy(q, q_, JOINTS);
         if (sample_time_ > 0.0) {
             velocity_.update(q, since_position_ * sample_time_);
@@ -185,12 +203,11 @@ void WipingClient::observe()
         follower_.update(q);
         since_position_ = 0;
     }
-    ++since_position_;
-    valid_ = positions && (sensor_ != NULL || all_finite(robotState().getExternalTorque(), JOINTS));
-    if (!valid_) {
-        ++counters_.missing_fields;
-        events_ |= EVENT_MISSING_FIELD;
+    const bool complete = positions && (sensor_ != NULL || all_finite(robotState().getExternalTorque(), JOINTS));
+    if (!complete) {
+        missing_field();
     }
+    valid_ = complete && !stale_;
     const int quality = robotState().getConnectionQuality();
     if (quality < quality_) {
         ++counters_.quality_drops;
@@ -209,8 +226,7 @@ void WipingClient::watch_button()
         try {
             button_ = robotState().getBooleanIOValue(BUTTON);
         } catch (const FRIException &) {
-            ++counters_.exceptions; /* this message left it out: it counts as it was */
-            events_ |= EVENT_EXCEPTION;
+            missing_field(); /* the button counts as it was */
         }
     }
     events_ |= button_ ? EVENT_HOLD : 0;
@@ -250,7 +266,7 @@ void WipingClient::waitForCommand()
             /* The values are not executed yet; that they are there is what the robot waits for. */
             send(robotState().getIpoJointPosition(), zero);
         } catch (const FRIException &) {
-            ++counters_.exceptions;
+            missing_field();
         }
     } else if (++without_torque_mode_ >= TORQUE_MODE_PATIENCE) {
         refuse(REFUSAL_TORQUE_MODE);

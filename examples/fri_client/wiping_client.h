@@ -37,8 +37,8 @@ struct Counters {
     unsigned long long commanding_cycles; /* of them in COMMANDING_ACTIVE */
     unsigned long long lost_cycles;       /* by the robot's clock */
     unsigned long long lost_commanding;   /* of them in COMMANDING_ACTIVE */
-    unsigned long long missing_fields;
-    unsigned long long bad_timestamps;
+    unsigned long long missing_fields;    /* messages without a value that is needed */
+    unsigned long long bad_timestamps;    /* left out, not ahead of the last one, or far off */
     unsigned long long quality_drops;
     unsigned long long state_drops;       /* COMMANDING_ACTIVE was left before the trajectory's end */
     unsigned long long no_torque_mode;
@@ -87,6 +87,7 @@ private:
     void configure();
     void observe();
     void clock();
+    void missing_field();
     void watch_button();
     void begin_commanding(const double *q);
     void advance(double seconds);
@@ -119,6 +120,7 @@ private:
     std::int64_t clock_start_, clock_last_; /* [ns] of the robot */
     double time_;               /* [s] of the robot since the first message */
     int lost_;                  /* cycles lost just before this one */
+    bool stale_;                /* the message is not newer than the last one */
     int since_position_;        /* periods since the last position */
     bool valid_;                /* this cycle's positions and torques are there */
     double q_[JOINTS];          /* [rad] last measured position */
