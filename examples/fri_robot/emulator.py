@@ -92,6 +92,7 @@ class Link:
     """
 
     def __init__(self, host: str, port: int) -> None:
+        self.address = f"{host}:{port}"
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self.socket.connect((host, port))
@@ -314,7 +315,7 @@ class Emulator:
         for delivery in self.injectors["client"].release(self._cycle):
             self._decode(delivery.datagram)
         session, robot = self.session, self.robot
-        old = session.state
+        old = monitoring.state
         complete = False
         for command, _ in self._arrived:
             self._write_outputs(command)
@@ -332,7 +333,7 @@ class Emulator:
         row = self._record(monitoring)
         quality = min(self.meter.judge(self._cycle), self._faults.quality_at(self.time))
         self._track(old, complete)
-        if session.state is old:
+        if session.state is old and old is not SessionState.IDLE:
             session.advance(quality, answered=bool(self._arrived), complete=complete)
         self._follow_state(old)
         robot.step(self._period)
@@ -408,8 +409,8 @@ class Emulator:
 
     # -- the two clocks
 
-    def _meet(self) -> list[bytes]:
-        """Sends the first message until somebody listens; what was answered at once.
+    def _meet(self, datagram: bytes) -> bytes | None:
+        """Sends the first message until somebody listens; gives what was answered at once, if anything.
 
         Raises
         ------
@@ -417,19 +418,128 @@ class Emulator:
             Nobody did.
 
         """
-        monitoring, (delivery,) = self._begin()
-        self._first = monitoring
         deadline = wall.monotonic() + self._settings.answer_timeout
         while wall.monotonic() < deadline:
-            self._sent_at.append((0, wall.perf_counter()))
+            self._sent_at.append((self._cycle, wall.perf_counter()))
             try:
-                self._link.send(delivery.datagram)
-                answer = self._link.receive(0.05)
+                self._link.send(datagram)
+                return self._link.receive(0.05)
             except ConnectionRefusedError:
                 wall.sleep(0.02)
-                continue
-            return [answer] if answer is not None else []
         raise LinkError(
-            f"no client listens on {self._link.address}; start it before the robot or at most "
+            f"no client listens on {self._link.address}; start it before the robot, or at most "
             f"{self._settings.answer_timeout:g} s after it"
         )
+
+    def _gone(self) -> None:
+        """Nobody listens any more, in the middle of the session."""
+        self.session.failure = self.session.failure or "the client closed its port"
+        self.session.end("client gone")
+
+    def _run_lockstep(self) -> None:
+        while self.session.state is not SessionState.IDLE:
+            monitoring, arriving = self._begin()
+            try:
+                for delivery in arriving:
+                    self._exchange(delivery)
+            except ConnectionRefusedError:
+                self._gone()
+            self._finish(monitoring)
+
+    def _exchange(self, delivery: Delivery) -> None:
+        """Delivers a datagram and waits for its answer: as long as it takes if one must come, else a little."""
+        answer = None
+        if self._cycle == 0:
+            answer = self._meet(delivery.datagram)
+        else:
+            self._sent_at.append((delivery.cycle, wall.perf_counter()))
+            self._link.send(delivery.datagram)
+        # A spoiled message may count for the client or not.
+        self._fewest += delivery.intact
+        self._most += 1
+        if self._most < self._settings.multiplier:
+            return
+        must = self._fewest >= self._settings.multiplier
+        deadline = wall.monotonic() + (self._settings.answer_timeout if must else UNCERTAIN_WAIT)
+        while True:
+            if answer is None:
+                answer = self._link.receive(deadline - wall.monotonic())
+            if answer is None:
+                break
+            self._take(answer)
+            self._fewest = self._most = 0
+            if self._reflected(answer) in (delivery.cycle, None):
+                return
+            answer = None  # the answer to an earlier one
+        if must:
+            self.session.failure = self.session.failure or (
+                f"the client did not answer within {self._settings.answer_timeout:g} s"
+            )
+            self.session.end("client silent")
+
+    def _reflected(self, datagram: bytes) -> int | None:
+        try:
+            return self._protocol.decode_command(datagram).reflected
+        except MessageError:
+            return None
+
+    def _run_by_the_clock(self) -> None:
+        start = wall.perf_counter()
+        while self.session.state is not SessionState.IDLE:
+            monitoring, arriving = self._begin()
+            try:
+                if self._cycle == 0:
+                    answer = self._meet(arriving[0].datagram)
+                    start = self._sent_at[-1][1]
+                    if answer is not None:
+                        self._take(answer)
+                else:
+                    for delivery in arriving:
+                        self._sent_at.append((delivery.cycle, wall.perf_counter()))
+                        self._link.send(delivery.datagram)
+                self._collect(start + (1 - PLANT_SHARE) * self._period)
+            except ConnectionRefusedError:
+                self._gone()
+            self._finish(monitoring)
+            start += self._period
+            ahead = start - wall.perf_counter()
+            if ahead > 0:
+                wall.sleep(ahead)
+            else:
+                # The robot's clock waits for this machine: no burst of messages makes up for lost time.
+                self.statistics.overruns += 1
+                self.statistics.slip -= ahead
+                start -= ahead
+
+    def _collect(self, until: float) -> None:
+        """Takes answers until one was accepted or time is up, and whatever else is there."""
+        while True:
+            left = 0.0 if self._arrived else until - wall.perf_counter()
+            datagram = self._link.receive(left)
+            if datagram is None:
+                return
+            self._take(datagram)
+
+    def _say_goodbye(self) -> None:
+        """Messages with IDLE, untouched by faults, until the client is gone: a session's clean end."""
+        monitoring = self._monitoring()
+        for _ in range(GOODBYES):
+            try:
+                self._link.send(self._protocol.encode_monitoring(monitoring))
+                self._link.receive(0.01)
+            except ConnectionRefusedError:
+                return
+            monitoring.sequence += 1
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """The collector's pauses would be the robot's."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
