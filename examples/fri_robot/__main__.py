@@ -239,7 +239,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     recorder = Recorder() if options.log else None
 
     def report(old: SessionState, new: SessionState, reason: str) -> None:
-        console.print(f"{emulator.time:9.3f} s  {old.name} -> {new.name}  ({reason})", highlight=False)
+        console.print(f"{emulator.time:9.3f} s  {old.name} -> {new.name}  ({reason})", highlight=False, soft_wrap=True)
 
     session = Session(options.send_period / 1000, policy, options.duration, options.restarts, report)
     link = Link(options.host, options.port)
@@ -277,7 +277,7 @@ def _print(console: Console, result: dict[str, Any]) -> None:
         lines.append(f"late cycles of the emulator: {result['overruns']}, by {1000 * result['slip_s']:.1f} ms in all")
     if result["digest"]:
         lines.append(f"digest {result['digest']}")
-    console.print("\n".join(lines), highlight=False)
+    console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
 
 def main() -> int:

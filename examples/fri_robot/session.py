@@ -27,7 +27,7 @@ class Policy:
     grace : float
         How late an answer may be to count as in time [s] (wall clock; in lockstep nothing is late).
     quality_timeout : float
-        Time below GOOD in MONITORING_WAIT after which the session is given up [s].
+        Time without getting (back) to COMMANDING_WAIT after which the session is given up [s].
     answer_timeout : float
         Time without any answer after which the session is given up [s].
     monitoring_cycles : int
@@ -48,7 +48,7 @@ class Policy:
     good: float = 0.95
     fair: float = 0.7
     grace: float = 0.01
-    quality_timeout: float = 5.0
+    quality_timeout: float = 10.0
     answer_timeout: float = 2.0
     monitoring_cycles: int = 100
     complete_commands: int = 20
@@ -139,6 +139,7 @@ class Session:
         self._restarts = restarts
         self._report = report
         self._closing = False
+        self._monitoring = 0  # cycles since the session was opened, or was commanding, or is to close
         self._cycles = 0  # in this state
         self._complete = 0  # commands in this state
         self._without_command = 0  # cycles since the last complete command
@@ -166,9 +167,13 @@ class Session:
     def fail(self, reason: str) -> None:
         """Something ends the session early: the motion stops, then the session closes."""
         self.failure = self.failure or reason
-        self._closing = True
+        self._close()
         if self.state in COMMANDING:
             self._go(SessionState.MONITORING_READY, reason)
+
+    def _close(self) -> None:
+        if not self._closing:
+            self._closing, self._monitoring = True, 0
 
     def end(self, reason: str) -> None:
         """Closes the session at once."""
@@ -190,7 +195,7 @@ class Session:
         self.broken += 1
         if self.broken > self._restarts:
             self.failure = self.failure or f"motion broken off {self.broken} times, last because {reason}"
-            self._closing = True
+            self._close()
 
     def _seconds(self, cycles: int) -> float:
         return cycles * self._period
@@ -213,9 +218,17 @@ class Session:
         self._without_command = 0 if complete else self._without_command + 1
         if self.state is SessionState.COMMANDING_ACTIVE:
             self._active_cycles += 1
+        self._monitoring = 0 if self.state in COMMANDING else self._monitoring + 1
         if self._seconds(self._silent) > self._policy.answer_timeout:
             self.failure = self.failure or f"no answer from the client for {self._policy.answer_timeout:g} s"
             self.end("client silent")
+        elif self._closing and self._monitoring >= self._policy.monitoring_cycles:
+            self.end("session closed")
+        elif self._seconds(self._monitoring) > self._policy.quality_timeout:
+            self.failure = self.failure or (
+                f"quality {quality.name} after {self._policy.quality_timeout:g} s without commanding, which needs GOOD"
+            )
+            self.end("quality")
         elif self.state is not SessionState.MONITORING_WAIT and quality < Quality.GOOD:
             if self.state in COMMANDING:
                 self._break_off(f"the connection's quality fell to {quality.name}")
@@ -226,18 +239,9 @@ class Session:
     def _in_monitoring_wait(self, quality: Quality) -> None:
         if quality >= Quality.GOOD:
             self._go(SessionState.MONITORING_READY, f"quality {quality.name}")
-        elif self._seconds(self._cycles) > self._policy.quality_timeout:
-            self.failure = self.failure or (
-                f"quality stayed {quality.name} for {self._policy.quality_timeout:g} s; commanding needs GOOD"
-            )
-            self.end("quality")
 
     def _in_monitoring_ready(self, _quality: Quality) -> None:
-        if self._cycles < self._policy.monitoring_cycles:
-            return
-        if self._closing or self.active_time >= self._duration - 1e-9:
-            self._go(SessionState.IDLE, "session closed")
-        else:
+        if not self._closing and self._cycles >= self._policy.monitoring_cycles:
             self._go(SessionState.COMMANDING_WAIT, "motion started")
 
     def _in_commanding_wait(self, _quality: Quality) -> None:
@@ -248,7 +252,7 @@ class Session:
 
     def _in_commanding_active(self, _quality: Quality) -> None:
         if self.active_time >= self._duration - 1e-9:
-            self._closing = True
+            self._close()
             self._go(SessionState.MONITORING_READY, "motion over")
         else:
             self._check_command()
