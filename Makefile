@@ -10,6 +10,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 URDFS := $(sort $(wildcard urdf/*.urdf))
 WORKERS ?= 2
+# The tool of the bowl-wiping experiment, as examples/bowl_wiping/plant.py has it
+PLATE := --tool-xyz 0 0 0.24 --tool-mass 0.455 --tool-com 0 0 0.0947 --tool-inertia 0.00469 0 0 0.00469 0 0.00079
+GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
@@ -45,6 +48,10 @@ check-generated: $(VENV)/installed
 	diff -r -x '*.so' -x '*.pyd' -x __pycache__ "$$fresh" generated \
 	  || { echo "generated/ is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
 	echo "generated/ is what the generator writes"
+
+build/robots/iiwa14_plate: urdf/iiwa14.urdf Makefile $(GENERATOR) $(VENV)/installed
+	$(BIN)/stiffgen generate urdf/iiwa14.urdf --name iiwa14_plate $(PLATE) --output build/robots
+	@touch $@
 
 $(VENV)/installed-fuzz: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,fuzz]'

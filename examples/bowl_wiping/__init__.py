@@ -1,0 +1,1 @@
+"""The paper's bowl-wiping experiment in simulation; ``python -m examples.bowl_wiping`` runs it."""

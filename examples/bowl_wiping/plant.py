@@ -1,0 +1,331 @@
+"""The simulated LBR iiwa 14 with its wiping tool, and the bowl: MuJoCo behind a torque interface.
+
+The arm comes from urdf/iiwa14.urdf through MuJoCo's own URDF reader. So its kinematics and masses are independent of
+stiffgen's, and the tests hold the one against the other.
+
+What the plant does as KUKA's controller does: it adds the torques that cancel gravity and Coriolis effects of the arm
+with its tool, so that a zero command lets the arm float.
+
+What the paper does not give and is chosen here:
+
+* the tool's shape, from which its centre of mass and inertia follow (the paper has 0.455 kg and a length);
+* the bowl's shape, place and friction, chosen so that the zero-force trajectory presses the plate on it;
+* the motors' inertia as it appears at the joints. A URDF has none, and with the links' inertia alone the paper's
+  damping cannot run at 5 ms: the wrist's light directions would need a sample time 100 times shorter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stiffgen.errors import StiffgenError
+
+Array = NDArray[np.float64]
+
+URDF = Path(__file__).resolve().parents[2] / "urdf" / "iiwa14.urdf"
+DOF = 7
+FLANGE = "link_ee"
+START_POSTURE: Array = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
+"""Where the paper's experiment starts [rad]."""
+
+MOTOR_INERTIA = 0.2
+"""[kg m^2] of each motor as it appears at its joint."""
+LONGEST_SUBSTEP = 0.0005
+"""[s] of the physics."""
+
+TOOL_POINT = 0.24
+"""[m] from the flange along its z axis to the tool point, the centre of the plate's face: 0.275 m from joint 7."""
+PLATE_RADIUS = 0.10
+"""[m] of the plate, to the middle of its rounded edge."""
+EDGE_RADIUS = 0.005
+"""[m] of the edge's rounding."""
+EDGE_SPHERES = 48
+"""The edge is a ring of so many spheres: a flat plate in a hollow bowl touches with its edge only."""
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A homogeneous part of the tool on the flange's z axis: mass [kg], radius [m], from where to where [m]."""
+
+    mass: float
+    radius: float
+    start: float
+    end: float
+
+    @property
+    def middle(self) -> float:
+        """Height of its centre of mass above the flange [m]."""
+        return (self.start + self.end) / 2
+
+    def inertia(self, height: float) -> Array:
+        """(ixx, iyy, izz) about a point of the axis at a height above the flange [kg m^2]."""
+        across = self.mass * (self.radius**2 / 4 + (self.end - self.start) ** 2 / 12 + (self.middle - height) ** 2)
+        return np.array([across, across, self.mass * self.radius**2 / 2])
+
+
+TOOL = (
+    Cylinder(mass=0.255, radius=0.038, start=0.0, end=0.034),  # force/torque sensor
+    Cylinder(mass=0.080, radius=0.012, start=0.034, end=0.230),  # tube
+    Cylinder(mass=0.120, radius=PLATE_RADIUS, start=0.230, end=TOOL_POINT),  # plate
+)
+TOOL_MASS = sum(part.mass for part in TOOL)
+"""[kg], the paper's 0.455."""
+TOOL_COM = round(sum(part.mass * part.middle for part in TOOL) / TOOL_MASS, 4)
+"""[m] from the flange along its z axis."""
+TOOL_INERTIA: Array = np.round(np.sum([part.inertia(TOOL_COM) for part in TOOL], axis=0), 6)
+"""(ixx, iyy, izz) about the centre of mass, flange axes [kg m^2]. The Makefile gives the same figures to stiffgen."""
+
+
+@dataclass(frozen=True)
+class Bowl:
+    """A spherical bowl in a square block, open upwards; metres in the base frame.
+
+    Args:
+        centre: x and y of its axis.
+        bottom: height of its lowest point.
+        radius: of the sphere.
+        opening: radius of its upper edge.
+        friction: coefficient of sliding friction with the plate.
+
+    """
+
+    centre: tuple[float, float] = (0.508, 0.398)
+    bottom: float = -0.055
+    radius: float = 0.41
+    opening: float = 0.24
+    friction: float = 0.5
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Height of the surface over the points (x, y) of the base frame [m]."""
+        square = (np.asarray(x) - self.centre[0]) ** 2 + (np.asarray(y) - self.centre[1]) ** 2
+        return self.bottom + self.radius - np.sqrt(self.radius**2 - np.minimum(square, self.opening**2))
+
+
+class Plant:
+    """Arm, tool and bowl. Deterministic: the same torques give the same motion, bit for bit, on one machine.
+
+    Args:
+        timestep: [s] that one :meth:`step` advances, the torque held; the physics runs in substeps of at most
+            LONGEST_SUBSTEP.
+        bowl: the bowl, or whether there is the standard one.
+        tool: whether the tool is mounted. Without it the flange is the tip.
+        q: joint positions at the start [rad], at rest.
+
+    Raises:
+        StiffgenError: a timestep that is not positive, or a q of another shape.
+
+    """
+
+    def __init__(
+        self, timestep: float = 0.001, bowl: bool | Bowl = True, tool: bool = True, q: ArrayLike = START_POSTURE
+    ) -> None:
+        if not 0 < timestep < np.inf:
+            raise StiffgenError(f"timestep {timestep} s must be positive")
+        self._substeps = int(np.ceil(timestep / LONGEST_SUBSTEP * (1 - 1e-12)))
+        self.model = _model(Bowl() if bowl is True else bowl or None, tool, timestep / self._substeps)
+        self.data = mujoco.MjData(self.model)
+        self.timestep = timestep
+        self._steps = 0
+        self._tip = self.model.site("tip").id
+        self._sensor = self.model.site("sensor").id
+        self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
+        self._bowl = self.model.geom("bowl").id if bowl else -1
+        self._place(np.asarray(q, dtype=float))
+
+    def _place(self, q: Array) -> None:
+        if q.shape != (DOF,):
+            raise StiffgenError(f"q has shape {q.shape}, not ({DOF},)")
+        self.data.qpos[:] = q
+        self.data.qvel[:] = 0
+        self._forward(np.zeros(DOF))
+
+    @property
+    def time(self) -> float:
+        """[s] since the start."""
+        return self._steps * self.timestep
+
+    @property
+    def q(self) -> Array:
+        """Joint positions [rad]."""
+        return np.array(self.data.qpos)
+
+    @property
+    def dq(self) -> Array:
+        """Joint velocities [rad/s]."""
+        return np.array(self.data.qvel)
+
+    @property
+    def pose(self) -> Array:
+        """(4, 4) pose of the tip, the tool point, in the base frame [m]."""
+        pose = np.eye(4)
+        pose[:3, :3] = self.data.site_xmat[self._tip].reshape(3, 3)
+        pose[:3, 3] = self.data.site_xpos[self._tip]
+        return pose
+
+    def step(self, torque: ArrayLike) -> None:
+        """Advance one timestep under a held torque command, compensation not included [N m]."""
+        torque = np.asarray(torque, dtype=float)
+        for _ in range(self._substeps):
+            mujoco.mj_step1(self.model, self.data)
+            self.data.qfrc_applied[:] = torque + self.data.qfrc_bias
+            mujoco.mj_step2(self.model, self.data)
+        self._steps += 1
+        self._forward(torque)  # so that all that can be asked belongs to the new state
+
+    def _forward(self, torque: Array) -> None:
+        mujoco.mj_fwdPosition(self.model, self.data)
+        mujoco.mj_fwdVelocity(self.model, self.data)
+        self.data.qfrc_applied[:] = torque + self.data.qfrc_bias
+        mujoco.mj_forward(self.model, self.data)
+
+    def wrench(self) -> Array:
+        """(force [N], moment [N m]) of the environment on the robot at the tip, base axes.
+
+        From the force/torque sensor between flange and tool. What the tool's weight and inertia contribute is taken
+        out, with the tool's true acceleration, and the moment is shifted from the sensor to the tip.
+        """
+        data = self.data
+        to_base = data.site_xmat[self._sensor].reshape(3, 3)
+        force, moment = (to_base @ data.sensor(name).data for name in ("force", "torque"))
+        mass = self.model.body_mass[self._held]
+        com = data.xipos[self._held]
+        acceleration = np.empty(6)  # angular, linear at the centre of mass, gravity subtracted
+        mujoco.mj_objectAcceleration(self.model, data, mujoco.mjtObj.mjOBJ_BODY, self._held, acceleration, 0)
+        velocity = np.empty(6)
+        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_BODY, self._held, velocity, 0)
+        axes = data.ximat[self._held].reshape(3, 3)
+        tensor = axes @ np.diag(self.model.body_inertia[self._held]) @ axes.T
+        spin = velocity[:3]
+        # Newton and Euler about the centre of mass: sensor + environment = change of momentum.
+        at_com = moment - np.cross(com - data.site_xpos[self._sensor], force)
+        external_force = mass * acceleration[3:] - force
+        external_moment = tensor @ acceleration[:3] + np.cross(spin, tensor @ spin) - at_com
+        lever = com - data.site_xpos[self._tip]
+        return np.concatenate([external_force, external_moment + np.cross(lever, external_force)])
+
+    def contact_wrench(self) -> Array:
+        """The same wrench as the sum of the contact forces on the tool: what :meth:`wrench` must agree with."""
+        total = np.zeros(6)
+        for index in self._tool_contacts():
+            contact, local = self.data.contact[index], np.empty(6)
+            mujoco.mj_contactForce(self.model, self.data, index, local)
+            # On the second geom of the pair, in the contact's axes (rows of the frame), at its position.
+            sign = -1.0 if contact.geom1 != self._bowl else 1.0
+            force, moment = sign * (local.reshape(2, 3) @ contact.frame.reshape(3, 3))
+            total[:3] += force
+            total[3:] += moment + np.cross(contact.pos - self.data.site_xpos[self._tip], force)
+        return total
+
+    def external_torque(self) -> Array:
+        """Joint torques of all contacts, J^T wrench [N m]: what KUKA's controller estimates as external torques."""
+        data = self.data
+        is_contact = np.isin(
+            data.efc_type,
+            [
+                mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS,
+                mujoco.mjtConstraint.mjCNSTR_CONTACT_PYRAMIDAL,
+                mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC,
+            ],
+        )
+        torque = np.zeros(DOF)
+        mujoco.mj_mulJacTVec(self.model, data, torque, np.where(is_contact, data.efc_force, 0.0))
+        return torque
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether the tool touches the bowl."""
+        return len(self._tool_contacts()) > 0
+
+    @property
+    def arm_in_contact(self) -> bool:
+        """Whether a link of the arm touches the bowl, which it should not."""
+        return self.data.ncon > len(self._tool_contacts())
+
+    def _tool_contacts(self) -> list[int]:
+        bodies = self.model.geom_bodyid
+        return [
+            index
+            for index, contact in enumerate(self.data.contact)
+            if contact.efc_address >= 0 and self._held in (bodies[contact.geom1], bodies[contact.geom2])
+        ]
+
+
+def _model(bowl: Bowl | None, tool: bool, substep: float) -> mujoco.MjModel:
+    if not URDF.is_file():
+        raise StiffgenError(f"{URDF.name} is not in urdf/; run the example from a checkout of the repository")
+    spec = mujoco.MjSpec.from_file(str(URDF))
+    spec.compiler.fusestatic = False  # the tool stays a body of its own, which a sensor can hold
+    spec.option.timestep = substep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10  # little creep under friction
+    for joint in spec.joints:
+        joint.armature = MOTOR_INERTIA
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = 0, 1  # the arm's links can touch the bowl, not each other
+    flange = spec.body(FLANGE)
+    held = flange
+    if tool:
+        held = flange.add_body(
+            name="tool", mass=TOOL_MASS, ipos=[0, 0, TOOL_COM], inertia=TOOL_INERTIA, explicitinertial=True
+        )
+        _add_tool_geoms(held)
+    held.add_site(name="sensor", pos=[0, 0, 0])
+    held.add_site(name="tip", pos=[0, 0, TOOL_POINT if tool else 0])
+    for name, kind in (("force", mujoco.mjtSensor.mjSENS_FORCE), ("torque", mujoco.mjtSensor.mjSENS_TORQUE)):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="sensor")
+    if bowl:
+        _add_bowl(spec, bowl)
+    return spec.compile()
+
+
+def _add_tool_geoms(body: mujoco.MjsBody) -> None:
+    for part, rgba in zip(TOOL, ([0.2, 0.2, 0.22, 1], [0.6, 0.6, 0.62, 1], [0.1, 0.45, 0.7, 1]), strict=True):
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=[0, 0, part.start, 0, 0, part.end],
+            size=[part.radius, 0, 0],
+            rgba=rgba,
+            contype=0,
+            conaffinity=0,
+        )
+    for angle in 2 * np.pi * np.arange(EDGE_SPHERES) / EDGE_SPHERES:
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            pos=[PLATE_RADIUS * np.cos(angle), PLATE_RADIUS * np.sin(angle), TOOL_POINT - EDGE_RADIUS],
+            size=[EDGE_RADIUS, 0, 0],
+            rgba=[0.1, 0.45, 0.7, 1],
+            contype=0,
+            conaffinity=1,
+        )
+
+
+def _add_bowl(spec: mujoco.MjSpec, bowl: Bowl, cells: int = 130) -> None:
+    """The bowl as a height field: its cells are convex prisms, so the hollow is real for the contact search."""
+    half = bowl.opening + 0.02
+    x, y = (np.linspace(centre - half, centre + half, cells + 1) for centre in bowl.centre)
+    height = bowl.height(*np.meshgrid(x, y))
+    spec.add_hfield(
+        name="bowl",
+        size=[half, half, height.max() - bowl.bottom, 0.03],
+        nrow=cells + 1,
+        ncol=cells + 1,
+        userdata=height.ravel(),
+    )
+    spec.worldbody.add_geom(
+        name="bowl",
+        type=mujoco.mjtGeom.mjGEOM_HFIELD,
+        hfieldname="bowl",
+        pos=[*bowl.centre, bowl.bottom],
+        rgba=[0.85, 0.82, 0.75, 1],
+        contype=1,
+        conaffinity=1,
+        friction=[bowl.friction, 0.005, 0.0001],
+        priority=1,  # its friction and softness hold, whatever touches it
+        solref=[0.005, 1.0],
+    )
