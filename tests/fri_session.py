@@ -108,7 +108,7 @@ def run_harness(folder: Path, datagrams: Iterable[bytes | None], *arguments: str
     command = [str(folder / "harness"), *map(str, arguments)]
     done = subprocess.run(command, input=pack(datagrams), capture_output=True)
     assert done.returncode == 0, done.stderr.decode()[-4000:]
-    return [json.loads(line) for line in done.stdout.decode().splitlines()]
+    return [json.loads(line) for line in done.stdout.decode().splitlines() if line.startswith("{")]
 
 
 def require_tools() -> str | None:
