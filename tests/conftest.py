@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +15,7 @@ import pytest
 from filelock import FileLock
 
 import stiffgen
+from stiffgen.cli import main
 from stiffgen.verify import import_robot
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -62,6 +65,30 @@ def robot_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 @pytest.fixture(scope="session")
 def robot(robot_folder: Path) -> ModuleType:
     return import_robot(robot_folder)
+
+
+def plate_options() -> list[str]:
+    """Options of the bowl-wiping experiment's tool, as the Makefile has them."""
+    found = re.search(r"^PLATE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert found
+    return shlex.split(found[1])
+
+
+@pytest.fixture(scope="session")
+def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """The arm with the experiment's tool, generated and compiled once for all workers. Not to be written to."""
+    base = tmp_path_factory.getbasetemp()
+    output = (base if worker_id == "master" else base.parent) / "robots"
+    with FileLock(str(output) + ".lock"):
+        if not (output / "iiwa14_plate").exists():
+            options = ["--name", "iiwa14_plate", *plate_options(), "--output", str(output)]
+            assert main(["generate", str(URDF), *options]) == 0
+    return output / "iiwa14_plate"
+
+
+@pytest.fixture(scope="session")
+def plate(plate_folder: Path) -> ModuleType:
+    return import_robot(plate_folder)
 
 
 def compilers() -> list[str]:

@@ -2,46 +2,21 @@
 
 from __future__ import annotations
 
-import re
-import shlex
 import sys
-from pathlib import Path
 from types import ModuleType
 
 import mujoco
 import numpy as np
 import pytest
-from filelock import FileLock
 
 from conftest import ROOT
 from stiffgen import StiffgenError
-from stiffgen.cli import main
-from stiffgen.verify import import_robot
 
 sys.path.insert(0, str(ROOT))
 
 from examples.bowl_wiping.plant import MOTOR_INERTIA, START_POSTURE, Bowl, Plant
 
 ABOVE = START_POSTURE + np.array([0.2, -0.6, 0.1, 0.2, 0.3, -0.4, 0.5])  # well clear of the bowl
-
-
-def plate_options() -> list[str]:
-    """The tool's options as the Makefile has them."""
-    found = re.search(r"^PLATE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert found
-    return shlex.split(found[1])
-
-
-@pytest.fixture(scope="session")
-def plate(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> ModuleType:
-    """The arm with the experiment's tool, generated and compiled once for all workers."""
-    base = tmp_path_factory.getbasetemp()
-    output = (base if worker_id == "master" else base.parent) / "robots"
-    with FileLock(str(output) + ".lock"):
-        if not (output / "iiwa14_plate").exists():
-            urdf = str(ROOT / "urdf" / "iiwa14.urdf")
-            assert main(["generate", urdf, "--name", "iiwa14_plate", *plate_options(), "--output", str(output)]) == 0
-    return import_robot(Path(output) / "iiwa14_plate")
 
 
 def postures(count: int = 20) -> np.ndarray:

@@ -4,9 +4,9 @@ A specification is a list of faults separated by commas::
 
     [robot.|client.]KIND[=PROBABILITY][@TIME|@START-END][:ARGUMENT]
 
-``robot.`` means what the robot sends, ``client.`` what the client sends; without either both. Times are seconds of the robot's
-clock since the session began. With a probability each datagram (in the interval, if one is given) is hit at random; with an
-interval alone every datagram in it; with a time alone the first datagram from then on.
+``robot.`` means what the robot sends, ``client.`` what the client sends; without either both. Times are seconds of the
+robot's clock since the session began. With a probability each datagram (in the interval, if one is given) is hit at
+random; with an interval alone every datagram in it; with a time alone the first datagram from then on.
 
 =============  =========================================================================================
 drop           lost
@@ -43,9 +43,9 @@ DIRECTIONS = ("robot", "client")
 KINDS = ("drop", "delay", "reorder", "duplicate", "garbage", "empty", "identifier", "missing", "six", "nan", "crc",
          "silence", "state", "quality")  # fmt: skip
 _FIELDS = {
-    "robot": ("header.sequenceCounter", "robotInfo", "monitorData", "connectionInfo", "ipoData", "ipoData.jointPosition",
-              "monitorData.measuredJointPosition", "monitorData.externalTorque", "monitorData.timestamp",
-              "connectionInfo.sendPeriod"),
+    "robot": ("header.sequenceCounter", "robotInfo", "monitorData", "connectionInfo", "ipoData",
+              "ipoData.jointPosition", "monitorData.measuredJointPosition", "monitorData.externalTorque",
+              "monitorData.timestamp", "connectionInfo.sendPeriod"),
     "client": ("header.sequenceCounter", "commandData", "commandData.jointPosition", "commandData.jointTorque"),
 }  # fmt: skip
 _ITEM = re.compile(
@@ -103,7 +103,9 @@ class FaultPlan:
 
     def quality_at(self, time: float) -> Quality:
         """Best quality that may be reported at a time [s]."""
-        return min([Quality[fault.argument] for fault in self.qualities if fault.covers(time)], default=Quality.EXCELLENT)
+        return min(
+            [Quality[fault.argument] for fault in self.qualities if fault.covers(time)], default=Quality.EXCELLENT
+        )
 
 
 def parse_faults(specification: str, version: str) -> FaultPlan:
@@ -120,7 +122,9 @@ def parse_faults(specification: str, version: str) -> FaultPlan:
     for item in filter(None, (part.strip() for part in specification.split(","))):
         match = _ITEM.fullmatch(item)
         if not match:
-            raise FaultError(f"fault '{item}': not of the form [robot.|client.]KIND[=PROBABILITY][@START[-END]][:ARGUMENT]")
+            raise FaultError(
+                f"fault '{item}': not of the form [robot.|client.]KIND[=PROBABILITY][@START[-END]][:ARGUMENT]"
+            )
         fault = _checked(item, match, version)
         if fault.kind == "state":
             states.append(fault)
