@@ -82,9 +82,9 @@ def example(version: str, commanding: bool) -> tuple[Monitoring, bytes]:
     message = Monitoring(
         state=S.COMMANDING_ACTIVE, quality=Quality.GOOD, send_period=5, receive_multiplier=2, sequence=300,
         reflected=128, safety=SafetyState.SAFETY_STOP_LEVEL_2, command_mode=CommandMode.TORQUE, position=q,
-        torque=torque, commanded_position=command, commanded_torque=sent, external_torque=external, external_force=np.arange(6.0),
-        pose=pose, redundancy=-0.5, ios=[BUTTON], ipo=ipo if commanding else None, tracking=0.75,
-        sent_at=1_700_000_000_999_000_000,
+        torque=torque, commanded_position=command, commanded_torque=sent, external_torque=external,
+        external_force=np.arange(6.0), pose=pose, redundancy=-0.5, ios=[BUTTON],
+        ipo=ipo if commanding else None, tracking=0.75, sent_at=1_700_000_000_999_000_000,
     )  # fmt: skip
     is_2x = version != "1.15"
     body = b"".join(
@@ -422,6 +422,8 @@ def test_directions_have_random_numbers_of_their_own() -> None:
 
 def test_order_of_held_datagrams() -> None:
     assert through(injector("reorder@0.02"), 5) == [[b"0"], [b"1"], [], [b"3", b"2"], [b"4"]]
+    both = injector("reorder@0.01,reorder@0.02,drop@0.03")
+    assert through(both, 6) == [[b"0"], [], [], [], [b"4", b"1", b"2"], [b"5"]]
     assert through(injector("delay@0.01:3"), 6) == [[b"0"], [], [b"2"], [b"3"], [b"4", b"1"], [b"5"]]
     assert through(injector("duplicate@0.01"), 3) == [[b"0"], [b"1", b"1"], [b"2"]]
     assert through(injector("silence@0.01-0.03"), 4) == [[b"0"], [], [], [b"3"]]

@@ -11,7 +11,7 @@ random; with an interval alone every datagram in it; with a time alone the first
 =============  =========================================================================================
 drop           lost
 delay:CYCLES   arrives so many cycles later (default 3)
-reorder        arrives after the next one
+reorder        arrives after the next one that arrives
 duplicate      arrives twice
 garbage        random bytes instead
 empty          an empty datagram instead
@@ -215,7 +215,8 @@ class FaultInjector:
         self._faults = faults
         self._done: set[int] = set()
         self._random = np.random.default_rng([seed, DIRECTIONS.index(direction)])
-        self._held: list[tuple[int, Delivery]] = []
+        self._held: list[tuple[int | None, Delivery]] = []  # with the cycle to arrive in; None: after the next one
+        self._latest = -1  # cycle of the newest datagram that arrived
         self.counts: Counter[str] = Counter()
         self.last: str | None = None
         """Kind of the fault that hit the last datagram, or None."""
@@ -236,23 +237,29 @@ class FaultInjector:
         fault = self._hit(time)
         self.last = fault.kind if fault else None
         if fault is None:
+            self._latest = cycle
             return [Delivery(datagram, cycle, True)]
         self.counts[fault.kind] += 1
         if fault.kind in ("drop", "silence"):
             return []
         if fault.kind in ("delay", "reorder"):
-            late = int(fault.argument) if fault.kind == "delay" else 1
-            self._held.append((cycle + late, Delivery(datagram, cycle, False)))
+            at = cycle + int(fault.argument) if fault.kind == "delay" else None
+            self._held.append((at, Delivery(datagram, cycle, False)))
             return []
+        self._latest = cycle
         if fault.kind == "duplicate":
             return [Delivery(datagram, cycle, True), Delivery(datagram, cycle, False)]
         return [Delivery(self._changed(fault, datagram), cycle, False)]
 
     def release(self, cycle: int) -> list[Delivery]:
         """Datagrams held back that arrive in a cycle, after that cycle's own."""
-        due = [delivery for at, delivery in self._held if at <= cycle]
-        self._held = [held for held in self._held if held[0] > cycle]
-        return due
+        due: list[tuple[int | None, Delivery]] = []
+        later: list[tuple[int | None, Delivery]] = []
+        for at, delivery in self._held:
+            now = self._latest > delivery.cycle if at is None else at <= cycle
+            (due if now else later).append((at, delivery))
+        self._held = later
+        return [delivery for _, delivery in due]
 
     def _changed(self, fault: Fault, datagram: bytes) -> bytes:
         if fault.kind == "garbage":

@@ -35,7 +35,8 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
     """The CSV and JSON that fri_wiping writes; columns name_0, name_1, ... become one array."""
     with log.open() as stream:
         names = stream.readline().strip().split(",")
-        values = np.loadtxt(stream, delimiter=",", ndmin=2).reshape(-1, len(names))
+        lines = stream.readlines()
+    values = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.zeros((0, len(names)))
     columns: dict[str, NDArray[Any]] = {}
     for name in dict.fromkeys(n.rsplit("_", 1)[0] if n[-1].isdigit() else n for n in names):
         wanted = [k for k, n in enumerate(names) if n == name or (n[-1].isdigit() and n.rsplit("_", 1)[0] == name)]
