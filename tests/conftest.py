@@ -67,22 +67,17 @@ def robot(robot_folder: Path) -> ModuleType:
     return import_robot(robot_folder)
 
 
-def plate_options() -> list[str]:
-    """Options of the bowl-wiping experiment's tool, as the Makefile has them."""
-    found = re.search(r"^PLATE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert found
-    return shlex.split(found[1])
-
-
 @pytest.fixture(scope="session")
 def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """The arm with the experiment's tool, generated and compiled once for all workers. Not to be written to."""
+    """The arm with the bowl-wiping tool, generated with the Makefile's options and compiled once for all workers."""
+    found = re.search(r"^PLATE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert found
     base = tmp_path_factory.getbasetemp()
     output = (base if worker_id == "master" else base.parent) / "robots"
     with FileLock(str(output) + ".lock"):
         if not (output / "iiwa14_plate").exists():
-            options = ["--name", "iiwa14_plate", *plate_options(), "--output", str(output)]
-            assert main(["generate", str(URDF), *options]) == 0
+            options = [*shlex.split(found[1]), "--output", str(output)]
+            assert main(["generate", str(URDF), "--name", "iiwa14_plate", *options]) == 0
     return output / "iiwa14_plate"
 
 
