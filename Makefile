@@ -4,6 +4,7 @@
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
 # make robots     real robots against Pinocchio, into docs/robots.md
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
+# make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
 VENV := .venv
@@ -17,7 +18,7 @@ GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]'
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench experiment soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -52,6 +53,13 @@ check-generated: $(VENV)/installed
 build/robots/iiwa14_plate: urdf/iiwa14.urdf Makefile $(GENERATOR) $(VENV)/installed
 	$(BIN)/stiffgen generate urdf/iiwa14.urdf --name iiwa14_plate $(PLATE) --output build/robots
 	@touch $@
+
+$(VENV)/installed-examples: $(VENV)/installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[examples]'
+	@touch $@
+
+experiment: build/robots/iiwa14_plate $(VENV)/installed-examples
+	$(BIN)/python -m examples.bowl_wiping
 
 $(VENV)/installed-fuzz: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,fuzz]'

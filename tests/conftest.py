@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +15,7 @@ import pytest
 from filelock import FileLock
 
 import stiffgen
+from stiffgen.cli import main
 from stiffgen.verify import import_robot
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -62,6 +65,25 @@ def robot_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 @pytest.fixture(scope="session")
 def robot(robot_folder: Path) -> ModuleType:
     return import_robot(robot_folder)
+
+
+@pytest.fixture(scope="session")
+def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """The arm with the bowl-wiping tool, generated with the Makefile's options and compiled once for all workers."""
+    found = re.search(r"^PLATE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert found
+    base = tmp_path_factory.getbasetemp()
+    output = (base if worker_id == "master" else base.parent) / "robots"
+    with FileLock(str(output) + ".lock"):
+        if not (output / "iiwa14_plate").exists():
+            options = [*shlex.split(found[1]), "--output", str(output)]
+            assert main(["generate", str(URDF), "--name", "iiwa14_plate", *options]) == 0
+    return output / "iiwa14_plate"
+
+
+@pytest.fixture(scope="session")
+def plate(plate_folder: Path) -> ModuleType:
+    return import_robot(plate_folder)
 
 
 def compilers() -> list[str]:

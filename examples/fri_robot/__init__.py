@@ -1,1 +1,1 @@
-"""A robot that speaks FRI: KUKA's controller side of the Fast Robot Interface, with a simulated LBR iiwa 14 behind it."""
+"""A robot that speaks FRI: the controller's side of KUKA's Fast Robot Interface, a simulated LBR iiwa 14 behind it."""

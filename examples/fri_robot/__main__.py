@@ -28,6 +28,7 @@ from rich.live import Live
 from rich.text import Text
 
 from stiffgen.errors import StiffgenError
+from stiffgen.verify import import_robot
 
 from ..bowl_wiping.plant import MOTOR_INERTIA, Plant
 from . import faults
@@ -69,21 +70,55 @@ def arguments() -> argparse.ArgumentParser:
     add("--host", default="127.0.0.1", help="IPv4 address of the client (%(default)s)")
     add("--port", type=int, default=30200, help="port of the client (%(default)s)")
     add("--send-period", type=int, default=5, metavar="MS", help="1 to 10 ms (%(default)s)")
-    add("--receive-multiplier", type=int, default=1, metavar="N", help="the client answers every N messages (%(default)s)")
-    add("--lockstep", action="store_true", help="wait for each answer instead of for the clock: repeatable to the last bit")
+    add(
+        "--receive-multiplier",
+        type=int,
+        default=1,
+        metavar="N",
+        help="the client answers every N messages (%(default)s)",
+    )
+    add(
+        "--lockstep",
+        action="store_true",
+        help="wait for each answer instead of for the clock: repeatable to the last bit",
+    )
     add("--duration", type=float, default=15.0, metavar="S", help="time in COMMANDING_ACTIVE (%(default)s)")
-    add("--command-mode", choices=("torque", "position"), default="torque", help="what the client commands (%(default)s)")
+    add(
+        "--command-mode",
+        choices=("torque", "position"),
+        default="torque",
+        help="what the client commands (%(default)s)",
+    )
     add("--stiffness", type=float, nargs="+", default=[0.0], metavar="K",
         help="of the joint impedance control, one or seven [N m/rad] (0)")  # fmt: skip
     add("--bowl", action="store_true", help="put the bowl under the tool")
     add("--start", type=float, nargs=JOINTS, metavar="Q", help="joint positions at the start [rad] (the experiment's)")
     add("--press-button", type=float, nargs=2, metavar=("FROM", "TO"), help="press MediaFlange.UserButton [s]")
-    add("--io", action="append", default=[], metavar="NAME=VALUE", help="an output: true or false, 3, or 0.5; may be repeated")
+    add(
+        "--io",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an output: true or false, 3, or 0.5; may be repeated",
+    )
     add("--thresholds", type=float, nargs=3, default=[Policy.excellent, Policy.good, Policy.fair],
-        metavar=("EXCELLENT", "GOOD", "FAIR"), help="shares of answers in time for each quality (%(default)s)")  # fmt: skip
-    add("--restarts", type=int, default=3, metavar="N", help="how often a broken-off motion is started again (%(default)s)")
+        metavar=("EXCELLENT", "GOOD", "FAIR"), help="share of answers in time for each (%(default)s)")  # fmt: skip
+    add(
+        "--restarts",
+        type=int,
+        default=3,
+        metavar="N",
+        help="how often a broken-off motion is started again (%(default)s)",
+    )
     add("--answer-timeout", type=float, default=20.0, metavar="S",
         help="wall time to wait for a client and, in lockstep, for an answer (%(default)s)")  # fmt: skip
+    add(
+        "--robot",
+        type=Path,
+        default=ROBOT,
+        metavar="DIR",
+        help="the generated robot with its tool (build/robots/iiwa14_plate)",
+    )
     add("--faults", default="", metavar="SPEC", help="see below")
     add("--seed", type=int, default=0, metavar="N", help="of random faults (%(default)s)")
     add("--log", type=Path, metavar="FILE.npz", help="write what was sent and received in each cycle")
@@ -102,15 +137,9 @@ def load_robot(folder: Path) -> ModuleType:
     """
     if not (folder / "__init__.py").is_file():
         raise RefusedError(
-            f"{folder.relative_to(ROOT)} is not there: run 'make build/robots/{folder.name}' in the project's folder"
+            f"no generated robot in {folder}: run 'make build/robots/iiwa14_plate', or name another with --robot"
         )
-    sys.path.insert(0, str(folder.parent))
-    try:
-        return __import__(folder.name)
-    except ImportError as error:
-        raise RefusedError(str(error)) from error
-    finally:
-        sys.path.remove(str(folder.parent))
+    return import_robot(folder)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -122,7 +151,9 @@ def _check(options: argparse.Namespace) -> None:
         raise RefusedError(f"--port {options.port}: takes 1 to 65535; KUKA's default is 30200")
     for name in ("duration", "answer_timeout"):
         if not 0 < getattr(options, name) < float("inf"):
-            raise RefusedError(f"--{name.replace('_', '-')} {getattr(options, name)}: takes a positive number of seconds")
+            raise RefusedError(
+                f"--{name.replace('_', '-')} {getattr(options, name)}: takes a positive number of seconds"
+            )
     if len(options.stiffness) not in (1, JOINTS):
         raise RefusedError(f"--stiffness: takes one number or {JOINTS}, not {len(options.stiffness)}")
     if not all(0 <= k < float("inf") for k in options.stiffness):
@@ -152,7 +183,7 @@ def _io(text: str) -> IOValue:
 
 
 def _robot(options: argparse.Namespace, policy: Policy) -> Robot:
-    model = load_robot(ROBOT)
+    model = load_robot(options.robot)
     start = {} if options.start is None else {"q": options.start}
     if options.start and not ((np.array(options.start) > model.LOWER) & (np.array(options.start) < model.UPPER)).all():
         raise RefusedError("--start: a joint is beyond its limits")
@@ -243,7 +274,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
     session = Session(options.send_period / 1000, policy, options.duration, options.restarts, report)
     link = Link(options.host, options.port)
-    emulator = Emulator(link, Protocol(options.protocol), robot, session, policy, settings, plan, options.seed, recorder)
+    emulator = Emulator(
+        link, Protocol(options.protocol), robot, session, policy, settings, plan, options.seed, recorder
+    )
     interrupted = {signal.SIGINT, signal.SIGTERM}
     before = {number: signal.signal(number, lambda *_: emulator.interrupt()) for number in interrupted}
     try:

@@ -1,7 +1,7 @@
 """The robot's side of a session: messages out, commands in, one plant step a cycle.
 
-In lockstep a cycle ends with the client's answer, whenever that is; the client cannot tell, and equal sessions are equal to
-the last bit. By the wall clock a cycle ends when its period is over.
+In lockstep a cycle ends with the client's answer, whenever that is; the client cannot tell, and equal sessions are
+equal to the last bit. By the wall clock a cycle ends when its period is over.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ class Settings:
 class Link:
     """UDP socket of the robot, connected to the client's port.
 
-    The robot's own port is any free one: a client that waits for anyone answers to where a datagram came from. Connected,
-    the socket reports that nobody listens at the other side.
+    The robot's own port is any free one: a client that waits for anyone answers to where a datagram came from.
+    Connected, the socket reports that nobody listens at the other side.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -402,6 +402,7 @@ class Emulator:
         row["received"], row["accepted"] = self._received, len(self._arrived)
         command, latency = self._arrived[-1] if self._arrived else (Command(-1, -1, None, None, ()), np.nan)
         row["command_sequence"], row["command_reflects"] = command.sequence, command.reflected
+        row["has_position"], row["has_torque"] = command.position is not None, command.torque is not None
         row["command_position"] = np.nan if command.position is None else command.position
         row["command_torque"] = np.nan if command.torque is None else command.torque
         row["latency"] = latency

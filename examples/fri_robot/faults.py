@@ -4,14 +4,14 @@ A specification is a list of faults separated by commas::
 
     [robot.|client.]KIND[=PROBABILITY][@TIME|@START-END][:ARGUMENT]
 
-``robot.`` means what the robot sends, ``client.`` what the client sends; without either both. Times are seconds of the robot's
-clock since the session began. With a probability each datagram (in the interval, if one is given) is hit at random; with an
-interval alone every datagram in it; with a time alone the first datagram from then on.
+``robot.`` means what the robot sends, ``client.`` what the client sends; without either both. Times are seconds of the
+robot's clock since the session began. With a probability each datagram (in the interval, if one is given) is hit at
+random; with an interval alone every datagram in it; with a time alone the first datagram from then on.
 
 =============  =========================================================================================
 drop           lost
 delay:CYCLES   arrives so many cycles later (default 3)
-reorder        arrives after the next one
+reorder        arrives after the next one that arrives
 duplicate      arrives twice
 garbage        random bytes instead
 empty          an empty datagram instead
@@ -43,9 +43,9 @@ DIRECTIONS = ("robot", "client")
 KINDS = ("drop", "delay", "reorder", "duplicate", "garbage", "empty", "identifier", "missing", "six", "nan", "crc",
          "silence", "state", "quality")  # fmt: skip
 _FIELDS = {
-    "robot": ("header.sequenceCounter", "robotInfo", "monitorData", "connectionInfo", "ipoData", "ipoData.jointPosition",
-              "monitorData.measuredJointPosition", "monitorData.externalTorque", "monitorData.timestamp",
-              "connectionInfo.sendPeriod"),
+    "robot": ("header.sequenceCounter", "robotInfo", "monitorData", "connectionInfo", "ipoData",
+              "ipoData.jointPosition", "monitorData.measuredJointPosition", "monitorData.externalTorque",
+              "monitorData.timestamp", "connectionInfo.sendPeriod"),
     "client": ("header.sequenceCounter", "commandData", "commandData.jointPosition", "commandData.jointTorque"),
 }  # fmt: skip
 _ITEM = re.compile(
@@ -103,7 +103,9 @@ class FaultPlan:
 
     def quality_at(self, time: float) -> Quality:
         """Best quality that may be reported at a time [s]."""
-        return min([Quality[fault.argument] for fault in self.qualities if fault.covers(time)], default=Quality.EXCELLENT)
+        return min(
+            [Quality[fault.argument] for fault in self.qualities if fault.covers(time)], default=Quality.EXCELLENT
+        )
 
 
 def parse_faults(specification: str, version: str) -> FaultPlan:
@@ -120,7 +122,9 @@ def parse_faults(specification: str, version: str) -> FaultPlan:
     for item in filter(None, (part.strip() for part in specification.split(","))):
         match = _ITEM.fullmatch(item)
         if not match:
-            raise FaultError(f"fault '{item}': not of the form [robot.|client.]KIND[=PROBABILITY][@START[-END]][:ARGUMENT]")
+            raise FaultError(
+                f"fault '{item}': not of the form [robot.|client.]KIND[=PROBABILITY][@START[-END]][:ARGUMENT]"
+            )
         fault = _checked(item, match, version)
         if fault.kind == "state":
             states.append(fault)
@@ -211,7 +215,8 @@ class FaultInjector:
         self._faults = faults
         self._done: set[int] = set()
         self._random = np.random.default_rng([seed, DIRECTIONS.index(direction)])
-        self._held: list[tuple[int, Delivery]] = []
+        self._held: list[tuple[int | None, Delivery]] = []  # with the cycle to arrive in; None: after the next one
+        self._latest = -1  # cycle of the newest datagram that arrived
         self.counts: Counter[str] = Counter()
         self.last: str | None = None
         """Kind of the fault that hit the last datagram, or None."""
@@ -232,23 +237,29 @@ class FaultInjector:
         fault = self._hit(time)
         self.last = fault.kind if fault else None
         if fault is None:
+            self._latest = cycle
             return [Delivery(datagram, cycle, True)]
         self.counts[fault.kind] += 1
         if fault.kind in ("drop", "silence"):
             return []
         if fault.kind in ("delay", "reorder"):
-            late = int(fault.argument) if fault.kind == "delay" else 1
-            self._held.append((cycle + late, Delivery(datagram, cycle, False)))
+            at = cycle + int(fault.argument) if fault.kind == "delay" else None
+            self._held.append((at, Delivery(datagram, cycle, False)))
             return []
+        self._latest = cycle
         if fault.kind == "duplicate":
             return [Delivery(datagram, cycle, True), Delivery(datagram, cycle, False)]
         return [Delivery(self._changed(fault, datagram), cycle, False)]
 
     def release(self, cycle: int) -> list[Delivery]:
         """Datagrams held back that arrive in a cycle, after that cycle's own."""
-        due = [delivery for at, delivery in self._held if at <= cycle]
-        self._held = [held for held in self._held if held[0] > cycle]
-        return due
+        due: list[tuple[int | None, Delivery]] = []
+        later: list[tuple[int | None, Delivery]] = []
+        for at, delivery in self._held:
+            now = self._latest > delivery.cycle if at is None else at <= cycle
+            (due if now else later).append((at, delivery))
+        self._held = later
+        return [delivery for _, delivery in due]
 
     def _changed(self, fault: Fault, datagram: bytes) -> bytes:
         if fault.kind == "garbage":

@@ -1,11 +1,12 @@
 """FRI messages of the versions 1.15, 2.5 and 2.7, from one table.
 
-The schema is not compiled from a file: :data:`SCHEMA` lists every field once, and :class:`Protocol` builds the messages of
-one version from it at run time. Field numbers and encodings are facts about the wire, found by observation; nothing here is
-taken from KUKA's sources.
+The schema is not compiled from a file: :data:`SCHEMA` lists every field once, and :class:`Protocol` builds the messages
+of one version from it at run time. Field numbers and encodings are facts about the wire; nothing here is taken from
+KUKA's sources.
 
-On the wire a datagram is one message. Until 2.5 it is bare; from 2.7 on it is framed by its length before it and its CRC-32
-behind it, both little-endian, 32 bits. Joint values are sent unpacked, other arrays of numbers packed; both are read.
+On the wire a datagram is one message. Until 2.5 it is bare; from 2.7 on it is framed by its length before it and its
+CRC-32 behind it, both little-endian, 32 bits. Joint values are sent unpacked, other arrays of numbers packed; both are
+read.
 """
 
 from __future__ import annotations
@@ -277,9 +278,7 @@ def _message_classes(version: str) -> dict[str, type[Message]]:
             row.options.packed = True
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
-    return {
-        name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{package}.{name}")) for name in messages
-    }
+    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{package}.{name}")) for name in messages}
 
 
 class Protocol:

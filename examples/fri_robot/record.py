@@ -40,6 +40,8 @@ ROW = np.dtype(
         ("accepted", "i4"),  # commands accepted; the following are of the last of them
         ("command_sequence", "i8"),  # -1: none
         ("command_reflects", "i8"),  # -1: none
+        ("has_position", "?"),  # whether that command has a position
+        ("has_torque", "?"),  # and a torque
         ("command_position", "f8", JOINTS),  # rad, NaN: not commanded
         ("command_torque", "f8", JOINTS),  # N m, NaN: not commanded
         ("applied_torque", "f8", JOINTS),  # N m, by the controller in the last step of the cycle, compensation excluded

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from .messages import JOINTS, SessionState
 
+GUARD = 1 << 6
+"""Bit of the client's column `events`: the torque sent is not the controller's."""
+
 
 @dataclass(frozen=True)
 class ClientLog:
@@ -32,7 +35,8 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
     """The CSV and JSON that fri_wiping writes; columns name_0, name_1, ... become one array."""
     with log.open() as stream:
         names = stream.readline().strip().split(",")
-        values = np.loadtxt(stream, delimiter=",", ndmin=2).reshape(-1, len(names))
+        lines = stream.readlines()
+    values = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.zeros((0, len(names)))
     columns: dict[str, NDArray[Any]] = {}
     for name in dict.fromkeys(n.rsplit("_", 1)[0] if n[-1].isdigit() else n for n in names):
         wanted = [k for k, n in enumerate(names) if n == name or (n[-1].isdigit() and n.rsplit("_", 1)[0] == name)]
@@ -69,13 +73,16 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
 class Comparison:
     """Torques received by the robot against the replay.
 
-    ``compared`` commands were in both; ``worst`` is their largest difference [N m], ``worst_step`` that of the client's own
-    steps, received or not.
+    ``compared`` commands were in both; ``worst`` is their largest difference [N m], ``worst_step`` that of the client's
+    own steps, received or not. ``guarded`` commands were cut by the client on purpose after lost cycles; their worst
+    difference to what its log says was sent is ``worst_guarded``.
     """
 
     compared: int
     worst: float
     worst_step: float
+    guarded: int
+    worst_guarded: float
 
 
 def compare(robot: Any, log: ClientLog, received: Mapping[str, NDArray[Any]]) -> Comparison:
@@ -85,21 +92,28 @@ def compare(robot: Any, log: ClientLog, received: Mapping[str, NDArray[Any]]) ->
     sequence = np.rint(log["time"] / log.summary["sample_time"]).astype(int)
     answered = {s: k for k, (s, valid) in enumerate(zip(sequence, log["sample_valid"], strict=True)) if valid}
     active = received["state"] == SessionState.COMMANDING_ACTIVE
-    worst, compared = 0.0, 0
-    for row in np.flatnonzero(active & (received["accepted"] > 0)):
+    guard = log["events"].astype(int) & GUARD
+    worst, worst_guarded, compared, guarded = 0.0, 0.0, 0, 0
+    for row in np.flatnonzero(active & received["has_torque"]):
         step = answered.get(int(received["command_reflects"][row]))
-        if step is not None:
+        if step is None:
+            continue
+        command = received["command_torque"][row]
+        if guard[step]:
+            guarded += 1
+            worst_guarded = max(worst_guarded, float(np.max(np.abs(log["sent_torque"][step] - command))))
+        else:
             compared += 1
-            worst = max(worst, float(np.max(np.abs(torque[step] - received["command_torque"][row]))))
-    return Comparison(compared, worst, worst_step)
+            worst = max(worst, float(np.max(np.abs(torque[step] - command))))
+    return Comparison(compared, worst, worst_step, guarded, worst_guarded)
 
 
 @dataclass(frozen=True)
 class Commands:
     """What the robot received as torque in COMMANDING_ACTIVE.
 
-    ``commands`` of them, ``not_finite`` with NaN or infinity, ``beyond_limit`` greater than the effort limit; ``worst_rate``
-    is the largest change from one to the next as a share of what the rate limit allows (1: just so much).
+    ``commands`` of them, ``not_finite`` with NaN or infinity, ``beyond_limit`` greater than the effort limit;
+    ``worst_rate`` is the largest change from one to the next as a share of what the rate limit allows.
     """
 
     commands: int
@@ -111,18 +125,23 @@ class Commands:
 def check_commands(received: Mapping[str, NDArray[Any]], summary: Mapping[str, Any]) -> Commands:
     """Holds the torques in the robot's log against the client's own limits.
 
-    The client steps its controller once for every message, and for each that it finds lost; so between two commands
-    that arrived the torque may have moved as often as the client's command counter did.
+    The client may move its torque by one step of the rate limit from one command that it sends to the next; between two
+    that arrived it may have moved as often as its counter did.
     """
     told = summary["controller"]
-    rows = np.flatnonzero((received["state"] == SessionState.COMMANDING_ACTIVE) & (received["accepted"] > 0))
+    active = received["state"] == SessionState.COMMANDING_ACTIVE
+    rows = np.flatnonzero(active & received["has_torque"])
     torque = received["command_torque"][rows]
     finite = np.isfinite(torque).all(axis=1)
     beyond = (np.abs(torque) > np.array(told["effort_limit"])).any(axis=1)
-    change = np.abs(np.diff(torque, axis=0)) / (np.array(told["torque_rate_limit"]) * told["sample_time"])
-    steps = np.diff(received["command_sequence"][rows])
-    # A new motion starts from zero torque, which is no step of the client's: what acted in between was the hold.
-    same = np.diff(rows) == np.diff(received["sequence"][rows].astype(int))
-    same &= np.array([(received["state"][a : b + 1] == SessionState.COMMANDING_ACTIVE).all() for a, b in zip(rows, rows[1:])])
-    rate = change[same].max(axis=1, initial=0.0) / steps[same]
+    # Each motion starts from zero torque.
+    motion = np.cumsum(np.diff(active, prepend=False))
+    first = np.flatnonzero(np.diff(motion[rows], prepend=-1))
+    limit = np.array(told["torque_rate_limit"]) * told["sample_time"]
+    change = np.abs(np.diff(torque, axis=0, prepend=np.zeros((1, JOINTS))))
+    steps = np.diff(received["command_sequence"][rows], prepend=0)
+    change[first] = np.abs(torque[first])
+    begin = np.array([np.flatnonzero(motion == motion[row])[0] for row in rows[first]], dtype=int)
+    steps[first] = received["command_reflects"][rows[first]] - received["sequence"][begin].astype(int) + 1
+    rate = (change / limit).max(axis=1, initial=0.0) / np.maximum(steps, 1)
     return Commands(len(rows), int((~finite).sum()), int(beyond.sum()), float(np.max(rate, initial=0.0)))

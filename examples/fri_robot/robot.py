@@ -1,7 +1,7 @@
 """The controller of the robot: what moves the simulated arm while FRI talks to it.
 
-While nothing is commanded the arm is held in position. In COMMANDING_ACTIVE of a joint overlay it is under joint impedance
-control, and the client's torque is added::
+While nothing is commanded the arm is held in position. In COMMANDING_ACTIVE of a joint overlay it is under joint
+impedance control, and the client's torque is added::
 
     torque = K (q_commanded - q) - D dq + torque of the client  (+ gravity and Coriolis compensation)
 
@@ -136,7 +136,8 @@ class Robot:
             if abs(delta[joint]) > self._policy.axis_delta:
                 return (
                     f"illegal axis delta: commanded position of {self.model.JOINTS[joint]} is "
-                    f"{np.degrees(delta[joint]):+.1f} degrees from the measured one, limit {np.degrees(self._policy.axis_delta):g}"
+                    f"{np.degrees(delta[joint]):+.1f} degrees from the measured one, "
+                    f"limit {np.degrees(self._policy.axis_delta):g}"
                 )
         if command.torque is not None and self._mode is CommandMode.TORQUE:
             excess = np.abs(command.torque) - self.model.EFFORT
@@ -169,9 +170,8 @@ class Robot:
         mass = self.model.mass_matrix(self.q) + self._motor_inertia
         if not self._impedance:
             w = HOLD_FREQUENCY
-            return np.clip(
-                mass @ (w * w * (self._anchor - self.q) - 2 * w * self.dq), -self.model.EFFORT, self.model.EFFORT
-            )
+            torque = mass @ (w * w * (self._anchor - self.q) - 2 * w * self.dq)
+            return np.asarray(np.clip(torque, -self.model.EFFORT, self.model.EFFORT))
         damping = 2 * DAMPING_RATIO * np.sqrt(self._stiffness * np.diag(mass))
         spring = self._stiffness * (self.commanded_position - self.q) - damping * self.dq
         return np.asarray(spring + self.commanded_torque)

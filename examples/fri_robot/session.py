@@ -1,6 +1,6 @@
 """States of an FRI session, as the robot decides them.
 
-The client cannot ask for a state: it answers, and the robot draws its conclusions. States and their order are known facts;
+The client cannot ask for a state: it answers, and the robot draws its conclusions. States and their order are known;
 the rules marked [POLICY] in :class:`Policy` are chosen for this emulator, since those of the real controller are not
 published.
 """
@@ -60,8 +60,8 @@ class Policy:
 class QualityMeter:
     """Quality of the connection, from answers in time.
 
-    Every ``multiplier`` messages one answer is due; it is in time if it reflects one of them and is there ``grace_cycles``
-    after the last of them at the latest.
+    Every ``multiplier`` messages one answer is due; it is in time if it reflects one of them and is there at most
+    ``grace_cycles`` after the last of them.
     """
 
     def __init__(self, policy: Policy, multiplier: int, grace_cycles: int) -> None:
@@ -259,4 +259,7 @@ class Session:
 
     def _check_command(self) -> None:
         if self._seconds(self._without_command) > self._policy.command_timeout:
-            self.fail(f"no complete command for {self._policy.command_timeout:g} s: every answer must have position and torque")
+            self.fail(
+                f"no complete command for {self._policy.command_timeout:g} s: every answer must have a position, "
+                "and in torque mode a torque"
+            )

@@ -1,0 +1,249 @@
+"""The figures, as SVG that follows the page: ink is the text colour, so one file reads on light and dark pages."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from examples.bowl_wiping.analysis import closed_form
+from examples.bowl_wiping.trajectory import APPROACH_TIME, SAMPLE_TIME, Comparison, recorded
+from examples.bowl_wiping.trial import Trace
+
+Column = Callable[[Trace], Any]
+INK = "#010203"  # stands for the page's text colour until the SVG is written
+CORRECTED, CONVENTIONAL, THIRD = "#1f8fd6", "#e0702a", "#2fa36b"  # seen on white and on near-black
+AXES = (CORRECTED, CONVENTIONAL, THIRD)
+SHADES = ("#1f8fd6", "#e0702a", "#2fa36b", "#b35fc9", "#c9a227", "#d6456b", "#6f8fa3")  # of the seven joints
+STYLE = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "bowl_wiping",  # the same bytes every time
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": INK,
+    "grid.alpha": 0.15,
+    "grid.linewidth": 0.6,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "path.simplify_threshold": 0.2,
+}
+THEME = (
+    "<style>svg{color:#1f2328;background:#ffffff}"
+    "@media(prefers-color-scheme:dark){svg{color:#e6edf3;background:#0d1117}}</style>"
+)
+
+
+def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: Comparison) -> dict[str, str]:
+    """All figures of the corrected and the conventional trial and of the two regenerated trajectories.
+
+    Returns:
+        File name to SVG text.
+
+    """
+    with mpl.rc_context(STYLE):
+        return {
+            "antisymmetric.svg": _svg(antisymmetric(robot, trials)),
+            "joints.svg": _svg(joints(trials)),
+            "wrench.svg": _svg(wrench(trials)),
+            "singular_values.svg": _svg(singular_values(trials)),
+            "eigenvalues.svg": _svg(eigenvalues(trials)),
+            "energy.svg": _svg(energy(trials)),
+            "trajectory.svg": _svg(trajectory(robot, stated, measured)),
+        }
+
+
+def antisymmetric(robot: ModuleType, trials: list[Trace]) -> Figure:
+    """The central figure: largest singular value of the antisymmetric part, with and without the correction."""
+    corrected, conventional = trials
+    figure = Figure(figsize=(7.5, 3.2), layout="constrained")
+    axes = figure.subplots()
+    _wipe(axes)
+    axes.plot(conventional["time"], conventional["antisymmetric"], "--", color=CONVENTIONAL, label="conventional")
+    axes.plot(corrected["time"], corrected["antisymmetric"], color=CORRECTED, linewidth=2, label="corrected")
+    every = slice(None, None, max(1, len(conventional["time"]) // 40))
+    form = closed_form(robot, conventional["q"][every], conventional["wrench_used"][every])
+    axes.plot(
+        conventional["time"][every],
+        np.linalg.norm(form, 2, axis=(1, 2)),
+        ".",
+        color=INK,
+        markersize=4,
+        label=r"closed form $\frac{1}{2}\,J_r^T [m]_\times J_r$",
+    )
+    axes.set(
+        xlabel="time [s]", ylabel="largest singular value [N m/rad]", title="antisymmetric part of the joint stiffness"
+    )
+    _legend(figure, axes)
+    return figure
+
+
+def joints(trials: list[Trace]) -> Figure:
+    """Joint positions of both trials and the zero-force trajectory."""
+    figure = Figure(figsize=(7.5, 7.6), layout="constrained")
+    panels = figure.subplots(4, 2, sharex=True).ravel()
+    corrected, conventional = trials
+    for joint, axes in enumerate(panels[:7]):
+        _wipe(axes)
+        axes.plot(corrected["time"], np.degrees(corrected["q0"][:, joint]), ":", color=INK, label="zero-force $q_0$")
+        axes.plot(corrected["time"], np.degrees(corrected["q"][:, joint]), color=CORRECTED, label="corrected")
+        axes.plot(
+            conventional["time"],
+            np.degrees(conventional["q"][:, joint]),
+            "--",
+            color=CONVENTIONAL,
+            label="conventional",
+        )
+        axes.set(title=f"A{joint + 1}", ylabel="[deg]")
+    last = panels[7]
+    _wipe(last)
+    for joint, colour in enumerate(SHADES):
+        difference = np.degrees(corrected["q"][:, joint] - conventional["q"][:, joint])
+        last.plot(corrected["time"], difference, color=colour, linewidth=0.9, label=f"A{joint + 1}")
+    last.set(title="corrected minus conventional", ylabel="[deg]", xlabel="time [s]")
+    panels[6].set(xlabel="time [s]")
+    last.legend(ncols=4, fontsize=7, loc="upper left", columnspacing=0.8, handlelength=1)
+    _legend(figure, panels[0])
+    return figure
+
+
+def wrench(trials: list[Trace]) -> Figure:
+    """Forces and moments of the environment on the robot at the tool point, base axes, as the controller used them."""
+    figure = Figure(figsize=(7.5, 5.2), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for axes, first, symbol, unit in ((panels[0], 0, "f", "force [N]"), (panels[1], 3, "m", "moment [N m]")):
+        _wipe(axes)
+        for index, (name, colour) in enumerate(zip("xyz", AXES, strict=True)):
+            _both(axes, trials, lambda trace, k=first + index: trace["wrench_used"][:, k], f"${symbol}_{name}$", colour)
+        axes.set(ylabel=unit)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    panels[0].set(title="environment on the robot, tool point, base axes: corrected solid, conventional dashed")
+    panels[1].set(xlabel="time [s]")
+    return figure
+
+
+def singular_values(trials: list[Trace]) -> Figure:
+    """Largest singular values of the symmetric and of the antisymmetric part of the applied stiffness."""
+    figure = Figure(figsize=(7.5, 4.8), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for axes, name in zip(panels, ("symmetric", "antisymmetric"), strict=True):
+        _wipe(axes)
+        _both(axes, trials, lambda trace, name=name: trace[name])
+        axes.set(ylabel="[N m/rad]", title=f"{name} part, largest singular value")
+    panels[1].set(xlabel="time [s]")
+    _legend(figure, panels[0])
+    return figure
+
+
+def eigenvalues(trials: list[Trace]) -> Figure:
+    """Eigenvalues of the symmetric part; below, the two smallest, with zero marked."""
+
+    def value(index: int, least: float) -> Column:
+        return lambda trace: np.where(trace["eigenvalues"][:, index] > least, trace["eigenvalues"][:, index], np.nan)
+
+    figure = Figure(figsize=(7.5, 5.6), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for axes in panels:
+        _wipe(axes)
+    for index in range(7):
+        _both(panels[0], trials, value(index, 0.1))
+    for index in range(2):
+        _both(panels[1], trials, value(index, -np.inf))
+    panels[0].set(ylabel="[N m/rad]", yscale="log", title="eigenvalues of the symmetric part, those above 0.1 N m/rad")
+    panels[1].axhline(0, color=INK, linewidth=0.8)
+    panels[1].set(ylabel="[N m/rad]", xlabel="time [s]", title="the two smallest; below zero, Kq is indefinite")
+    _legend(figure, panels[0])
+    return figure
+
+
+def energy(trials: list[Trace]) -> Figure:
+    """The controller's energy account of both trials."""
+    figure = Figure(figsize=(7.5, 5.4), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    large = (
+        ("elastic_energy", "elastic V", CORRECTED),
+        ("variation_total", "put in: stiffness variation", CONVENTIONAL),
+        ("dissipated_total", "taken out: damping", THIRD),
+        ("port_total", "put out to robot\nand reference", INK),
+    )
+    small = (
+        ("antisymmetric_total", "put in: antisymmetric part", CONVENTIONAL),
+        ("sampling_total", "put in: torque held\nbetween samples", THIRD),
+    )
+    for axes, rows in zip(panels, (large, small), strict=True):
+        _wipe(axes)
+        for name, label, colour in rows:
+            _both(axes, trials, lambda trace, name=name: trace[name], label, colour)
+        axes.set(ylabel="energy [J]")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    panels[0].set(title="energy since the start: corrected solid, conventional dashed")
+    panels[1].set(xlabel="time [s]", title="its small entries")
+    return figure
+
+
+def trajectory(robot: ModuleType, stated: Comparison, measured: Comparison) -> Figure:
+    """The recorded zero-force trajectory and the two made anew: the tool point from above, and the joints."""
+    record = recorded()
+    figure = Figure(figsize=(7.5, 3.9), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for name, q, line, colour in (
+        ("recorded", record, "-", INK),
+        ("stated geometry", stated.q, ":", CONVENTIONAL),
+        ("measured geometry", measured.q, "--", CORRECTED),
+    ):
+        tip = robot.forward_kinematics(q)[:, :3, 3]
+        left.plot(tip[:, 0], tip[:, 1], line, color=colour, label=name)
+    left.set(xlabel="x [m]", ylabel="y [m]", title="tool point from above", aspect="equal")
+    for joint, colour in enumerate(SHADES):
+        deviation = np.degrees(measured.q[:, joint] - record[:, joint])
+        right.plot(SAMPLE_TIME * np.arange(len(record)), deviation, color=colour, linewidth=0.9, label=f"A{joint + 1}")
+    right.set(xlabel="time [s]", ylabel="[deg]", title="measured geometry minus recorded")
+    right.legend(ncols=2, fontsize=7)
+    _legend(figure, left)
+    return figure
+
+
+def _both(axes: Axes, trials: list[Trace], column: Column, label: str = "", colour: str = "") -> None:
+    """Both trials, corrected solid and conventional dashed; one label and colour for the pair, or one each."""
+    for trace, line, own_colour, own_label in zip(
+        trials, ("-", "--"), (CORRECTED, CONVENTIONAL), ("corrected", "conventional"), strict=True
+    ):
+        name = own_label if not label else label if line == "-" else None
+        axes.plot(trace["time"], column(trace), line, color=colour or own_colour, label=name)
+
+
+def _wipe(axes: Axes) -> None:
+    """Mark where the approach ends and the wipe begins."""
+    axes.axvline(APPROACH_TIME, color=INK, linewidth=0.8, alpha=0.5)
+    axes.margins(x=0.01)
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """One legend below the figure, each label once."""
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once.keys(), loc="outside lower center", ncols=len(once))
+
+
+def _svg(figure: Figure) -> str:
+    text = io.StringIO()
+    figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
+    opening = svg.index(">") + 1
+    return svg[:opening] + "\n " + THEME + svg[opening:]

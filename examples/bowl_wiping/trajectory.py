@@ -1,0 +1,193 @@
+"""The zero-force trajectory: as recorded for the paper, and made anew by inverse kinematics from its geometry.
+
+The tip moves on a half circle in a horizontal plane and back, the tool's x axis along the direction of travel, its z
+axis towards the centre and then turned about x, so that the plate leans into the wall of the bowl.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
+from scipy.spatial.transform import Rotation
+
+from examples.bowl_wiping.plant import START_POSTURE, TOOL_POINT
+
+Array = NDArray[np.float64]
+
+RECORDED = Path(__file__).resolve().parent / "zero_force_trajectory.csv"
+SAMPLE_TIME = 0.005
+"""[s] between the recorded samples."""
+APPROACH_TIME = 5.0
+"""[s] of the minimum-jerk move from the start posture to the trajectory's start."""
+CENTRE_POSTURE: Array = np.array([1.3184, 0.9462, -0.4382, -1.9943, -0.0564, -0.0986, -3.7078])
+"""[rad] at which the tip is the circle's centre, as the paper's code has it."""
+IK_DAMPING = 0.01
+"""k of the damped pseudo-inverse W J^T (J W J^T + k I)^-1, W the inverse mass matrix."""
+SMOOTHING = {"window_length": 11, "polyorder": 3, "axis": 0}
+"""Savitzky-Golay filter of the inverse kinematics' result."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A half circle there and back.
+
+    Args:
+        radius: of the tip's circle [m].
+        turn: of the tool about its x axis, the direction of travel [rad].
+        lean: further turns of the tool, about its new y and z axes [rad].
+        centre: shift of the circle's centre from the tip at CENTRE_POSTURE [m].
+        tip: where the tip is taken along the flange's z axis [m].
+        duration: of one way, a minimum-jerk motion of the angle [s].
+        lead: how long before the first sample the motion starts [s].
+
+    """
+
+    radius: float
+    turn: float
+    lean: tuple[float, float] = (0.0, 0.0)
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tip: float = TOOL_POINT
+    duration: float = 7.0
+    lead: float = 0.0
+
+
+STATED = Geometry(radius=0.09, turn=np.radians(-115.0))
+"""As the paper's description has it (the duration is that of the recording)."""
+MEASURED = Geometry(
+    radius=0.1,
+    turn=np.radians(-126.49),
+    lean=(np.radians(-1.85), np.radians(1.00)),
+    centre=(0.1, 0.0, 0.0),
+    tip=0.2636 - 0.035,
+    lead=0.0424,
+)
+"""As the recording has it, found by fitting a circle through the recorded tip for every place of the tip along the
+tool's axis. At 0.2636 m from joint 7 the radius is 0.1000 m, and the tip at CENTRE_POSTURE is not the circle's centre
+but its far end, to 0.1 mm in each coordinate."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Zero-force joint trajectory on a grid of times: q0 [rad] and its velocity dq0 [rad/s], (N, n) each."""
+
+    time: Array
+    q0: Array
+    dq0: Array
+    wiping: NDArray[np.bool_]
+
+
+def recorded() -> Array:
+    """(2793, 7) the recorded zero-force trajectory, SAMPLE_TIME apart [rad]."""
+    return np.loadtxt(RECORDED, delimiter=",").T
+
+
+def minimum_jerk(s: Array | float) -> Array:
+    """Position from 0 to 1 over the time share s, clipped to 0 ... 1 (Flash and Hogan 1985)."""
+    s = np.clip(s, 0.0, 1.0)
+    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+
+
+def reference(sample_time: float) -> Reference:
+    """The whole trial: the approach, then the recorded trajectory, at any sample time [s].
+
+    The record has four decimals, which is coarse for a velocity; so dq0 is its Savitzky-Golay derivative.
+    """
+    wipe = recorded()
+    knots = SAMPLE_TIME * np.arange(len(wipe))
+    count = round((APPROACH_TIME + knots[-1]) / sample_time) + 1
+    time = sample_time * np.arange(count)
+    wiping = time >= APPROACH_TIME - 1e-9
+    s = time[~wiping] / APPROACH_TIME
+    way = wipe[0] - START_POSTURE
+    rate = 30 * s**2 * (1 - s) ** 2 / APPROACH_TIME
+    at = np.minimum(time[wiping] - APPROACH_TIME, knots[-1])
+    velocity = savgol_filter(wipe, deriv=1, delta=SAMPLE_TIME, **SMOOTHING)
+    q0 = np.concatenate([START_POSTURE + minimum_jerk(s)[:, None] * way, CubicSpline(knots, wipe)(at)])
+    dq0 = np.concatenate([rate[:, None] * way, CubicSpline(knots, velocity)(at)])
+    return Reference(time, q0, dq0, wiping)
+
+
+def poses(robot: ModuleType, geometry: Geometry, count: int) -> Array:
+    """(count, 4, 4) tip poses in the base frame [m], SAMPLE_TIME apart."""
+    time = SAMPLE_TIME * np.arange(count) + geometry.lead
+    there, back = (minimum_jerk(time / geometry.duration - start) for start in (0, 1))
+    angle = np.pi * (there - back)
+    cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros(count)
+    inward = np.stack([-cosine, -sine, zero], axis=1)
+    travel = np.stack([-sine, cosine, zero], axis=1)
+    frame = np.stack([travel, np.cross(inward, travel), inward], axis=2)
+    turn = Rotation.from_euler("xyz", [geometry.turn, *geometry.lean]).as_matrix()
+    centre = _tip(robot, CENTRE_POSTURE, geometry.tip)[:3, 3] + geometry.centre
+    result = np.zeros((count, 4, 4))
+    result[:, :3, :3] = frame @ turn
+    result[:, :3, 3] = centre - geometry.radius * inward
+    result[:, 3, 3] = 1
+    return result
+
+
+def inverse_kinematics(robot: ModuleType, target: Array, q: Array, tip: float, settle: int = 0) -> Array:
+    """(N, n) joint trajectory through tip poses (N, 4, 4), one step of the damped pseudo-inverse each, smoothed [rad].
+
+    Args:
+        robot: generated module of the arm with its tool.
+        target: poses in the base frame.
+        q: posture before the first [rad].
+        tip: where the tip is taken along the flange's z axis [m].
+        settle: steps at the first pose before the trajectory starts.
+
+    """
+    result = []
+    for pose in np.concatenate([np.repeat(target[:1], settle, axis=0), target]):
+        present = _tip(robot, q, tip)
+        turn = Rotation.from_matrix(pose[:3, :3] @ present[:3, :3].T).as_rotvec()
+        error = np.concatenate([pose[:3, 3] - present[:3, 3], turn])
+        J = robot.hybrid.jacobian(q).copy()
+        J[:3] += np.cross(J[3:], (tip - TOOL_POINT) * present[:3, 2], axisa=0, axisc=0)
+        W = np.linalg.inv(robot.mass_matrix(q))
+        q = q + W @ J.T @ np.linalg.solve(J @ W @ J.T + IK_DAMPING * np.eye(6), error)
+        result.append(q)
+    return np.asarray(savgol_filter(np.array(result)[settle:], **SMOOTHING))
+
+
+def _tip(robot: ModuleType, q: Array, tip: float) -> Array:
+    """Pose of a point of the tool's axis, ``tip`` from the flange; robots' own tip is TOOL_POINT from it."""
+    pose = np.array(robot.forward_kinematics(q))
+    pose[..., :3, 3] += (tip - TOOL_POINT) * pose[..., :3, 2]
+    return pose
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A regenerated trajectory q (N, 7) [rad], and its largest deviations from the recorded one.
+
+    ``joints`` (7,) [rad]; ``position`` [m] and ``orientation`` [rad] of the tool point; ``worst`` the sample of the
+    largest joint deviation.
+    """
+
+    q: Array
+    joints: Array
+    position: float
+    orientation: float
+    worst: int
+
+
+def compare(robot: ModuleType, geometry: Geometry) -> Comparison:
+    """Make the trajectory anew from a geometry, starting at the recorded first posture, and compare."""
+    record = recorded()
+    made = inverse_kinematics(robot, poses(robot, geometry, len(record)), record[0], geometry.tip, settle=2000)
+    deviation = np.abs(made - record)
+    here, there = robot.forward_kinematics(made), robot.forward_kinematics(record)
+    turns = Rotation.from_matrix(here[:, :3, :3] @ there[:, :3, :3].transpose(0, 2, 1)).magnitude()
+    return Comparison(
+        made,
+        deviation.max(axis=0),
+        float(np.linalg.norm(here[:, :3, 3] - there[:, :3, 3], axis=1).max()),
+        float(turns.max()),
+        int(deviation.max(axis=1).argmax()),
+    )

@@ -1,0 +1,162 @@
+"""One trial: the plant under the C controller with the paper's gains, recorded step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from examples.bowl_wiping.plant import Plant
+from examples.bowl_wiping.trajectory import reference
+
+Array = NDArray[np.float64]
+Trace = dict[str, NDArray]
+
+TASK_STIFFNESS: Array = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+"""K [N/m, N m/rad], hybrid frame."""
+TASK_DAMPING: Array = np.diag([40.0, 40.0, 40.0, 12.0, 12.0, 12.0])
+"""B [N s/m, N m s/rad], hybrid frame."""
+FORCE_NOISE, MOMENT_NOISE = 0.05, 0.002
+"""[N], [N m] standard deviation of the force/torque sensor's noise, seeded."""
+EXPECTED = ("RETURNING", "INDEFINITE")
+"""Status bits that are no fault: they tell of the trial's start and of the stiffness. All others must not show."""
+
+COLUMNS = {
+    "trial": "0 corrected, 1 conventional",
+    "time": "[s] since the trial's start",
+    "wiping": "whether the zero-force trajectory runs; before it the approach",
+    "q": "[rad] joint positions",
+    "dq": "[rad/s] joint velocities",
+    "q0": "[rad] zero-force joint positions",
+    "dq0": "[rad/s] zero-force joint velocities",
+    "wrench": "[N, N m] of the environment on the robot at the tool point, base axes, as measured",
+    "wrench_used": "[N, N m] the same after the controller's filter: what the stiffness was computed with",
+    "torque": "[N m] command of the controller, without gravity and Coriolis compensation",
+    "status": "status bits of the controller (NAME_impedance.h)",
+    "contact": "whether plate and bowl touch",
+    "arm_contact": "whether a link of the arm touches the bowl",
+    "position": "[m] of the tool point, base frame",
+    "error": "[rad] spring deflection that the controller used",
+    "stiffness": "[N m/rad] joint stiffness Kq that the controller applied, nullspace stiffness included",
+    "symmetric": "[N m/rad] largest singular value of the symmetric part of the controller's joint stiffness",
+    "antisymmetric": "[N m/rad] the same of its antisymmetric part",
+    "eigenvalues": "[N m/rad] of the symmetric part, ascending",
+    "elastic_energy": "[J] V = 1/2 e^T sym(Kq) e",
+    "port_total": "[J] put out to robot and reference since the start",
+    "variation_total": "[J] put in by changing the stiffness",
+    "sampling_total": "[J] put in by holding the torque between samples",
+    "antisymmetric_total": "[J] put in by the antisymmetric part",
+    "limiting_total": "[J] put in by torque limits",
+    "dissipated_total": "[J] taken out by damping",
+    "engaged_total": "[J] elastic energy set up at the start",
+}
+"""The trace: name of an array and what it holds; the first axis is time."""
+
+
+def controller(robot: ModuleType, formula: str, sample_time: float, steps: int) -> object:
+    """The paper's controller: no tank, no limit avoidance, no rate limits, three-sample mean of the wrench.
+
+    Args:
+        robot: generated module of the arm with its tool.
+        formula: ``corrected`` or ``conventional``.
+        sample_time: [s].
+        steps: to be recorded.
+
+    """
+    return robot.Impedance(
+        sample_time=sample_time,
+        stiffness_formula=formula,
+        nullspace="isotropic",
+        nullspace_stiffness=1.0,
+        damping_design="task",
+        task_damping=TASK_DAMPING,
+        joint_damping=0.1,
+        wrench_filter="moving_average",
+        wrench_window=3,
+        tank="off",
+        limit_stiffness=0.0,
+        stiffness_rate_limit=1e9,
+        torque_rate_limit=robot.EFFORT / sample_time,
+        record=steps,
+    )
+
+
+def run(
+    robot: ModuleType,
+    formula: str,
+    *,
+    sample_time: float = 0.005,
+    seed: int = 0,
+    steps: int | None = None,
+    progress: Callable[[], None] = lambda: None,
+) -> Trace:
+    """Run one trial.
+
+    Args:
+        robot: generated module of the arm with its tool.
+        formula: of the stiffness, ``corrected`` or ``conventional``.
+        sample_time: [s] between two steps of the controller, the torque held.
+        seed: of the sensor's noise; the same for both trials, so that they differ by the formula alone.
+        steps: how many at most; default: the whole trajectory.
+        progress: called after every step.
+
+    Returns:
+        Arrays with a leading time axis: all of COLUMNS but ``trial``.
+
+    """
+    plan = reference(sample_time)
+    count = len(plan.time) if steps is None else min(steps, len(plan.time))
+    impedance = controller(robot, formula, sample_time, count)
+    plant = Plant(sample_time)
+    noise = np.random.default_rng(seed).normal(scale=[FORCE_NOISE] * 3 + [MOMENT_NOISE] * 3, size=(count, 6))
+    position, contact, arm_contact = np.empty((count, 3)), np.empty(count, bool), np.empty(count, bool)
+    for k in range(count):
+        position[k], contact[k], arm_contact[k] = plant.pose[:3, 3], plant.in_contact, plant.arm_in_contact
+        output = impedance.step(
+            q=plant.q,
+            dq=plant.dq,
+            q0=plan.q0[k],
+            dq0=plan.dq0[k],
+            wrench=plant.wrench() + noise[k],
+            task_stiffness=TASK_STIFFNESS,
+        )
+        plant.step(output.torque)
+        progress()
+    inputs, outputs = impedance.trace
+    stiffness = outputs.stiffness.reshape(count, robot.DOF, robot.DOF)
+    symmetric, antisymmetric = parts(stiffness)
+    return {
+        "time": plan.time[:count],
+        "wiping": plan.wiping[:count],
+        **{name: np.array(inputs[name]) for name in ("q", "dq", "q0", "dq0", "wrench")},
+        "wrench_used": np.array(outputs.wrench),
+        **{name: np.array(outputs[name]) for name in ("torque", "status", "error")},
+        "contact": contact,
+        "arm_contact": arm_contact,
+        "position": position,
+        "stiffness": stiffness,
+        "symmetric": np.linalg.norm(symmetric, 2, axis=(1, 2)),
+        "antisymmetric": np.linalg.norm(antisymmetric, 2, axis=(1, 2)),
+        "eigenvalues": np.linalg.eigvalsh(symmetric),
+        **{name: np.array(outputs[name]) for name in COLUMNS if name.endswith(("_total", "_energy"))},
+    }
+
+
+def parts(stiffness: Array) -> tuple[Array, Array]:
+    """Symmetric and antisymmetric part of matrices (..., n, n)."""
+    transposed = np.swapaxes(stiffness, -1, -2)
+    return (stiffness + transposed) / 2, (stiffness - transposed) / 2
+
+
+def faults(robot: ModuleType, status: NDArray) -> dict[str, int]:
+    """Status bits that count as a fault and show in a trial, with the number of steps."""
+    counts = {bit.name: int(np.count_nonzero(status & int(bit))) for bit in robot.Status}
+    return {name: count for name, count in counts.items() if count and name not in EXPECTED}
+
+
+def join(trials: list[Trace]) -> Trace:
+    """Traces of several trials one after the other, with a column ``trial`` that counts them."""
+    counted = [{"trial": np.full(len(trace["time"]), index), **trace} for index, trace in enumerate(trials)]
+    return {name: np.concatenate([trace[name] for trace in counted]) for name in COLUMNS}
