@@ -21,6 +21,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from examples.fri_robot.messages import VERSIONS, IODirection, IOType, IOValue
+
 from fri_session import SANITIZERS, TRAJECTORY, RobotScript, build, button, pack
 
 

@@ -1,8 +1,8 @@
 """The FRI client and its open library: the wire held against an independent codec, hostile traffic, the controller.
 
-The robot's messages come from examples/fri_robot/messages.py (protobuf, a schema of its own), so that the two codecs check
-each other. With an installed KUKA SDK (environment variables FRI_SDK_ROOT and, if its headers do not tell, FRI_SDK_VERSION)
-the tests that do not need the open library's robustness run against it too.
+The robot's messages come from examples/fri_robot/messages.py (protobuf, a schema of its own), so that the two codecs
+check each other. With an installed KUKA SDK (environment variables FRI_SDK_ROOT and, if its headers do not tell,
+FRI_SDK_VERSION) the tests that do not need the open library's robustness run against it too.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ from conftest import ROOT
 
 sys.path.insert(0, str(ROOT))
 
+from examples.fri_robot.messages import IODirection, IOType, IOValue, Protocol
+from examples.fri_robot.replay import read_client_log, replayed_torque
+
 from fri_session import (
     POSTURE,
     SANITIZERS,
@@ -42,9 +45,6 @@ from fri_session import (
     sdk_options,
 )
 from fuzz_fri import write_session
-
-from examples.fri_robot.messages import IODirection, IOType, IOValue, Protocol
-from examples.fri_robot.replay import read_client_log, replayed_torque
 
 VERSIONS = ("1.15", "2.5", "2.7")
 IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE = range(5)
@@ -114,7 +114,7 @@ def counters(line: str) -> bytes:
     return bytes.fromhex(line.replace(" ", ""))
 
 
-# ---- building --------------------------------------------------------------------------------------------------------
+# ---- building ------------------------------------------------------------------------------------------------------
 
 
 def test_clang_takes_the_sources_without_a_warning(open_programs: Programs) -> None:
@@ -129,7 +129,7 @@ def test_clang_takes_the_sources_without_a_warning(open_programs: Programs) -> N
     assert done.returncode == 0, done.stderr[-3000:]
 
 
-# ---- the wire --------------------------------------------------------------------------------------------------------
+# ---- the wire ------------------------------------------------------------------------------------------------------
 
 
 def test_torque_command_is_byte_for_byte_what_was_seen_on_the_wire(programs: Programs) -> None:
@@ -272,7 +272,7 @@ def test_commands_are_read_by_an_independent_codec(programs: Programs) -> None:
         ]
 
 
-# ---- the cycle -------------------------------------------------------------------------------------------------------
+# ---- the cycle -----------------------------------------------------------------------------------------------------
 
 
 def test_states_callbacks_and_idle(programs: Programs) -> None:
@@ -319,7 +319,7 @@ def test_command_is_cleared_each_cycle(programs: Programs) -> None:
     assert last.position is None or programs.version != "2.7"
 
 
-# ---- hostile traffic ---------------------------------------------------------------------------------------------------
+# ---- hostile traffic -----------------------------------------------------------------------------------------------
 
 
 def _six(message: Any) -> None:
@@ -332,6 +332,11 @@ def _eight(message: Any) -> None:
 
 def _six_drives(message: Any) -> None:
     message.robotInfo.driveState.pop()
+
+
+def _eleven_ios(message: Any) -> None:
+    for _ in range(11):
+        message.monitorData.readIORequest.add(name="x", type=0, direction=0)
 
 
 CHANGES: dict[str, tuple[str, Callable[[Any], object]]] = {
@@ -349,7 +354,7 @@ CHANGES: dict[str, tuple[str, Callable[[Any], object]]] = {
     "no identifier": ("decode", lambda m: m.header.ClearField("messageIdentifier")),
     "no state": ("decode", lambda m: m.connectionInfo.ClearField("sessionState")),
     "long name": ("decode", lambda m: m.monitorData.readIORequest.add(name="x" * 64, type=0, direction=0)),
-    "eleven IOs": ("decode", lambda m: [m.monitorData.readIORequest.add(name="x", type=0, direction=0) for _ in range(11)]),
+    "eleven IOs": ("decode", _eleven_ios),
     "unknown IO type": ("range", lambda m: m.monitorData.readIORequest.add(name="x", type=3, direction=0)),
     "nanoseconds": ("range", lambda m: setattr(m.monitorData.timestamp, "nanosec", 10**9)),
 }  # fmt: skip
@@ -476,7 +481,7 @@ def test_fuzzed_datagrams_under_the_sanitizers(sanitized: Programs, tmp_path: Pa
     assert "Done 3000 runs" in done.stderr
 
 
-# ---- the wiping client -------------------------------------------------------------------------------------------------
+# ---- the wiping client ---------------------------------------------------------------------------------------------
 
 
 class Wiped:
@@ -615,7 +620,9 @@ def test_silence_leads_to_the_fallback_and_back(programs: Programs, robot: Modul
     np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=1e-12)
 
 
-def test_hostile_session_never_makes_an_unsafe_torque(open_programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+def test_hostile_session_never_makes_an_unsafe_torque(
+    open_programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
     """Losses, duplicates, garbage, missing fields, wild values, state drops; each fault of a kind is counted."""
     rng = np.random.default_rng(8)
     script = open_programs.script()
@@ -732,7 +739,7 @@ def test_clock_that_was_set_costs_no_cycles(open_programs: Programs, tmp_path: P
     np.testing.assert_allclose(np.diff(wiped.log["time"]), 0.005, atol=1e-9)
 
 
-# ---- the program -------------------------------------------------------------------------------------------------------
+# ---- the program ---------------------------------------------------------------------------------------------------
 
 
 def free_port() -> int:
@@ -794,7 +801,9 @@ def test_robot_that_falls_silent_is_a_fault(programs: Programs) -> None:
 
 
 def test_no_robot_is_a_fault(programs: Programs) -> None:
-    done = fri_wiping(programs, "--trajectory", TRAJECTORY, "--port", str(free_port()), "--timeout", "50", "--wait", "0.1")
+    done = fri_wiping(
+        programs, "--trajectory", TRAJECTORY, "--port", str(free_port()), "--timeout", "50", "--wait", "0.1"
+    )
     assert done.returncode == 1 and "no robot has sent anything" in done.stderr
 
 
@@ -923,7 +932,7 @@ def test_port_in_use_is_refused(one: Programs) -> None:
 
 
 def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
-    """Six doubles in tip axes over UDP; the log has them in base axes. A sensor that falls silent is a missed sample."""
+    """Six doubles in tip axes over UDP, base axes in the log; a sensor that falls silent is a missed sample."""
     port, sensor_port = free_port(), free_port()
     log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
     script = one.script()
