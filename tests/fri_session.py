@@ -37,7 +37,8 @@ def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fu
     flags += " -fsanitize=fuzzer-no-link" if fuzzer else ""
     program = Path(cmake.CMAKE_BIN_DIR) / "cmake"
     configure = [
-        program, "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}", "-S", ROOT / "tests" / "fri", "-B", folder, "-DCMAKE_BUILD_TYPE=None",
+        program, "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}",
+        "-S", ROOT / "tests" / "fri", "-B", folder, "-DCMAKE_BUILD_TYPE=None",
         f"-DCMAKE_C_COMPILER={compiler}", f"-DCMAKE_CXX_COMPILER={compiler.replace('gcc', 'g')}++",
         f"-DCMAKE_C_FLAGS={flags}", f"-DCMAKE_CXX_FLAGS={flags} -std=c++11 -Werror",
         f"-DFRI_FUZZER={'ON' if fuzzer else 'OFF'}",
