@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cmake
+import ninja
 import numpy as np
 from examples.fri_robot.messages import (
     CommandMode,
