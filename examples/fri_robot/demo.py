@@ -145,7 +145,9 @@ def run_session(options: argparse.Namespace, client: Path) -> None:
     with said.open("wb") as output, child(wiping, stdout=output, stderr=output) as first, child(robot) as second:
         try:
             while second.poll() is None:
-                if first.poll() == 2:  # refused before the session: the robot would wait for nothing
+                if first.poll():  # refused or failed; the robot notices, unless it still waits for a client
+                    with contextlib.suppress(subprocess.TimeoutExpired):
+                        second.wait(2.0)
                     break
                 if wall.monotonic() > deadline:
                     raise BrokenOffError(f"the session did not end within {LONGEST:g} s")
@@ -156,8 +158,10 @@ def run_session(options: argparse.Namespace, client: Path) -> None:
     robot_code = second.poll()
     if client_code or robot_code:
         last = "\n".join(said.read_text().strip().splitlines()[-1:])
-        text = f"exit code of the client {client_code}, of the robot {robot_code}. The client's last words: {last}"
-        raise RefusedError(text) if 2 in (client_code, robot_code) else BrokenOffError(text)
+        if client_code == 2:
+            raise RefusedError(last)
+        codes = f"exit code of the client {client_code}, of the robot {robot_code}"
+        raise BrokenOffError(f"{codes}. The client's last words: {last}")
 
 
 def antisymmetric_parts(robot: ModuleType, log: ClientLog) -> tuple[NDArray[Any], NDArray[Any]]:
