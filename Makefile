@@ -6,6 +6,7 @@
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
+# make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
 VENV := .venv
@@ -18,8 +19,9 @@ GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]'
 
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
+FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench experiment fri-demo soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench experiment fri-demo fri-fuzz soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -71,6 +73,9 @@ $(VENV)/installed-fuzz: $(VENV)/installed-test
 
 fuzz: $(VENV)/installed-fuzz
 	$(BIN)/python tests/fuzz_reader.py build/fuzz-corpus $(FUZZ)
+
+fri-fuzz: $(VENV)/installed-test
+	$(BIN)/python tests/fuzz_fri.py build/fri-fuzz $(FRI_FUZZ)
 
 random-robots: $(VENV)/installed-test
 	$(BIN)/python tests/long_run.py --chains $(COUNT) --broken $(COUNT)

@@ -21,7 +21,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from examples.fri_robot.messages import VERSIONS, IODirection, IOType, IOValue
-from tests.fri_session import SANITIZERS, TRAJECTORY, RobotScript, build, button, pack
+
+from fri_session import SANITIZERS, TRAJECTORY, RobotScript, build, button, pack
 
 
 def write_session(folder: Path, version: str) -> dict[str, str]:

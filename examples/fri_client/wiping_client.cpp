@@ -20,6 +20,9 @@ const int TORQUE_MODE_PATIENCE = 10;
 /* A sensor that has been silent for so many seconds has failed. */
 const double SENSOR_PATIENCE = 0.05;
 
+/* Cycles since a reading that never was. */
+const int LONG_AGO = 1 << 20;
+
 /* [s] The robot's clock further ahead, or further back, was set: no cycles were lost, and the message is not old. */
 const double LARGEST_GAP = 10.0, LARGEST_DELAY = 1.0;
 
@@ -61,7 +64,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
       velocity_(settings.velocity_filter), sample_time_(0.0), clock_known_(false), clock_start_(0), clock_last_(0),
       time_(0.0), lost_(0), stale_(false), since_position_(0), valid_(false), controlling_(false), start_(0), fallen_back_(false),
       approach_clock_(0.0), progress_(0.0), pace_(1.0), done_(false), quality_(0), without_torque_mode_(0),
-      button_registered_(false), button_(false), sensor_age_(0), events_(0), last_callback_(0.0), finished_(false),
+      button_registered_(false), button_(false), sensor_age_(LONG_AGO), events_(0), last_callback_(0.0), finished_(false),
       refusal_(REFUSAL_NONE), controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
@@ -215,7 +218,7 @@ void WipingClient::observe()
     }
     quality_ = quality;
     if (sensor_ != NULL) {
-        sensor_age_ = sensor_->read(sensor_wrench_) ? 0 : sensor_age_ + 1 + lost_;
+        sensor_age_ = sensor_->read(sensor_wrench_) ? 0 : std::min(sensor_age_ + 1 + lost_, LONG_AGO);
     }
     watch_button();
 }

@@ -150,7 +150,7 @@ extern "C" int LLVMFuzzerInitialize(int *, char ***)
     require(file != NULL, "FRI_FUZZ_SESSION");
     std::uint8_t head[4];
     while (std::fread(head, 1, 4, file) == 4) {
-        Bytes_ datagram(static_cast<size_t>(head[0] | head[1] << 8));
+        Bytes_ datagram(static_cast<size_t>(head[0]) + 256u * head[1]);
         require(std::fread(datagram.data(), 1, datagram.size(), file) == datagram.size(), "FRI_FUZZ_SESSION");
         session.push_back(datagram);
     }

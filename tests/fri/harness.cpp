@@ -2,6 +2,7 @@
  * Sessions without sockets. Reads datagrams from stdin, each after its length (uint32, little-endian; 0xffffffff stands for
  * a timeout), steps a client application through them, and prints one line of JSON a step.
  *
+ *   harness version
  *   harness probe                     a client that calls every getter and commands position and torque
  *   harness wiping LOG SUMMARY [fri_wiping's options]
  */
@@ -71,7 +72,10 @@ private:
         unsigned char head[4];
         datagram_.clear();
         at_end_ = std::fread(head, 1, 4, stdin) != 4;
-        const unsigned length = at_end_ ? 0u : head[0] | head[1] << 8 | head[2] << 16 | static_cast<unsigned>(head[3]) << 24;
+        unsigned length = 0;
+        for (int k = 3; k >= 0 && !at_end_; --k) {
+            length = length << 8 | head[k];
+        }
         size_ = length == 0xffffffffu ? -1 : static_cast<int>(length);
         datagram_.resize(size_ > 0 ? length : 0);
         if (size_ > 0 && std::fread(datagram_.data(), 1, length, stdin) != length) {
@@ -238,7 +242,6 @@ int wiping(int argc, char **argv)
     Script script;
     ClientApplication application(script, *client);
     application.connect(30200);
-    log.start();
     while (!script.at_end() && client->refusal() == REFUSAL_NONE) {
         const bool good = application.step();
         script.note_step(good);
@@ -246,6 +249,8 @@ int wiping(int argc, char **argv)
         script.print_sent();
         std::printf(", \"step\": %s}\n", good ? "true" : "false");
     }
+    std::fflush(stdout);
+    log.start(); /* only now, so that its lines come after those above; the ring must hold the session */
     log.finish();
     Summary(*client, script, application, *records, log, options, client->refusal()).write(summary_path);
     return 0;
@@ -256,5 +261,9 @@ int wiping(int argc, char **argv)
 int main(int argc, char **argv)
 {
     const std::string mode = argc > 1 ? argv[1] : "";
+    if (mode == "version") {
+        std::printf("%s\n", fri_description());
+        return 0;
+    }
     return mode == "probe" ? probe() : mode == "wiping" && argc > 3 ? wiping(argc, argv) : 2;
 }
