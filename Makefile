@@ -5,6 +5,7 @@
 # make robots     real robots against Pinocchio, into docs/robots.md
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
+# make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
@@ -20,7 +21,7 @@ FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench experiment fri-fuzz soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench experiment fri-demo fri-fuzz soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -62,6 +63,9 @@ $(VENV)/installed-examples: $(VENV)/installed
 
 experiment: build/robots/iiwa14_plate $(VENV)/installed-examples
 	$(BIN)/python -m examples.bowl_wiping
+
+fri-demo: build/robots/iiwa14_plate $(VENV)/installed-examples
+	@$(BIN)/python -m examples.fri_robot.demo
 
 $(VENV)/installed-fuzz: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,fuzz]'

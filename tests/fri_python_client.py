@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import socket
-import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,9 +14,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from conftest import ROOT
-
-sys.path.insert(0, str(ROOT))
 
 from examples.fri_robot import __main__ as fri_robot
 from examples.fri_robot.messages import Command, IOValue, MessageError, Protocol, SessionState

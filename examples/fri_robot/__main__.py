@@ -27,10 +27,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
 from stiffgen.errors import StiffgenError
 from stiffgen.verify import import_robot
 
-from ..bowl_wiping.plant import MOTOR_INERTIA, Plant
 from . import faults
 from .emulator import Emulator, Link, LinkError, Settings
 from .messages import (

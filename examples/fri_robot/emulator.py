@@ -420,13 +420,15 @@ class Emulator:
 
         """
         deadline = wall.monotonic() + self._settings.answer_timeout
-        while wall.monotonic() < deadline:
+        while wall.monotonic() < deadline and not self._interrupted:
             self._sent_at.append((self._cycle, wall.perf_counter()))
             try:
                 self._link.send(datagram)
                 return self._link.receive(0.05)
             except ConnectionRefusedError:
                 wall.sleep(0.02)
+        if self._interrupted:
+            return None
         raise LinkError(
             f"no client listens on {self._link.address}; start it before the robot, or at most "
             f"{self._settings.answer_timeout:g} s after it"
@@ -462,17 +464,19 @@ class Emulator:
             return
         must = self._fewest >= self._settings.multiplier
         deadline = wall.monotonic() + (self._settings.answer_timeout if must else UNCERTAIN_WAIT)
-        while True:
+        while not self._interrupted:
             if answer is None:
-                answer = self._link.receive(deadline - wall.monotonic())
+                answer = self._link.receive(min(deadline - wall.monotonic(), 0.2))  # a signal is heeded in between
             if answer is None:
+                if wall.monotonic() < deadline:
+                    continue
                 break
             self._take(answer)
             self._fewest = self._most = 0
             if self._reflected(answer) in (delivery.cycle, None):
                 return
             answer = None  # the answer to an earlier one
-        if must:
+        if must and not self._interrupted:
             self.session.failure = self.session.failure or (
                 f"the client did not answer within {self._settings.answer_timeout:g} s"
             )
