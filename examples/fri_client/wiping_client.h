@@ -132,6 +132,7 @@ private:
     double pace_;               /* 1: the trajectory runs; 0: it stands still */
     bool done_;
     int quality_;
+    int without_period_;        /* messages */
     int without_torque_mode_;   /* cycles in COMMANDING_WAIT */
     bool button_registered_, button_;
     int sensor_age_;            /* cycles since the sensor's last reading */

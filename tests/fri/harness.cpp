@@ -36,11 +36,11 @@ public:
     Script() : Traffic(1), size_(0), sent_size_(0), at_end_(false) { next(); }
 
     bool at_end() const { return at_end_; }
-    virtual bool open(int, const char *) { return true; }
-    virtual void close() {}
-    virtual bool isOpen() const { return true; }
+    bool open(int, const char *) override { return true; }
+    void close() override {}
+    bool isOpen() const override { return true; }
 
-    virtual int receive(Buffer buffer, Size size)
+    int receive(Buffer buffer, Size size) override
     {
         const std::vector<char> now = datagram_;
         const int length = size_;
@@ -50,7 +50,7 @@ public:
         return length;
     }
 
-    virtual bool send(Bytes bytes, Size size)
+    bool send(Bytes bytes, Size size) override
     {
         sent_.assign(bytes, bytes + size);
         sent_size_ = static_cast<int>(size);

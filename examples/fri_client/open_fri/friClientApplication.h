@@ -11,7 +11,7 @@ namespace open_fri {
 struct Statistics {
     std::uint64_t messages;            /* taken: a callback ran, or the session is idle */
     std::uint64_t answers;             /* sent */
-    std::uint64_t timeouts;            /* receive gave nothing: a timeout or an error of the connection */
+    std::uint64_t timeouts;            /* after the first message, receive gave nothing: a timeout or an error */
     std::uint64_t send_failures;
     std::uint64_t lost_messages;       /* gaps in the robot's sequence counter */
     std::uint64_t lost_answers;        /* answers of ours that the robot never reflected, a later one it did */

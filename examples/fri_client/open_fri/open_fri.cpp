@@ -285,7 +285,7 @@ bool ClientApplication::step()
     }
     const int size = connection_.receive(reinterpret_cast<char *>(received_), open_fri::DATAGRAM_SIZE);
     if (size < 0) {
-        ++statistics_.timeouts;
+        statistics_.timeouts += statistics_.messages > 0 ? 1 : 0;
         sequence_known_ = false;
         return false;
     }
