@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-
-
 from examples.fri_robot import __main__ as fri_robot
 from examples.fri_robot.messages import Command, IOValue, MessageError, Protocol, SessionState
+from rich.console import Console
 
 Answer = Callable[[Any], tuple[Any, Any] | None]
 

@@ -670,7 +670,7 @@ def test_inputs_and_outputs(session: Any) -> None:
     assert list(ios[0].values()) == [(0, 0, 0.0), (2, 0, 0.5), (1, 7, 0.0)]
     assert ios[1]["A.Level"] == (2, 0, 0.25)
     assert [k for k, io in enumerate(ios) if io["MediaFlange.UserButton"][1]] == list(range(20, 40))
-    assert outcome.summary["rejected"] == {"IO 'No.Such' is not registered with this type": outcome.summary["accepted"]}
+    assert outcome.summary["rejected"] == {"IO": outcome.summary["accepted"]}
 
 
 def test_state_and_quality_faults(session: Any) -> None:
@@ -695,7 +695,7 @@ def test_faults_of_both_ways_in_lockstep(session: Any) -> None:
     assert len(client.seen) - 1 == outcome.summary["sent"] - counts["robot"]["garbage"] - counts["robot"]["drop"]
     lost = sum(counts["robot"].values()) + sum(counts["client"].values())
     assert outcome.summary["missing_answers"] == lost
-    assert outcome.summary["rejected"] == {"jointPosition has 6 values, not 7": counts["client"]["six"]}
+    assert outcome.summary["rejected"] == {"number of joint values": counts["client"]["six"]}
     again = session(PythonClient("2.5"), *options)
     assert again.summary["digest"] == outcome.summary["digest"]
     other = session(PythonClient("2.5"), *options, "--seed", 1)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shutil
+import socket
 import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from examples.fri_robot import demo
+from examples.fri_robot.__main__ import RefusedError
 from examples.fri_robot.messages import VERSIONS, SessionState
 from examples.fri_robot.replay import ClientLog, check_commands, compare, read_client_log
 from filelock import FileLock
@@ -236,3 +240,51 @@ def test_summary_is_json_of_both(session: Callable[..., Any]) -> None:
     run = session("2.7", *LOCKSTEP, "--duration", 0.2)
     assert json.loads(json.dumps(run.robot.summary)) == run.robot.summary
     assert run.client.summary["answers"] == run.robot.summary["accepted"]
+
+
+# ---- the demo -------------------------------------------------------------------------------------------------------
+
+
+def demo_options(folder: Path, robot: Path, port: int) -> argparse.Namespace:
+    given = ["--port", str(port), "--robot", str(robot), "--output", str(folder)]
+    return demo.arguments().parse_args(given)
+
+
+def test_the_demo_says_that_the_port_is_taken(
+    tmp_path: Path, plate_folder: Path, client_program: Callable[[str], Path]
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("0.0.0.0", 0))
+        options = demo_options(tmp_path, plate_folder, taken.getsockname()[1])
+        with pytest.raises(RefusedError, match="cannot be opened"):
+            demo.run_session(options, client_program("2.7"))
+
+
+def test_the_demo_ends_with_its_client(tmp_path: Path, plate_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    children = []
+    popen = subprocess.Popen
+
+    def remember(*given: Any, **more: Any) -> Any:
+        children.append(popen(*given, **more))
+        return children[-1]
+
+    monkeypatch.setattr(demo.subprocess, "Popen", remember)
+    with pytest.raises(demo.BrokenOffError, match="exit code of the client 1"):
+        demo.run_session(demo_options(tmp_path, plate_folder, free_port()), Path("/bin/false"))
+    assert len(children) == 2
+    assert all(child.poll() is not None for child in children)
+
+
+def test_the_demos_figure(session: Callable[..., Run], plate: ModuleType) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 1.0)
+    assert run.client is not None
+    parts = demo.antisymmetric_parts(plate, run.client)
+    assert np.max(parts[0]) == 0.0
+    J, m = plate.hybrid.jacobian(run.client["q"])[:, 3:], run.client["wrench"][:, 3:]
+    cross = np.cross(np.eye(3), m[:, None, :])  # [m]_x up to its sign
+    closed = np.swapaxes(J, 1, 2) @ cross @ J / 2
+    np.testing.assert_allclose(parts[1], np.linalg.norm(closed, 2, axis=(1, 2)), atol=1e-9)
+    svg = demo.draw(run.client, run.robot.log, parts)
+    assert svg.startswith("<svg")
+    for text in ("joint torques that the robot received", "[N m]", "corrected", "time [s]"):
+        assert text in svg

@@ -180,7 +180,7 @@ def antisymmetric_parts(robot: ModuleType, log: ClientLog) -> tuple[NDArray[Any]
 
 def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDArray[Any], NDArray[Any]]) -> str:
     """The session as SVG: joint positions, torque on the wire, wrench as estimated and true, antisymmetric part."""
-    every = slice(None, None, max(1, len(log) // 700))
+    every = slice(None, None, max(1, len(log) // 400))
     time = log["time"][every]
     row = np.rint(log["time"] / log.summary["sample_time"]).astype(int)[every]
     with mpl.rc_context({**STYLE, "svg.hashsalt": "fri_robot"}):
@@ -209,11 +209,15 @@ def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDAr
             title="antisymmetric part of the joint stiffness, same states",
         )
         begin = received["time"][received["state"] == SessionState.COMMANDING_ACTIVE][0] + APPROACH
-        for axes, columns in ((joints, 3), (torque, 2), (wrench, 1), (stiffness, 1)):
-            label = "trajectory begins" if axes is joints else None
+        for axes, columns, place in (
+            (joints, 3, (0.01, 0.01)),
+            (torque, 2, "best"),
+            (wrench, 1, (0.35, 0.5)),
+            (stiffness, 1, (0.5, 0.3)),
+        ):
+            label = "trajectory begins" if axes is stiffness else None
             axes.axvline(begin, color=INK, linewidth=0.8, alpha=0.5, label=label)
             axes.margins(x=0.01)
-            place = "center" if axes is wrench else "best"
             axes.legend(ncols=columns, fontsize=7, columnspacing=0.8, handlelength=1.4, loc=place)
         return themed_svg(figure)
 

@@ -121,9 +121,9 @@ class Link:
 class Statistics:
     """What a session came to.
 
-    ``sent`` monitoring messages, ``received`` datagrams, ``accepted`` commands; ``rejected`` datagrams by reason;
-    ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``contact_cycles`` of the
-    ``active_cycles`` in COMMANDING_ACTIVE; ``worst_latency`` of an answer [s]; ``largest_force`` on the tip [N].
+    ``sent`` monitoring messages, ``received`` datagrams, ``accepted`` commands; ``rejected`` datagrams and outputs by
+    reason; ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``contact_cycles`` of
+    the ``active_cycles`` in COMMANDING_ACTIVE; ``worst_latency`` of an answer [s]; ``largest_force`` on the tip [N].
     """
 
     sent: int = 0
@@ -188,7 +188,7 @@ class Emulator:
         self.wrench = np.zeros(6)
         self._epoch = LOCKSTEP_EPOCH if settings.lockstep else wall.time_ns()
         self._cycle = 0
-        self._forced = list(faults.states)
+        self._forced = sorted(faults.states, key=lambda fault: fault.start or 0.0)
         self._outputs = {io.name: io for io in settings.ios}
         self._last_command = -1
         self._arrived: list[tuple[Command, float]] = []  # accepted in this cycle, with their latency [s]
@@ -293,13 +293,13 @@ class Emulator:
         try:
             command = self._protocol.decode_command(datagram)
         except MessageError as error:
-            statistics.rejected[str(error)] += 1
+            statistics.rejected[error.kind] += 1
             return
         if command.sequence <= self._last_command:
             statistics.rejected["out of order or twice"] += 1
             return
         if command.reflected > self._cycle:
-            statistics.rejected["reflects a message that was not sent"] += 1
+            statistics.rejected["answers nothing"] += 1
             return
         self._last_command = command.sequence
         statistics.accepted += 1
@@ -377,7 +377,7 @@ class Emulator:
         for io in command.ios:
             known = self._outputs.get(io.name)
             if known is None or known.type is not io.type:
-                self.statistics.rejected[f"IO '{io.name}' is not registered with this type"] += 1
+                self.statistics.rejected["IO"] += 1
             else:
                 known.value = io.value
 

@@ -186,7 +186,11 @@ Checksum                crc32                        1 optional int32           
 
 
 class MessageError(ValueError):
-    """A datagram is no message of this version; the text says what is wrong with it."""
+    """A datagram is no message of this version; the text says what is wrong with it, ``kind`` in a word or two."""
+
+    def __init__(self, kind: str, text: str) -> None:
+        self.kind = kind
+        super().__init__(text)
 
 
 @dataclass
@@ -298,7 +302,7 @@ class Protocol:
 
     def __init__(self, version: str) -> None:
         if version not in VERSIONS:
-            raise MessageError(f"no FRI version '{version}'; there are {', '.join(VERSIONS)}")
+            raise MessageError("version", f"no FRI version '{version}'; there are {', '.join(VERSIONS)}")
         self.version = version
         self.framed = version == "2.7"
         self.cartesian = version != "1.15"
@@ -317,29 +321,31 @@ class Protocol:
     def unframe(self, datagram: bytes) -> bytes:
         """The serialised message in a datagram; checks length and CRC where the version has them."""
         if not datagram:
-            raise MessageError("empty datagram")
+            raise MessageError("empty", "empty datagram")
         if not self.framed:
             return datagram
         if len(datagram) < 8:
-            raise MessageError(f"{len(datagram)} bytes are too short for length and CRC")
+            raise MessageError("frame", f"{len(datagram)} bytes are too short for length and CRC")
         (length,) = struct.unpack_from("<I", datagram)
         if length != len(datagram) - 8:
-            raise MessageError(f"length {length} in a datagram of {len(datagram)} bytes")
+            raise MessageError("frame", f"length {length} in a datagram of {len(datagram)} bytes")
         body = datagram[4:-4]
         if struct.unpack_from("<I", datagram, 4 + length)[0] != zlib.crc32(body):
-            raise MessageError("wrong CRC")
+            raise MessageError("CRC", "wrong CRC")
         return body
 
     def _parse(self, kind: Any, identifier: int, datagram: bytes) -> Any:
         try:
             message = kind.FromString(self.unframe(datagram))
         except DecodeError as error:
-            raise MessageError("no message of this version") from error
+            raise MessageError("no message", "no message of this version") from error
         if not message.IsInitialized():
             missing = ", ".join(message.FindInitializationErrors())
-            raise MessageError(f"missing: {missing}")
+            raise MessageError("missing field", f"missing: {missing}")
         if message.header.messageIdentifier != identifier:
-            raise MessageError(f"message identifier {message.header.messageIdentifier:#x}, not {identifier:#x}")
+            raise MessageError(
+                "identifier", f"message identifier {message.header.messageIdentifier:#x}, not {identifier:#x}"
+            )
         return message
 
     # -- monitoring
@@ -443,7 +449,7 @@ def _joint_values(data: Any, name: str) -> NDArray[Any] | None:
         return None
     values = np.array(getattr(data, name).value, dtype=float)
     if values.shape != (JOINTS,):
-        raise MessageError(f"{name} has {values.size} values, not {JOINTS}")
+        raise MessageError("number of joint values", f"{name} has {values.size} values, not {JOINTS}")
     return values
 
 
@@ -459,6 +465,6 @@ def _get_io(message: Any) -> IOValue:
     try:
         kind, direction = IOType(message.type), IODirection(message.direction)
     except ValueError as error:
-        raise MessageError(f"IO '{message.name}': {error}") from error
+        raise MessageError("IO", f"IO '{message.name}': {error}") from error
     value = message.analogValue if kind is IOType.ANALOG else message.digitalValue
     return IOValue(message.name, kind, direction, value)
