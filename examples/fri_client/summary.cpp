@@ -126,7 +126,8 @@ void Summary::print() const
 {
     for (const auto &field : session_) {
         const bool word = field.second[0] == '"';
-        std::printf("%-24s %s\n", field.first.c_str(), field.second.substr(word, field.second.size() - 2 * word).c_str());
+        std::printf("%-24s %s\n", field.first.c_str(),
+                    field.second.substr(word, field.second.size() - 2 * word).c_str());
     }
     std::printf("faults, where there were any:\n");
     bool any = false;
