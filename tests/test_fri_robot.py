@@ -593,7 +593,11 @@ def test_a_session_in_each_version(session: Any, plate: ModuleType, version: str
     stamps = [m.monitorData.timestamp.sec * 10**9 + m.monitorData.timestamp.nanosec for m in client.seen]
     assert stamps[0] == 1_700_000_000 * 10**9
     assert set(np.diff(stamps)) == {5_000_000}
-    assert [m.header.sequenceCounter for m in client.seen] == list(range(len(client.seen)))
+    count = len(client.seen)
+    assert [m.header.sequenceCounter for m in client.seen] == list(range(count))
+    # The answer to each message is there before the next one: reflected in it, and judged at once.
+    assert [m.header.reflectedSequenceCounter for m in client.seen] == [0, *range(count - 1)]
+    assert np.argmax(outcome.log["state"] == S.MONITORING_READY) == 95
 
 
 def test_lockstep_sessions_are_equal(session: Any) -> None:
@@ -700,6 +704,14 @@ def test_faults_of_both_ways_in_lockstep(session: Any) -> None:
     assert again.summary["digest"] == outcome.summary["digest"]
     other = session(PythonClient("2.5"), *options, "--seed", 1)
     assert other.summary["digest"] != outcome.summary["digest"]
+
+
+def test_commands_that_come_twice_or_late_are_dropped(session: Any) -> None:
+    faults = "client.duplicate@0.2,client.duplicate@0.3,client.reorder@0.4"
+    outcome = session(PythonClient("2.7"), *LOCKSTEP, "--faults", faults)
+    assert outcome.code == 0
+    assert outcome.summary["rejected"] == {"out of order or twice": 3}
+    assert outcome.summary["accepted"] == outcome.summary["sent"] - 1
 
 
 def test_by_the_clock(session: Any) -> None:

@@ -122,8 +122,8 @@ class Statistics:
     """What a session came to.
 
     ``sent`` monitoring messages, ``received`` datagrams, ``accepted`` commands; ``rejected`` datagrams and outputs by
-    reason; ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``contact_cycles`` of
-    the ``active_cycles`` in COMMANDING_ACTIVE; ``worst_latency`` of an answer [s]; ``largest_force`` on the tip [N].
+    reason; ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``contact_cycles``
+    of the ``active_cycles`` in COMMANDING_ACTIVE; ``worst_latency`` of an answer [s]; ``largest_force`` on the tip [N].
     """
 
     sent: int = 0
