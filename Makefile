@@ -6,6 +6,8 @@
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
+# make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
+# make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 PYTHON ?= python3
 VENV := .venv
@@ -19,8 +21,9 @@ GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]'
 
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
+FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench bench-cuda experiment soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -63,12 +66,18 @@ $(VENV)/installed-examples: $(VENV)/installed
 experiment: build/robots/iiwa14_plate $(VENV)/installed-examples
 	$(BIN)/python -m examples.bowl_wiping
 
+fri-demo: build/robots/iiwa14_plate $(VENV)/installed-examples
+	@$(BIN)/python -m examples.fri_robot.demo
+
 $(VENV)/installed-fuzz: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,fuzz]'
 	@touch $@
 
 fuzz: $(VENV)/installed-fuzz
 	$(BIN)/python tests/fuzz_reader.py build/fuzz-corpus $(FUZZ)
+
+fri-fuzz: $(VENV)/installed-test
+	$(BIN)/python tests/fuzz_fri.py build/fri-fuzz $(FRI_FUZZ)
 
 random-robots: $(VENV)/installed-test
 	$(BIN)/python tests/long_run.py --chains $(COUNT) --broken $(COUNT)

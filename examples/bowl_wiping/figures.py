@@ -58,13 +58,13 @@ def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: C
     """
     with mpl.rc_context(STYLE):
         return {
-            "antisymmetric.svg": _svg(antisymmetric(robot, trials)),
-            "joints.svg": _svg(joints(trials)),
-            "wrench.svg": _svg(wrench(trials)),
-            "singular_values.svg": _svg(singular_values(trials)),
-            "eigenvalues.svg": _svg(eigenvalues(trials)),
-            "energy.svg": _svg(energy(trials)),
-            "trajectory.svg": _svg(trajectory(robot, stated, measured)),
+            "antisymmetric.svg": themed_svg(antisymmetric(robot, trials)),
+            "joints.svg": themed_svg(joints(trials)),
+            "wrench.svg": themed_svg(wrench(trials)),
+            "singular_values.svg": themed_svg(singular_values(trials)),
+            "eigenvalues.svg": themed_svg(eigenvalues(trials)),
+            "energy.svg": themed_svg(energy(trials)),
+            "trajectory.svg": themed_svg(trajectory(robot, stated, measured)),
         }
 
 
@@ -236,7 +236,8 @@ def _legend(figure: Figure, axes: Axes) -> None:
     figure.legend(once.values(), once.keys(), loc="outside lower center", ncols=len(once))
 
 
-def _svg(figure: Figure) -> str:
+def themed_svg(figure: Figure) -> str:
+    """SVG text of a figure drawn with STYLE, in the colours of the page it is on."""
     text = io.StringIO()
     figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()

@@ -1,0 +1,133 @@
+#include "log.h"
+
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <stdexcept>
+
+namespace {
+
+const char *const SEVEN[] = {"q", "dq", "q0", "dq0"};
+const char *const AFTER[] = {"sent_torque", "sent_position", "measured_torque", "external_torque"};
+
+void names(std::FILE *file, const char *name, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        std::fprintf(file, ",%s_%d", name, i);
+    }
+}
+
+/* 17 digits: the number that is read back is the one that was written. */
+void values(std::FILE *file, const double *x, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        std::fprintf(file, ",%.17g", x[i]);
+    }
+}
+
+} // namespace
+
+const char *state_name(int state)
+{
+    static const char *const states[] = {"IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT",
+                                         "COMMANDING_ACTIVE"};
+    return state >= 0 && state < 5 ? states[state] : "unknown state";
+}
+
+Log::Log(Records &records, const std::string &path) : records_(records), file_(NULL), rows_(0), stop_(false)
+{
+    if (path.empty()) {
+        return;
+    }
+    file_ = std::fopen(path.c_str(), "w");
+    if (file_ == NULL) {
+        throw std::runtime_error("log " + path + ": " + std::strerror(errno) +
+                                 "; name a file that can be written with --log");
+    }
+    std::setvbuf(file_, NULL, _IOFBF, 1 << 18);
+    std::fprintf(file_, "time");
+    for (const char *name : SEVEN) {
+        names(file_, name, JOINTS);
+    }
+    names(file_, "wrench", 6);
+    names(file_, "torque", JOINTS);
+    std::fprintf(file_, ",status,mode,sample_valid,start,antisymmetric,tank_energy,elastic_energy");
+    for (const char *name : AFTER) {
+        names(file_, name, JOINTS);
+    }
+    std::fprintf(file_, ",quality,tracking,callback_time,events\n");
+    std::fflush(file_); /* also: the buffer exists before the session */
+}
+
+Log::~Log()
+{
+    finish();
+}
+
+void Log::start()
+{
+    thread_ = std::thread(&Log::run, this);
+}
+
+bool Log::finish()
+{
+    if (thread_.joinable()) {
+        stop_ = true;
+        thread_.join();
+    }
+    bool good = records_.refused() == 0;
+    if (file_ != NULL) {
+        const bool written = std::ferror(file_) == 0;
+        good = std::fclose(file_) == 0 && written && good;
+        file_ = NULL;
+    }
+    return good;
+}
+
+void Log::run()
+{
+    Record record;
+    for (;;) {
+        const bool last = stop_;
+        while (records_.pop(&record)) {
+            write(record);
+        }
+        if (last) {
+            return;
+        }
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+}
+
+void Log::write(const Record &record)
+{
+    if (record.kind == Record::STATE) {
+        std::printf("%10.3f s  %s -> %s\n", record.time, state_name(record.from), state_name(record.to));
+        std::fflush(stdout);
+        return;
+    }
+    if (file_ == NULL) {
+        return;
+    }
+    std::fprintf(file_, "%.17g", record.time);
+    values(file_, record.q, JOINTS);
+    values(file_, record.dq, JOINTS);
+    values(file_, record.q0, JOINTS);
+    values(file_, record.dq0, JOINTS);
+    values(file_, record.wrench, 6);
+    values(file_, record.torque, JOINTS);
+    std::fprintf(file_, ",%lu,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode, record.sample_valid,
+                 record.start);
+    values(file_, &record.antisymmetric, 1);
+    values(file_, &record.tank_energy, 1);
+    values(file_, &record.elastic_energy, 1);
+    values(file_, record.sent_torque, JOINTS);
+    values(file_, record.sent_position, JOINTS);
+    values(file_, record.measured_torque, JOINTS);
+    values(file_, record.external_torque, JOINTS);
+    std::fprintf(file_, ",%d", record.quality);
+    values(file_, &record.tracking, 1);
+    values(file_, &record.callback_time, 1);
+    std::fprintf(file_, ",%lu\n", static_cast<unsigned long>(record.events));
+    ++rows_;
+}

@@ -1,0 +1,313 @@
+/* State, command and the cycle of the client application. Part of open_fri. */
+#include "friClientApplication.h"
+#include "friLBRClient.h"
+
+#include <cmath>
+#include <cstring>
+
+namespace KUKA {
+namespace FRI {
+
+namespace {
+
+enum IoType { IO_BOOLEAN = 0, IO_DIGITAL = 1, IO_ANALOG = 2 };
+enum { IO_OUTPUT = 1 };
+
+/* The robot's counter up to this far behind the last one means an old message; further, that the robot counts anew. */
+const std::uint32_t REORDER_WINDOW = 100;
+/* A counter further ahead than this is no gap of so many lost messages. */
+const std::uint32_t LARGEST_GAP = 1u << 20;
+
+bool all_finite(const double *values, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        if (!std::isfinite(values[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+#if FRI_VERSION >= 200
+void to_matrix(const double *pose, double (&matrix)[3][4])
+{
+    const double w = pose[3], x = pose[4], y = pose[5], z = pose[6];
+    const double rows[3][4] = {
+        {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y), pose[0]},
+        {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x), pose[1]},
+        {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y), pose[2]},
+    };
+    std::memcpy(matrix, rows, sizeof rows);
+}
+#endif
+
+} // namespace
+
+/* ---- state ------------------------------------------------------------------------------------------------------ */
+
+const double *LBRState::getIpoJointPosition() const
+{
+    if (!message_.has_interpolator_position) {
+        throw FRIException("the message has no interpolator position: the robot is not commanding joints");
+    }
+    return message_.interpolator_position;
+}
+
+const open_fri::Io &LBRState::io(const char *name, std::uint32_t type) const
+{
+    for (int i = 0; i < message_.io_count; ++i) {
+        if (message_.ios[i].type == type && std::strcmp(message_.ios[i].name, name) == 0) {
+            return message_.ios[i];
+        }
+    }
+    throw FRIException("the robot application has registered no IO of that name and type");
+}
+
+bool LBRState::getBooleanIOValue(const char *name) const
+{
+    return io(name, IO_BOOLEAN).digital != 0;
+}
+
+unsigned long long LBRState::getDigitalIOValue(const char *name) const
+{
+    return io(name, IO_DIGITAL).digital;
+}
+
+double LBRState::getAnalogIOValue(const char *name) const
+{
+    return io(name, IO_ANALOG).analog;
+}
+
+#if FRI_VERSION >= 200
+void LBRState::getMeasuredCartesianPoseAsMatrix(double (&matrix)[3][4]) const
+{
+    to_matrix(message_.pose, matrix);
+}
+
+void LBRState::getIpoCartesianPoseAsMatrix(double (&matrix)[3][4]) const
+{
+    to_matrix(message_.interpolator_pose, matrix);
+}
+#endif
+
+/* ---- command ---------------------------------------------------------------------------------------------------- */
+
+LBRCommand::LBRCommand(const LBRState &state) : state_(state)
+{
+    clear();
+}
+
+void LBRCommand::clear()
+{
+    std::memset(&message_, 0, sizeof message_);
+}
+
+void LBRCommand::require(bool fits, const char *message) const
+{
+    if (!fits) {
+        throw FRIException(message);
+    }
+}
+
+void LBRCommand::setJointPosition(const double *values)
+{
+#if FRI_VERSION >= 207
+    const EClientCommandMode mode = state_.getClientCommandMode();
+    require(mode == JOINT_POSITION || mode == WRENCH || mode == TORQUE, "the robot takes no joint position now");
+#endif
+    require(all_finite(values, open_fri::JOINTS), "a joint position is not finite");
+    std::memcpy(message_.position, values, sizeof message_.position);
+    message_.has_position = true;
+}
+
+void LBRCommand::setWrench(const double *values)
+{
+#if FRI_VERSION >= 207
+    require(state_.getClientCommandMode() == WRENCH, "the robot takes no wrench now");
+#endif
+    require(all_finite(values, 6), "a wrench is not finite");
+    std::memcpy(message_.wrench, values, sizeof message_.wrench);
+    message_.has_wrench = true;
+}
+
+void LBRCommand::setTorque(const double *values)
+{
+#if FRI_VERSION >= 207
+    require(state_.getClientCommandMode() == TORQUE, "the robot takes no torque now");
+#endif
+    require(all_finite(values, open_fri::JOINTS), "a torque is not finite");
+    std::memcpy(message_.torque, values, sizeof message_.torque);
+    message_.has_torque = true;
+}
+
+open_fri::Io &LBRCommand::output(const char *name, std::uint32_t type)
+{
+    require(state_.io(name, type).direction == IO_OUTPUT, "the IO is an input");
+    int i = 0;
+    while (i < message_.io_count && std::strcmp(message_.ios[i].name, name) != 0) {
+        ++i;
+    }
+    if (i == message_.io_count) {
+        require(i < open_fri::IOS, "too many IOs in one command");
+        ++message_.io_count;
+    }
+    message_.ios[i] = state_.io(name, type);
+    return message_.ios[i];
+}
+
+void LBRCommand::setBooleanIOValue(const char *name, const bool value)
+{
+    output(name, IO_BOOLEAN).digital = value ? 1 : 0;
+}
+
+void LBRCommand::setDigitalIOValue(const char *name, const unsigned long long value)
+{
+    output(name, IO_DIGITAL).digital = value;
+}
+
+void LBRCommand::setAnalogIOValue(const char *name, const double value)
+{
+    require(std::isfinite(value), "an analog value is not finite");
+    output(name, IO_ANALOG).analog = value;
+}
+
+/* ---- client ----------------------------------------------------------------------------------------------------- */
+
+void LBRClient::monitor()
+{
+#if FRI_VERSION < 200
+    if (all_finite(state_.getCommandedJointPosition(), open_fri::JOINTS)) {
+        command_.setJointPosition(state_.getCommandedJointPosition());
+    }
+#endif
+}
+
+void LBRClient::waitForCommand()
+{
+    command_.setJointPosition(state_.getIpoJointPosition());
+}
+
+void LBRClient::command()
+{
+    command_.setJointPosition(state_.getIpoJointPosition());
+}
+
+/* ---- application ------------------------------------------------------------------------------------------------ */
+
+ClientApplication::ClientApplication(IConnection &connection, IClient &client)
+    : connection_(connection), client_(client), state_(IDLE), sent_count_(0), since_answer_(0), sequence_(0),
+      sequence_known_(false), reflected_(0), reflection_known_(false)
+{
+    std::memset(&statistics_, 0, sizeof statistics_);
+}
+
+bool ClientApplication::connect(int port, const char *remoteHost)
+{
+    return connection_.isOpen() || connection_.open(port, remoteHost);
+}
+
+void ClientApplication::disconnect()
+{
+    if (connection_.isOpen()) {
+        connection_.close();
+    }
+}
+
+/* Whether the message follows the last one. */
+open_fri::Fault ClientApplication::order()
+{
+    const std::uint32_t sequence = incoming_.sequence;
+    if (sequence_known_) {
+        const std::uint32_t ahead = sequence - sequence_, behind = sequence_ - sequence;
+        if (ahead == 0) {
+            return open_fri::FAULT_DUPLICATE;
+        }
+        if (behind <= REORDER_WINDOW) {
+            return open_fri::FAULT_OUT_OF_ORDER;
+        }
+        statistics_.lost_messages += ahead <= LARGEST_GAP ? ahead - 1 : 0;
+    }
+    sequence_ = sequence;
+    sequence_known_ = incoming_.state != IDLE;
+    return open_fri::FAULT_NONE;
+}
+
+/* Which of our answers the robot has seen. */
+void ClientApplication::reflection()
+{
+    const std::uint32_t last = sent_count_ - 1, reflected = incoming_.reflected;
+    if (sent_count_ == 0 || last - reflected > LARGEST_GAP) {
+        return;
+    }
+    const std::uint32_t advance = reflection_known_ ? reflected - reflected_ : reflected + 1;
+    if (advance > 0 && advance <= LARGEST_GAP) {
+        statistics_.lost_answers += advance - 1;
+        reflected_ = reflected;
+        reflection_known_ = true;
+    }
+    statistics_.late_answers += reflected != last ? 1 : 0;
+}
+
+/* Whether an answer is due. */
+bool ClientApplication::callback(LBRState &state)
+{
+    const ESessionState now = state.getSessionState();
+    if (now != state_) {
+        const ESessionState before = state_;
+        state_ = now;
+        client_.onStateChange(before, now);
+    }
+    switch (now) {
+    case MONITORING_WAIT:
+    case MONITORING_READY: client_.monitor(); break;
+    case COMMANDING_WAIT: client_.waitForCommand(); break;
+    case COMMANDING_ACTIVE: client_.command(); break;
+    default: return false;
+    }
+    if (++since_answer_ < state.message_.multiplier) {
+        return false;
+    }
+    since_answer_ = 0;
+    return true;
+}
+
+bool ClientApplication::step()
+{
+    if (!connection_.isOpen()) {
+        return false;
+    }
+    const int size = connection_.receive(reinterpret_cast<char *>(received_), open_fri::DATAGRAM_SIZE);
+    if (size < 0) {
+        statistics_.timeouts += statistics_.messages > 0 ? 1 : 0;
+        sequence_known_ = false;
+        return false;
+    }
+    open_fri::Fault fault = open_fri::decode(received_, static_cast<std::size_t>(size), &incoming_);
+    if (fault == open_fri::FAULT_NONE) {
+        fault = order();
+    }
+    if (fault != open_fri::FAULT_NONE) {
+        ++statistics_.faults[fault];
+        return true;
+    }
+    ++statistics_.messages;
+    reflection();
+    LBRState &state = client_.receivedState();
+    LBRCommand &command = client_.nextCommand();
+    state.message_ = incoming_;
+    command.clear();
+    if (!callback(state)) {
+        return true;
+    }
+    const std::size_t length = open_fri::encode(command.message_, sent_count_, incoming_.sequence, sent_, sizeof sent_);
+    if (length == 0 || !connection_.send(reinterpret_cast<char *>(sent_), static_cast<BufferSize>(length))) {
+        ++statistics_.send_failures;
+        return false;
+    }
+    ++sent_count_;
+    ++statistics_.answers;
+    return true;
+}
+
+} // namespace FRI
+} // namespace KUKA

@@ -1,0 +1,299 @@
+/* The messages to and from bytes, by nanopb. Part of open_fri. */
+#include "open_fri_messages.h"
+
+#include "fri.pb.h"
+
+#include <pb_decode.h>
+#include <pb_encode.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+namespace open_fri {
+namespace {
+
+const std::uint32_t MONITORING_IDENTIFIER = 0x245142, COMMAND_IDENTIFIER = 0x34001;
+
+#if FRI_VERSION >= 207
+const std::size_t FRAME_FRONT = 4, FRAME_BACK = 4;
+
+/* CRC-32 as of zlib, four bits at a time. */
+std::uint32_t checksum(const std::uint8_t *bytes, std::size_t size)
+{
+    static const std::uint32_t table[16] = {0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4,
+                                            0x4db26158, 0x5005713c, 0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c,
+                                            0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c};
+    std::uint32_t crc = 0xffffffffu;
+    for (std::size_t i = 0; i < size; ++i) {
+        crc ^= bytes[i];
+        crc = (crc >> 4) ^ table[crc & 15];
+        crc = (crc >> 4) ^ table[crc & 15];
+    }
+    return ~crc;
+}
+
+std::uint32_t read_little_endian(const std::uint8_t *bytes)
+{
+    return bytes[0] | static_cast<std::uint32_t>(bytes[1]) << 8 | static_cast<std::uint32_t>(bytes[2]) << 16 |
+           static_cast<std::uint32_t>(bytes[3]) << 24;
+}
+
+void write_little_endian(std::uint32_t value, std::uint8_t *bytes)
+{
+    for (int i = 0; i < 4; ++i) {
+        bytes[i] = static_cast<std::uint8_t>(value >> (8 * i));
+    }
+}
+#else
+const std::size_t FRAME_FRONT = 0, FRAME_BACK = 0;
+#endif
+
+/* ---- decoding --------------------------------------------------------------------------------------------------- */
+
+void fill(double *values, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        values[i] = std::numeric_limits<double>::quiet_NaN();
+    }
+}
+
+/* Seven values or none at all. */
+bool take(bool present, const open_fri_Joints &from, double *to)
+{
+    if (present && from.value_count != JOINTS) {
+        return false;
+    }
+    if (present) {
+        std::memcpy(to, from.value, sizeof from.value);
+    }
+    return true;
+}
+
+void take_pose(bool present, const open_fri_Pose &from, double *to)
+{
+    if (present && from.element_count == 7) {
+        std::memcpy(to, from.element, sizeof from.element);
+    }
+}
+
+Fault take_robot(const open_fri_Robot &from, Monitoring *to)
+{
+    if (from.has_joints && from.joints != JOINTS) {
+        return FAULT_JOINT_COUNT;
+    }
+    if (from.drives_count != 0 && from.drives_count != JOINTS) {
+        return FAULT_JOINT_COUNT;
+    }
+    to->drive = from.drives_count ? from.drives[0] : 0;
+    for (int i = 0; i < from.drives_count; ++i) {
+        if (from.drives[i] > 2) {
+            return FAULT_RANGE;
+        }
+        if (from.drives[i] != from.drives[0]) {
+            to->drive = 1; /* TRANSITIONING */
+        }
+    }
+    to->safety = from.safety;
+    to->operation = from.operation;
+    to->control = from.control;
+    return from.safety > 3 || from.operation > 2 || from.control > 3 ? FAULT_RANGE : FAULT_NONE;
+}
+
+Fault take_measurement(const open_fri_Measurement &from, Monitoring *to)
+{
+    if (!take(from.has_position, from.position, to->position) || !take(from.has_torque, from.torque, to->torque) ||
+        !take(from.has_commanded_position, from.commanded_position, to->commanded_position) ||
+        !take(from.has_commanded_torque, from.commanded_torque, to->commanded_torque) ||
+        !take(from.has_external_torque, from.external_torque, to->external_torque)) {
+        return FAULT_JOINT_COUNT;
+    }
+    if (from.has_external_force && from.external_force.element_count == 6) {
+        std::memcpy(to->external_force, from.external_force.element, sizeof to->external_force);
+    }
+    take_pose(from.has_pose, from.pose, to->pose);
+    if (from.has_redundancy) {
+        to->redundancy = from.redundancy.value;
+        to->strategy = from.redundancy.strategy;
+    }
+    to->seconds = from.has_time ? from.time.seconds : 0;
+    to->nanoseconds = from.has_time ? from.time.nanoseconds : 0;
+    to->io_count = from.ios_count;
+    for (int i = 0; i < to->io_count; ++i) {
+        const open_fri_Io &io = from.ios[i];
+        if (io.type > 2 || io.direction > 1) {
+            return FAULT_RANGE;
+        }
+        std::memcpy(to->ios[i].name, io.name, sizeof to->ios[i].name);
+        to->ios[i].type = io.type;
+        to->ios[i].direction = io.direction;
+        to->ios[i].digital = io.digital;
+        to->ios[i].analog = io.analog;
+    }
+    const bool strategy = to->strategy == 0 || to->strategy == 4;
+    return strategy && to->nanoseconds < 1000000000u ? FAULT_NONE : FAULT_RANGE;
+}
+
+Fault take_interpolator(const open_fri_Interpolator &from, Monitoring *to)
+{
+    if (!take(from.has_position, from.position, to->interpolator_position)) {
+        return FAULT_JOINT_COUNT;
+    }
+    to->has_interpolator_position = from.has_position;
+    take_pose(from.has_pose, from.pose, to->interpolator_pose);
+    to->interpolator_redundancy = from.has_redundancy ? from.redundancy.value : to->interpolator_redundancy;
+    to->command_mode = from.command_mode;
+    to->overlay = from.overlay;
+    to->tracking = from.tracking;
+    return from.command_mode > 4 || from.overlay > 2 ? FAULT_RANGE : FAULT_NONE;
+}
+
+Fault take_message(const open_fri_Monitoring &from, Monitoring *to)
+{
+    clear(to);
+    if (from.header.identifier != MONITORING_IDENTIFIER) {
+        return FAULT_IDENTIFIER;
+    }
+    to->sequence = from.header.sequence;
+    to->reflected = from.header.reflected;
+    if (from.has_connection) {
+        if (from.connection.state > 4 || from.connection.quality > 3) {
+            return FAULT_RANGE;
+        }
+        to->state = from.connection.state;
+        to->quality = from.connection.quality;
+        to->period = from.connection.period;
+        to->multiplier = from.connection.multiplier;
+    }
+    Fault fault = from.has_robot ? take_robot(from.robot, to) : FAULT_NONE;
+    if (fault == FAULT_NONE && from.has_measurement) {
+        fault = take_measurement(from.measurement, to);
+    }
+    if (fault == FAULT_NONE && from.has_interpolator) {
+        fault = take_interpolator(from.interpolator, to);
+    }
+    return fault;
+}
+
+/* ---- encoding --------------------------------------------------------------------------------------------------- */
+
+/* Joint values go out unpacked, one key a value, as KUKA's library does it; nanopb's own arrays would be packed. */
+bool encode_joints(pb_ostream_t *stream, const pb_field_t *field, void *const *values)
+{
+    const double *const value = static_cast<const double *>(*values);
+    for (int i = 0; i < JOINTS; ++i) {
+        if (!pb_encode_tag_for_field(stream, field) || !pb_encode_fixed64(stream, value + i)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+void give_joints(bool present, const double *values, bool *has, open_fri_SentJoints *to)
+{
+    *has = present;
+    if (present) {
+        to->value.funcs.encode = encode_joints;
+        to->value.arg = const_cast<double *>(values);
+    }
+}
+
+void give_data(const Command &from, open_fri_CommandData *to)
+{
+    give_joints(from.has_position, from.position, &to->has_position, &to->position);
+    give_joints(from.has_torque, from.torque, &to->has_torque, &to->torque);
+    to->has_wrench = from.has_wrench;
+    if (from.has_wrench) {
+        to->wrench.element_count = 6;
+        std::memcpy(to->wrench.element, from.wrench, sizeof from.wrench);
+    }
+    to->ios_count = static_cast<pb_size_t>(from.io_count);
+    for (int i = 0; i < from.io_count; ++i) {
+        open_fri_Io &io = to->ios[i];
+        std::memcpy(io.name, from.ios[i].name, sizeof io.name);
+        io.type = from.ios[i].type;
+        io.direction = from.ios[i].direction;
+        io.has_analog = from.ios[i].type == 2;
+        io.has_digital = !io.has_analog;
+        io.digital = from.ios[i].digital;
+        io.analog = from.ios[i].analog;
+    }
+}
+
+} // namespace
+
+const char *fault_name(int fault)
+{
+    static const char *const names[FAULT_COUNT] = {"none",     "empty",     "too_long",    "frame",
+                                                   "checksum", "decode",    "identifier",  "joint_count",
+                                                   "range",    "duplicate", "out_of_order"};
+    return fault >= 0 && fault < FAULT_COUNT ? names[fault] : "unknown";
+}
+
+void clear(Monitoring *message)
+{
+    std::memset(message, 0, sizeof *message);
+    fill(message->position, JOINTS);
+    fill(message->torque, JOINTS);
+    fill(message->commanded_position, JOINTS);
+    fill(message->commanded_torque, JOINTS);
+    fill(message->external_torque, JOINTS);
+    fill(message->external_force, 6);
+    fill(message->pose, 7);
+    fill(&message->redundancy, 1);
+    fill(message->interpolator_position, JOINTS);
+    fill(message->interpolator_pose, 7);
+    fill(&message->interpolator_redundancy, 1);
+}
+
+Fault decode(const std::uint8_t *datagram, std::size_t size, Monitoring *message)
+{
+    if (size == 0) {
+        return FAULT_EMPTY;
+    }
+    if (size > DATAGRAM_SIZE) {
+        return FAULT_TOO_LONG;
+    }
+    if (size < FRAME_FRONT + FRAME_BACK) {
+        return FAULT_FRAME;
+    }
+    const std::uint8_t *const body = datagram + FRAME_FRONT;
+    const std::size_t length = size - FRAME_FRONT - FRAME_BACK;
+#if FRI_VERSION >= 207
+    if (read_little_endian(datagram) != length) {
+        return FAULT_FRAME;
+    }
+    if (read_little_endian(body + length) != checksum(body, length)) {
+        return FAULT_CHECKSUM;
+    }
+#endif
+    open_fri_Monitoring wire = open_fri_Monitoring_init_zero;
+    pb_istream_t stream = pb_istream_from_buffer(body, length);
+    return pb_decode(&stream, open_fri_Monitoring_fields, &wire) ? take_message(wire, message) : FAULT_DECODE;
+}
+
+std::size_t encode(const Command &command, std::uint32_t sequence, std::uint32_t reflected, std::uint8_t *datagram,
+                   std::size_t capacity)
+{
+    if (capacity < FRAME_FRONT + FRAME_BACK) {
+        return 0;
+    }
+    open_fri_Command wire = open_fri_Command_init_zero;
+    wire.header.identifier = COMMAND_IDENTIFIER;
+    wire.header.sequence = sequence;
+    wire.header.reflected = reflected;
+    wire.has_data = command.has_position || command.has_torque || command.has_wrench || command.io_count > 0;
+    give_data(command, &wire.data);
+    pb_ostream_t stream = pb_ostream_from_buffer(datagram + FRAME_FRONT, capacity - FRAME_FRONT - FRAME_BACK);
+    if (!pb_encode(&stream, open_fri_Command_fields, &wire)) {
+        return 0;
+    }
+    const std::size_t length = stream.bytes_written;
+#if FRI_VERSION >= 207
+    write_little_endian(static_cast<std::uint32_t>(length), datagram);
+    write_little_endian(checksum(datagram + FRAME_FRONT, length), datagram + FRAME_FRONT + length);
+#endif
+    return FRAME_FRONT + length + FRAME_BACK;
+}
+
+} // namespace open_fri

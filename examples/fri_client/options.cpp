@@ -1,0 +1,206 @@
+#include "options.h"
+
+#include <getopt.h>
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <stdexcept>
+
+namespace {
+
+const char HELP[] =
+    "fri_wiping --trajectory FILE.csv [options]\n"
+    "\n"
+    "Follows a zero-force joint trajectory with a KUKA LBR in torque mode through the FRI.\n"
+    "\n"
+    "  --trajectory FILE        one row a joint or one column a joint [rad], comma-separated\n"
+    "  --trajectory-period S    between its samples [s] (0.005)\n"
+    "  --port N                 UDP port to listen on (30200)\n"
+    "  --host ADDRESS           take datagrams from this IPv4 address alone, same port (anyone)\n"
+    "  --timeout MS             silence of the robot that ends the session [ms] (1000)\n"
+    "  --wait S                 for the robot's first datagram [s] (60)\n"
+    "  --log FILE               controller steps, CSV\n"
+    "  --summary FILE           closing figures, JSON\n"
+    "  --sample-time S          refuse a robot with another send period [s] (take the robot's)\n"
+    "  --stiffness SIX          task stiffness, diagonal [N/m, N m/rad] (700,700,800,30,30,30)\n"
+    "  --conventional           stiffness without the correction, for comparison\n"
+    "  --damping-ratio X        of every mode (0.7)\n"
+    "  --joint-damping X        added to every joint [N m s/rad] (0.1)\n"
+    "  --nullspace-stiffness X  added to every joint [N m/rad] (1)\n"
+    "  --effort-share X         of the robot's effort limits, 0 to 1 (1)\n"
+    "  --approach S             least time of the move to the trajectory [s] (5)\n"
+    "  --velocity-filter S      time constant [s] (0.004)\n"
+    "  --wrench SOURCE          external-torque, or sensor (external-torque)\n"
+    "  --external-torque-sign X 1: external torque = J^T (wrench of the environment on the robot); -1 (1)\n"
+    "  --wrench-damping X       of the inverse that makes the wrench (0.01)\n"
+    "  --sensor-port N          UDP port of the sensor (30300)\n"
+    "  --dry-run                send zero torque; everything else as ever\n"
+    "  --realtime PRIORITY      SCHED_FIFO, 1 to 99, and locked memory\n"
+    "\n"
+    "Exit code: 0 the robot ended the session, 1 fault in the session, 2 refused at the start.\n";
+
+enum Name {
+    TRAJECTORY = 256,
+    TRAJECTORY_PERIOD,
+    PORT,
+    HOST,
+    TIMEOUT,
+    WAIT,
+    LOG,
+    SUMMARY,
+    SAMPLE_TIME,
+    STIFFNESS,
+    CONVENTIONAL,
+    DAMPING_RATIO,
+    JOINT_DAMPING,
+    NULLSPACE_STIFFNESS,
+    EFFORT_SHARE,
+    APPROACH,
+    VELOCITY_FILTER,
+    WRENCH,
+    EXTERNAL_TORQUE_SIGN,
+    WRENCH_DAMPING,
+    SENSOR_PORT,
+    DRY_RUN,
+    REALTIME,
+    HELP_WANTED
+};
+
+const struct option LONG[] = {{"trajectory", required_argument, NULL, TRAJECTORY},
+                              {"trajectory-period", required_argument, NULL, TRAJECTORY_PERIOD},
+                              {"port", required_argument, NULL, PORT},
+                              {"host", required_argument, NULL, HOST},
+                              {"timeout", required_argument, NULL, TIMEOUT},
+                              {"wait", required_argument, NULL, WAIT},
+                              {"log", required_argument, NULL, LOG},
+                              {"summary", required_argument, NULL, SUMMARY},
+                              {"sample-time", required_argument, NULL, SAMPLE_TIME},
+                              {"stiffness", required_argument, NULL, STIFFNESS},
+                              {"conventional", no_argument, NULL, CONVENTIONAL},
+                              {"damping-ratio", required_argument, NULL, DAMPING_RATIO},
+                              {"joint-damping", required_argument, NULL, JOINT_DAMPING},
+                              {"nullspace-stiffness", required_argument, NULL, NULLSPACE_STIFFNESS},
+                              {"effort-share", required_argument, NULL, EFFORT_SHARE},
+                              {"approach", required_argument, NULL, APPROACH},
+                              {"velocity-filter", required_argument, NULL, VELOCITY_FILTER},
+                              {"wrench", required_argument, NULL, WRENCH},
+                              {"external-torque-sign", required_argument, NULL, EXTERNAL_TORQUE_SIGN},
+                              {"wrench-damping", required_argument, NULL, WRENCH_DAMPING},
+                              {"sensor-port", required_argument, NULL, SENSOR_PORT},
+                              {"dry-run", no_argument, NULL, DRY_RUN},
+                              {"realtime", required_argument, NULL, REALTIME},
+                              {"help", no_argument, NULL, HELP_WANTED},
+                              {NULL, 0, NULL, 0}};
+
+std::string plain(double value)
+{
+    char text[40];
+    std::snprintf(text, sizeof text, "%g", value);
+    return text;
+}
+
+[[noreturn]] void refuse(int name, const std::string &given, const std::string &wanted)
+{
+    throw std::runtime_error(std::string("--") + LONG[name - TRAJECTORY].name + " " + given + ": it takes " + wanted);
+}
+
+double number(int name, const std::string &text, double least, double most)
+{
+    char *end = NULL;
+    const double value = std::strtod(text.c_str(), &end);
+    if (text.empty() || *end != '\0' || !(value >= least && value <= most)) {
+        refuse(name, text, "a number from " + plain(least) + " to " + plain(most));
+    }
+    return value;
+}
+
+int integer(int name, const std::string &text, int least, int most)
+{
+    const double value = number(name, text, least, most);
+    if (value != std::floor(value)) {
+        refuse(name, text, "a whole number");
+    }
+    return static_cast<int>(value);
+}
+
+/* Six numbers, with commas between them in one argument, or as the next six arguments. */
+void six(int argc, char **argv, double *values)
+{
+    std::string text = optarg;
+    if (text.find(',') == std::string::npos) {
+        for (int i = 0; i < 5 && optind < argc && argv[optind][0] != '-'; ++i) {
+            text += std::string(",") + argv[optind++];
+        }
+    }
+    const std::string given = text;
+    for (int i = 0; i < 6; ++i) {
+        const size_t comma = text.find(',');
+        if ((comma == std::string::npos) != (i == 5)) {
+            refuse(STIFFNESS, given, "six numbers");
+        }
+        values[i] = number(STIFFNESS, text.substr(0, comma), 0.0, 1e4);
+        text = i < 5 ? text.substr(comma + 1) : "";
+    }
+}
+
+} // namespace
+
+Options::Options()
+    : trajectory_period(0.005), port(30200), sensor_port(30300), timeout(1000), wait(60.0), realtime(0), sensor(false)
+{
+}
+
+bool Options::parse(int argc, char **argv)
+{
+    opterr = 0;
+    for (int name; (name = getopt_long(argc, argv, ":", LONG, NULL)) != -1;) {
+        const std::string text = optarg != NULL ? optarg : "";
+        switch (name) {
+        case TRAJECTORY: trajectory = text; break;
+        case TRAJECTORY_PERIOD: trajectory_period = number(name, text, 1e-4, 10.0); break;
+        case PORT: port = integer(name, text, 1, 65535); break;
+        case HOST: host = text; break;
+        case TIMEOUT: timeout = static_cast<unsigned int>(integer(name, text, 1, 3600000)); break;
+        case WAIT: wait = number(name, text, 0.0, 1e6); break;
+        case LOG: log = text; break;
+        case SUMMARY: summary = text; break;
+        case SAMPLE_TIME: settings.sample_time = number(name, text, 0.001, 0.010); break;
+        case STIFFNESS: six(argc, argv, settings.task_stiffness); break;
+        case CONVENTIONAL: settings.conventional = true; break;
+        case DAMPING_RATIO: settings.damping_ratio = number(name, text, 0.0, 100.0); break;
+        case JOINT_DAMPING: settings.joint_damping = number(name, text, 0.0, 1000.0); break;
+        case NULLSPACE_STIFFNESS: settings.nullspace_stiffness = number(name, text, 0.0, 1e4); break;
+        case EFFORT_SHARE: settings.effort_share = number(name, text, 0.001, 1.0); break;
+        case APPROACH: settings.approach_time = number(name, text, 0.1, 1000.0); break;
+        case VELOCITY_FILTER: settings.velocity_filter = number(name, text, 0.0, 1.0); break;
+        case WRENCH:
+            if (text != "sensor" && text != "external-torque") {
+                refuse(name, text, "external-torque or sensor");
+            }
+            sensor = text == "sensor";
+            break;
+        case EXTERNAL_TORQUE_SIGN:
+            settings.external_torque_sign = number(name, text, -1.0, 1.0);
+            if (std::fabs(settings.external_torque_sign) != 1.0) {
+                refuse(name, text, "1 or -1");
+            }
+            break;
+        case WRENCH_DAMPING: settings.wrench_damping = number(name, text, 0.0, 10.0); break;
+        case SENSOR_PORT: sensor_port = integer(name, text, 1, 65535); break;
+        case DRY_RUN: settings.dry_run = true; break;
+        case REALTIME: realtime = integer(name, text, 1, 99); break;
+        case HELP_WANTED: std::fputs(HELP, stdout); return false;
+        case ':':
+            throw std::runtime_error(std::string(argv[optind - 1]) + ": its value is missing; see fri_wiping --help");
+        default: throw std::runtime_error(std::string(argv[optind - 1]) + ": no such option; see fri_wiping --help");
+        }
+    }
+    if (optind < argc) {
+        throw std::runtime_error(std::string(argv[optind]) + ": not an option; see fri_wiping --help");
+    }
+    if (trajectory.empty()) {
+        throw std::runtime_error("no trajectory; name a file with --trajectory");
+    }
+    return true;
+}

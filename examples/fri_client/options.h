@@ -1,0 +1,25 @@
+#ifndef FRI_CLIENT_OPTIONS_H
+#define FRI_CLIENT_OPTIONS_H
+
+#include "wiping_client.h"
+
+#include <string>
+
+/* The command line. */
+struct Options {
+    Settings settings;
+    std::string trajectory, log, summary, host;
+    double trajectory_period; /* [s] */
+    int port, sensor_port;
+    unsigned int timeout; /* [ms] of silence that ends the session */
+    double wait;          /* [s] for the robot's first datagram */
+    int realtime;         /* priority; 0: none */
+    bool sensor;
+
+    Options();
+
+    /* False if only help was asked for. Throws std::runtime_error, naming the option and the remedy. */
+    bool parse(int argc, char **argv);
+};
+
+#endif

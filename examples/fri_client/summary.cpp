@@ -1,0 +1,168 @@
+#include "summary.h"
+
+#include <cstdio>
+#include <cstdlib>
+
+namespace {
+
+/* The shortest of two forms that is read back as the same number. */
+std::string number(double value)
+{
+    char text[40];
+    std::snprintf(text, sizeof text, "%.15g", value);
+    if (std::strtod(text, NULL) != value) {
+        std::snprintf(text, sizeof text, "%.17g", value);
+    }
+    return text;
+}
+
+/* A time in microseconds, to its bins' tenths. */
+std::string microseconds(double seconds)
+{
+    char text[40];
+    std::snprintf(text, sizeof text, "%.1f", 1e6 * seconds);
+    return text;
+}
+
+std::string count(unsigned long long value)
+{
+    return std::to_string(value);
+}
+
+template <typename T> std::string list(const T *values, int size)
+{
+    std::string text = "[";
+    for (int i = 0; i < size; ++i) {
+        text += (i > 0 ? ", " : "") + number(values[i]);
+    }
+    return text + "]";
+}
+
+std::string quoted(const std::string &text)
+{
+    return "\"" + text + "\"";
+}
+
+} // namespace
+
+const char *fri_description()
+{
+#ifdef OPEN_FRI
+    return FRI_VERSION == 115 ? "open_fri 1.15" : FRI_VERSION == 205 ? "open_fri 2.5" : "open_fri 2.7";
+#else
+    return FRI_VERSION == 115 ? "KUKA SDK 1.15" : FRI_VERSION == 205 ? "KUKA SDK 2.5" : "KUKA SDK 2.7";
+#endif
+}
+
+Summary::Summary(const WipingClient &client, const Traffic &traffic, const KUKA::FRI::ClientApplication &application,
+                 const Records &records, const Log &log, const Options &options, int code)
+{
+    const Counters &c = client.counters();
+    const Durations &callback = client.callback_durations(), &answer = traffic.answers();
+    session_ = Fields{
+        {"robot", quoted(robot::name())},
+        {"library", quoted(fri_description())},
+        {"exit_code", std::to_string(code)},
+        {"trajectory_done", client.trajectory_done() ? "true" : "false"},
+        {"trajectory_time", number(client.progress())},
+        {"session_time", number(client.time())},
+        {"sample_time", number(client.sample_time())},
+        {"cycles", count(c.cycles)},
+        {"commanding_cycles", count(c.commanding_cycles)},
+        {"answers", count(answer.count())},
+        {"antisymmetric_norm", number(c.antisymmetric)},
+        {"callback_median_us", microseconds(callback.quantile(0.5))},
+        {"callback_9999_us", microseconds(callback.quantile(0.9999))},
+        {"callback_worst_us", microseconds(callback.most())},
+        {"answer_median_us", microseconds(answer.quantile(0.5))},
+        {"answer_9999_us", microseconds(answer.quantile(0.9999))},
+        {"answer_worst_us", microseconds(answer.most())},
+        {"log_rows", count(log.rows())},
+        {"log_overruns", count(records.refused())},
+    };
+    faults_ = Fields{
+        {"lost_cycles", count(c.lost_cycles)},
+        {"lost_cycles_commanding", count(c.lost_commanding)},
+        {"bad_datagrams", count(bad_datagrams(application, traffic))},
+        {"missing_fields", count(c.missing_fields)},
+        {"bad_timestamps", count(c.bad_timestamps)},
+        {"quality_drops", count(c.quality_drops)},
+        {"state_drops", count(c.state_drops)},
+        {"no_torque_mode", count(c.no_torque_mode)},
+        {"sensor_silent", count(c.sensor_silent)},
+        {"exceptions", count(c.exceptions)},
+        {"fallbacks", count(c.fallbacks)},
+        {"saturated", count(c.saturated)},
+        {"rate_limited", count(c.rate_limited)},
+        {"guarded", count(c.guarded)},
+    };
+#ifdef OPEN_FRI
+    const open_fri::Statistics &s = application.statistics();
+    faults_.emplace_back("timeouts", count(s.timeouts));
+    faults_.emplace_back("send_failures", count(s.send_failures));
+    faults_.emplace_back("lost_messages", count(s.lost_messages));
+    faults_.emplace_back("lost_answers", count(s.lost_answers));
+    faults_.emplace_back("late_answers", count(s.late_answers));
+    for (int k = open_fri::FAULT_NONE + 1; k < open_fri::FAULT_COUNT; ++k) {
+        faults_.emplace_back(std::string("datagram_") + open_fri::fault_name(k), count(s.faults[k]));
+    }
+#endif
+    const robot::Config &config = client.config();
+    controller_ = Fields{
+        {"sample_time", number(config.sample_time)},
+        {"task_stiffness", list(options.settings.task_stiffness, 6)},
+        {"stiffness_formula", options.settings.conventional ? quoted("conventional") : quoted("corrected")},
+        {"nullspace", config.nullspace == STIFFGEN_NULLSPACE_OFF ? quoted("off") : quoted("isotropic")},
+        {"nullspace_stiffness", number(config.nullspace_stiffness)},
+        {"damping_ratio", number(options.settings.damping_ratio)},
+        {"joint_damping", number(config.joint_damping)},
+        {"effort_limit", list(config.effort_limit, JOINTS)},
+        {"torque_rate_limit", list(config.torque_rate_limit, JOINTS)},
+        {"tank", config.tank == STIFFGEN_TANK_ON ? quoted("on") : quoted("off")},
+    };
+}
+
+void Summary::print() const
+{
+    for (const auto &field : session_) {
+        const bool word = field.second[0] == '"';
+        std::printf("%-24s %s\n", field.first.c_str(),
+                    field.second.substr(word, field.second.size() - 2 * word).c_str());
+    }
+    std::printf("faults, where there were any:\n");
+    bool any = false;
+    for (const auto &field : faults_) {
+        if (field.second != "0") {
+            std::printf("  %-22s %s\n", field.first.c_str(), field.second.c_str());
+            any = true;
+        }
+    }
+    if (!any) {
+        std::printf("  none\n");
+    }
+    std::fflush(stdout);
+}
+
+bool Summary::write(const std::string &path) const
+{
+    std::FILE *const file = std::fopen(path.c_str(), "w");
+    if (file == NULL) {
+        return false;
+    }
+    const auto fields = [file](const Fields &list, const char *indent) {
+        for (size_t i = 0; i < list.size(); ++i) {
+            std::fprintf(file, "%s\"%s\": %s%s\n", indent, list[i].first.c_str(), list[i].second.c_str(),
+                         i + 1 < list.size() ? "," : "");
+        }
+    };
+    std::fprintf(file, "{\n");
+    for (const auto &field : session_) {
+        std::fprintf(file, "  \"%s\": %s,\n", field.first.c_str(), field.second.c_str());
+    }
+    std::fprintf(file, "  \"faults\": {\n");
+    fields(faults_, "    ");
+    std::fprintf(file, "  },\n  \"controller\": {\n");
+    fields(controller_, "    ");
+    std::fprintf(file, "  }\n}\n");
+    return std::fclose(file) == 0;
+}

@@ -1,0 +1,33 @@
+#ifndef FRI_CLIENT_SUMMARY_H
+#define FRI_CLIENT_SUMMARY_H
+
+#include "log.h"
+#include "options.h"
+#include "traffic.h"
+#include "wiping_client.h"
+
+#include <string>
+#include <utility>
+#include <vector>
+
+/* "open_fri 2.7" or "KUKA SDK 2.7". */
+const char *fri_description();
+
+/* The closing figures of a session. */
+class Summary {
+public:
+    Summary(const WipingClient &client, const Traffic &traffic, const KUKA::FRI::ClientApplication &application,
+            const Records &records, const Log &log, const Options &options, int code);
+
+    void print() const;
+
+    /* As JSON; false if the file cannot be written. */
+    bool write(const std::string &path) const;
+
+private:
+    typedef std::vector<std::pair<std::string, std::string>> Fields;
+
+    Fields session_, faults_, controller_;
+};
+
+#endif

@@ -1,0 +1,290 @@
+"""Wipes the bowl once through FRI: python -m examples.fri_robot.demo, or make fri-demo.
+
+Builds the C++ client, starts it and the simulated robot in lockstep, waits for both, holds what the robot received
+against the controller stepped in Python, and draws the session. Everything goes to build/fri-demo.
+
+Exit code 0, 1 if the session did not go as it should, 2 if something is missing or refused.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import shutil
+import signal
+import subprocess
+import sys
+import time as wall
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+try:
+    import cmake
+    import matplotlib as mpl
+    import mujoco  # noqa: F401
+    import numpy as np
+    from google import protobuf  # noqa: F401
+except ImportError as error:
+    print(f"{error.name} is not installed: pip install -e '.[examples]'", file=sys.stderr)
+    sys.exit(2)
+
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from examples.bowl_wiping.figures import AXES, CONVENTIONAL, CORRECTED, INK, SHADES, STYLE, themed_svg
+from stiffgen.errors import StiffgenError
+
+from .__main__ import ROBOT, ROOT, RefusedError, load_robot
+from .messages import VERSIONS, SessionState
+from .replay import ClientLog, check_commands, compare, read_client_log
+
+CLIENT = ROOT / "examples" / "fri_client"
+TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
+OUTPUT = ROOT / "build" / "fri-demo"
+APPROACH = 5.0
+"""[s] that the client takes to get to the trajectory."""
+TRAJECTORY_TIME = 13.96
+"""[s] of the trajectory."""
+REST = 0.24
+"""[s] at its end."""
+LONGEST = 600.0
+"""[s] of wall time after which the demo gives up."""
+
+
+class BrokenOffError(Exception):
+    """The session did not go as it should; the text says why."""
+
+
+def arguments() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m examples.fri_robot.demo", description="Wipe the bowl once through FRI, with no robot."
+    )
+    add = parser.add_argument
+    add("--protocol", choices=VERSIONS, default="2.7", help="FRI version (%(default)s)")
+    add("--port", type=int, default=30200, help="UDP port of the client (%(default)s)")
+    add("--send-period", type=int, default=5, metavar="MS", help="1 to 10 ms (%(default)s)")
+    add("--wall-clock", action="store_true", help="in real time instead of in lockstep")
+    add("--robot", type=Path, default=ROBOT, metavar="DIR", help="the generated robot (build/robots/iiwa14_plate)")
+    add("--output", type=Path, default=OUTPUT, metavar="DIR", help="for logs and figures (build/fri-demo)")
+    return parser
+
+
+def _die_with_parent() -> None:
+    """In a child on Linux: it is ended when the demo is, however that happens."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def child(command: list[str], **files: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that does not outlive the block."""
+    process = subprocess.Popen(command, cwd=ROOT, preexec_fn=_die_with_parent, **files)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def build_client(robot: Path, version: str, folder: Path) -> Path:
+    """Configures and builds the client with the machine's instructions, as the NumPy module is built; its program.
+
+    Raises
+    ------
+    RefusedError
+        A tool is missing, or it does not build; the text ends with the last lines.
+
+    """
+    if not shutil.which("c++") and not shutil.which("g++"):
+        raise RefusedError("no C++ compiler (Debian: apt-get install g++ make)")
+    program = str(Path(cmake.CMAKE_BIN_DIR) / "cmake")
+    name = robot.name
+    options = [f"-DOPEN_FRI_VERSION={version}", f"-DROBOT_DIR={robot}", f"-DROBOT_NAME={name}"]
+    options += [f"-D{name.upper()}_NATIVE=ON", "-DCMAKE_BUILD_TYPE=Release"]
+    for command in (
+        [program, "-S", str(CLIENT), "-B", str(folder), *options],
+        [program, "--build", str(folder), "-j2"],
+    ):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            last = "\n".join((done.stdout + done.stderr).strip().splitlines()[-15:])
+            raise RefusedError(f"the client does not build:\n{last}")
+    return folder / "fri_wiping"
+
+
+def run_session(options: argparse.Namespace, client: Path) -> None:
+    """Client and robot, until both have ended.
+
+    Raises
+    ------
+    RefusedError, BrokenOffError
+        One of them refused something, or the session failed.
+
+    """
+    folder = options.output
+    said = folder / "client.txt"
+    duration = APPROACH + TRAJECTORY_TIME + REST
+    wiping = [str(client), "--trajectory", str(TRAJECTORY), "--port", str(options.port), "--approach", str(APPROACH)]
+    wiping += ["--log", str(folder / "client.csv"), "--summary", str(folder / "client.json")]
+    robot = [sys.executable, "-m", "examples.fri_robot", "--protocol", options.protocol, "--port", str(options.port)]
+    robot += ["--robot", str(options.robot), "--send-period", str(options.send_period), "--bowl", "--duration"]
+    robot += [str(duration), "--log", str(folder / "robot.npz"), "--summary", str(folder / "robot.json")]
+    robot += [] if options.wall_clock else ["--lockstep"]
+    deadline = wall.monotonic() + LONGEST
+    with said.open("wb") as output, child(wiping, stdout=output, stderr=output) as first, child(robot) as second:
+        try:
+            while second.poll() is None:
+                if first.poll():  # refused or failed; the robot notices, unless it still waits for a client
+                    with contextlib.suppress(subprocess.TimeoutExpired):
+                        second.wait(2.0)
+                    break
+                if wall.monotonic() > deadline:
+                    raise BrokenOffError(f"the session did not end within {LONGEST:g} s")
+                wall.sleep(0.05)
+            client_code = first.wait(max(0.1, min(10.0, deadline - wall.monotonic())))
+        except subprocess.TimeoutExpired as error:
+            raise BrokenOffError("the client did not end with the session") from error
+    robot_code = second.poll()
+    if client_code or robot_code:
+        last = "\n".join(said.read_text().strip().splitlines()[-1:])
+        if client_code == 2:
+            raise RefusedError(last)
+        codes = f"exit code of the client {client_code}, of the robot {robot_code}"
+        raise BrokenOffError(f"{codes}. The client's last words: {last}")
+
+
+def antisymmetric_parts(robot: ModuleType, log: ClientLog) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Largest singular values [N m/rad] of the antisymmetric part of Kq at the client's states: (steps,) each.
+
+    Corrected and conventional, from the generated kernels.
+    """
+    K = np.diag(log.summary["controller"]["task_stiffness"])
+    kernels = robot.hybrid
+    parts = []
+    for stiffness in (kernels.joint_stiffness, kernels.joint_stiffness_uncorrected):
+        Kq = stiffness(log["q"], log["wrench"], K)
+        parts.append(np.linalg.norm((Kq - np.swapaxes(Kq, 1, 2)) / 2, 2, axis=(1, 2)))
+    return parts[0], parts[1]
+
+
+def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDArray[Any], NDArray[Any]]) -> str:
+    """The session as SVG: joint positions, torque on the wire, wrench as estimated and true, antisymmetric part."""
+    every = slice(None, None, max(1, len(log) // 400))
+    time = log["time"][every]
+    row = np.rint(log["time"] / log.summary["sample_time"]).astype(int)[every]
+    with mpl.rc_context({**STYLE, "svg.hashsalt": "fri_robot"}):
+        figure = Figure(figsize=(9.5, 6.6), layout="constrained")
+        panels = figure.subplots(2, 2, sharex=True)
+        (joints, torque), (wrench, stiffness) = panels
+        for joint, colour in enumerate(SHADES):
+            joints.plot(time, np.degrees(log["q"][every, joint]), color=colour, label=f"A{joint + 1}")
+            joints.plot(time, np.degrees(log["q0"][every, joint]), ":", color=colour)
+            torque.plot(time, received["command_torque"][row, joint], color=colour, label=f"A{joint + 1}")
+        joints.plot([], [], color=INK, label="measured")
+        joints.plot([], [], ":", color=INK, label="zero-force")
+        joints.set(ylabel="[deg]", title="joint positions")
+        torque.set(ylabel="[N m]", title="joint torques that the robot received")
+        for axis, colour in enumerate(AXES):
+            wrench.plot(time, log["wrench"][every, axis], color=colour, label=f"{'xyz'[axis]}, estimated by the client")
+            wrench.plot(
+                time, received["wrench"][row, axis], ":", color=INK, label="in the simulation" if axis == 2 else None
+            )
+        wrench.set(ylabel="[N]", xlabel="time [s]", title="force on the tool, base axes")
+        stiffness.plot(time, parts[1][every], "--", color=CONVENTIONAL, label="conventional formula")
+        stiffness.plot(time, parts[0][every], color=CORRECTED, linewidth=2, label="corrected")
+        stiffness.set(
+            ylabel="largest singular value [N m/rad]",
+            xlabel="time [s]",
+            title="antisymmetric part of the joint stiffness, same states",
+        )
+        begin = received["time"][received["state"] == SessionState.COMMANDING_ACTIVE][0] + APPROACH
+        for axes, columns, place in (
+            (joints, 3, (0.01, 0.01)),
+            (torque, 2, "best"),
+            (wrench, 1, (0.35, 0.5)),
+            (stiffness, 1, (0.5, 0.3)),
+        ):
+            label = "trajectory begins" if axes is stiffness else None
+            axes.axvline(begin, color=INK, linewidth=0.8, alpha=0.5, label=label)
+            axes.margins(x=0.01)
+            axes.legend(ncols=columns, fontsize=7, columnspacing=0.8, handlelength=1.4, loc=place)
+        return themed_svg(figure)
+
+
+def report(options: argparse.Namespace, console: Console) -> bool:
+    """Prints and draws what the session came to; whether it is as it should be."""
+    folder = options.output
+    robot = load_robot(options.robot)
+    log = read_client_log(folder / "client.csv", folder / "client.json")
+    with np.load(folder / "robot.npz") as arrays:
+        received = {name: arrays[name] for name in arrays.files if name != "summary"}
+    found, commands = compare(robot, log, received), check_commands(received, log.summary)
+    parts = antisymmetric_parts(robot, log)
+    told, faults = log.summary, log.summary["faults"]
+    figure = folder / "session.svg"
+    figure.write_text(draw(log, received, parts))
+    table = Table(box=None, show_header=False, pad_edge=False)
+    rows = [
+        ("cycles", f"{told['cycles']} of {options.send_period} ms, {told['commanding_cycles']} commanding"),
+        ("lost", f"{faults['lost_messages']} messages, {faults['lost_answers']} answers"),
+        (
+            "step time of the client",
+            f"median {told['callback_median_us']:.0f} us, worst {told['callback_worst_us']:.0f} us",
+        ),
+        ("torque received - controller in Python", f"{found.worst:.1e} N m at most"),
+        ("torque change", f"{100 * commands.worst_rate:.0f} % of the rate limit at most"),
+        ("antisymmetric part, applied", f"{told['antisymmetric_norm']:.1e} N m/rad at most"),
+        ("conventional formula, same states", f"{np.max(parts[1]):.2f} N m/rad at most"),
+        ("figure", str(figure.relative_to(ROOT) if figure.is_relative_to(ROOT) else figure)),
+    ]
+    for name, value in rows:
+        table.add_row(name, value)
+    console.print(table)
+    good = told["trajectory_done"] and found.worst <= 1e-12 and commands.worst_rate <= 1 + 1e-9
+    return bool(good and commands.not_finite == commands.beyond_limit == 0)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """The whole demo; gives the exit code."""
+    options.robot, options.output = options.robot.absolute(), options.output.absolute()
+    load_robot(options.robot)
+    options.output.mkdir(parents=True, exist_ok=True)
+    for name in ("client.csv", "client.json", "client.txt", "robot.npz", "robot.json", "session.svg"):
+        (options.output / name).unlink(missing_ok=True)  # an earlier run's are not this one's
+    with console.status("building the client ..."):
+        client = build_client(options.robot, options.protocol, options.output / f"client-{options.protocol}")
+    run_session(options, client)
+    if report(options, console):
+        return 0
+    raise BrokenOffError("the session ended, but not as it should; see the figures above")
+
+
+def main() -> int:
+    """The command line's way in."""
+    options = arguments().parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        return run(options, Console())
+    except (RefusedError, StiffgenError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    except BrokenOffError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

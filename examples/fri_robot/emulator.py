@@ -1,0 +1,550 @@
+"""The robot's side of a session: messages out, commands in, one plant step a cycle.
+
+In lockstep a cycle ends with the client's answer, whenever that is; the client cannot tell, and equal sessions are
+equal to the last bit. By the wall clock a cycle ends when its period is over.
+"""
+
+from __future__ import annotations
+
+import gc
+import socket
+import time as wall
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .faults import DIRECTIONS, KINDS, Delivery, FaultInjector, FaultPlan
+from .messages import (
+    MOST_BYTES,
+    Command,
+    CommandMode,
+    ControlMode,
+    DriveState,
+    IODirection,
+    IOType,
+    IOValue,
+    MessageError,
+    Monitoring,
+    OperationMode,
+    OverlayType,
+    Protocol,
+    SafetyState,
+    SessionState,
+)
+from .record import Recorder
+from .robot import Robot
+from .session import COMMANDING, Policy, QualityMeter, Session
+
+BUTTON = "MediaFlange.UserButton"
+LOCKSTEP_EPOCH = 1_700_000_000_000_000_000
+"""Unix time [ns] at which the robot's clock starts in lockstep, so that runs are equal."""
+UNCERTAIN_WAIT = 0.1
+"""[s] of wall time that lockstep waits for an answer that need not come: to a datagram that a fault spoiled."""
+PLANT_SHARE = 0.35
+"""Share of the period that the wall-clock mode keeps for the plant when no answer comes."""
+GOODBYES = 20
+"""Most messages with IDLE at the end; sending stops as soon as the client is gone."""
+
+
+class LinkError(Exception):
+    """The connection to the client cannot be had; the text says why."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of a session.
+
+    Attributes
+    ----------
+    period : int
+        Of the monitoring messages [ms].
+    multiplier : int
+        The client answers every so many messages.
+    mode : CommandMode
+    lockstep : bool
+    answer_timeout : float
+        Wall time that lockstep waits for an answer, and that a session waits for a client to begin [s].
+    button : (float, float) or None
+        When the user button is pressed and let go, of the robot's clock [s].
+    ios : tuple of IOValue
+        Outputs that the client may set, with their values at the start.
+
+    """
+
+    period: int
+    multiplier: int
+    mode: CommandMode
+    lockstep: bool
+    answer_timeout: float = 20.0
+    button: tuple[float, float] | None = None
+    ios: tuple[IOValue, ...] = ()
+
+
+class Link:
+    """UDP socket of the robot, connected to the client's port.
+
+    The robot's own port is any free one: a client that waits for anyone answers to where a datagram came from.
+    Connected, the socket reports that nobody listens at the other side.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.address = f"{host}:{port}"
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self.socket.connect((host, port))
+        except OSError as error:
+            self.socket.close()
+            raise LinkError(f"cannot send to {host}:{port}: {error.strerror or error}") from error
+
+    def close(self) -> None:
+        """Gives the port back."""
+        self.socket.close()
+
+    def send(self, datagram: bytes) -> None:
+        """Sends; ConnectionRefusedError if nobody listened to the datagram before."""
+        self.socket.send(datagram)
+
+    def receive(self, timeout: float) -> bytes | None:
+        """The next datagram, None if none comes in time [s]; ConnectionRefusedError if nobody listens."""
+        self.socket.settimeout(max(timeout, 0.0))
+        try:
+            return self.socket.recv(MOST_BYTES + 1)
+        except (TimeoutError, BlockingIOError):
+            return None
+
+
+@dataclass
+class Statistics:
+    """What a session came to.
+
+    ``sent`` monitoring messages, ``received`` datagrams, ``accepted`` commands; ``rejected`` datagrams and outputs by
+    reason; ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``contact_cycles``
+    of the ``active_cycles`` in COMMANDING_ACTIVE; ``worst_latency`` of an answer [s]; ``largest_force`` on the tip [N].
+    """
+
+    sent: int = 0
+    received: int = 0
+    accepted: int = 0
+    overruns: int = 0
+    slip: float = 0.0
+    rejected: Counter[str] = field(default_factory=Counter)
+    contact_cycles: int = 0
+    active_cycles: int = 0
+    worst_latency: float = 0.0
+    largest_force: float = 0.0
+
+
+class Emulator:
+    """One session with a client.
+
+    Parameters
+    ----------
+    link : Link
+    protocol : Protocol
+    robot : Robot
+    session : Session
+    policy : Policy
+    settings : Settings
+    faults : FaultPlan
+    seed : int
+        Of the faults.
+    recorder : Recorder or None
+
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        protocol: Protocol,
+        robot: Robot,
+        session: Session,
+        policy: Policy,
+        settings: Settings,
+        faults: FaultPlan,
+        seed: int = 0,
+        recorder: Recorder | None = None,
+    ) -> None:
+        self._link = link
+        self._protocol = protocol
+        self.robot = robot
+        self.session = session
+        self._settings = settings
+        self._faults = faults
+        self.injectors = {
+            direction: FaultInjector(protocol, direction, faults.datagrams[direction], seed) for direction in DIRECTIONS
+        }
+        self.forced_states = 0
+        self._recorder = recorder
+        self._period = settings.period / 1000
+        grace = 0 if settings.lockstep else int(np.ceil(policy.grace / self._period))
+        self.meter = QualityMeter(policy, settings.multiplier, grace)
+        self._executed: deque[bool] = deque(maxlen=policy.tracking_window)
+        self.tracking = 0.0
+        self.statistics = Statistics()
+        self.wrench = np.zeros(6)
+        self._epoch = LOCKSTEP_EPOCH if settings.lockstep else wall.time_ns()
+        self._cycle = 0
+        self._forced = sorted(faults.states, key=lambda fault: fault.start or 0.0)
+        self._outputs = {io.name: io for io in settings.ios}
+        self._last_command = -1
+        self._arrived: list[tuple[Command, float]] = []  # accepted in this cycle, with their latency [s]
+        self._received = 0  # datagrams in this cycle
+        self._sent_at: deque[tuple[int, float]] = deque(maxlen=1000)
+        self._fewest = self._most = 0  # messages that the client may have counted since its last answer
+        self._interrupted = False
+
+    @property
+    def time(self) -> float:
+        """Of the robot's clock since the session began [s]."""
+        return self._cycle * self._period
+
+    def interrupt(self) -> None:
+        """Ends the session after this cycle, in order (from a signal handler)."""
+        self._interrupted = True
+
+    def run(self) -> None:
+        """The whole session. How it went is in ``session.failure`` and ``statistics``.
+
+        Raises
+        ------
+        LinkError
+            No client was there.
+
+        """
+        session = self.session
+        session.open()
+        with _no_garbage_collection():
+            if self._settings.lockstep:
+                self._run_lockstep()
+            else:
+                self._run_by_the_clock()
+        session.end("session closed")
+        self._say_goodbye()
+
+    # -- one cycle
+
+    def _monitoring(self) -> Monitoring:
+        session, robot = self.session, self.robot
+        commanding = session.state in COMMANDING
+        stopped = session.failure is not None
+        return Monitoring(
+            state=session.state,
+            quality=min(session.quality, self._faults.quality_at(self.time)),
+            send_period=self._settings.period,
+            receive_multiplier=self._settings.multiplier,
+            sequence=self._cycle,
+            reflected=max(self._last_command, 0),
+            safety=SafetyState.SAFETY_STOP_LEVEL_1 if stopped else SafetyState.NORMAL_OPERATION,
+            drive=DriveState.ACTIVE,
+            operation=OperationMode.AUT,
+            control=ControlMode.JOINT_IMPEDANCE if commanding else ControlMode.POSITION,
+            command_mode=self._settings.mode if commanding else CommandMode.NO_COMMAND_MODE,
+            overlay=OverlayType.JOINT if commanding else OverlayType.NO_OVERLAY,
+            position=robot.q,
+            torque=robot.measured_torque,
+            commanded_position=robot.commanded_position,
+            commanded_torque=robot.commanded_torque,
+            external_torque=robot.external_torque,
+            external_force=self.wrench,
+            pose=robot.pose() if self._protocol.cartesian else np.full(7, np.nan),
+            redundancy=float(robot.q[2]),  # [POLICY] E1 is taken for the position of A3
+            ios=[IOValue(BUTTON, IOType.BOOLEAN, IODirection.INPUT, self._pressed()), *self._outputs.values()],
+            ipo=robot.set_point if commanding else None,
+            tracking=self.tracking,
+            sent_at=self._epoch + self._cycle * self._settings.period * 1_000_000,
+        )
+
+    def _pressed(self) -> bool:
+        span = self._settings.button
+        return span is not None and span[0] <= self.time < span[1]
+
+    def _begin(self) -> tuple[Monitoring, list[Delivery]]:
+        """State faults, then this cycle's message and what arrives at the client."""
+        while self._forced and self._forced[0].covers(self.time):
+            self.forced_states += 1
+            old = self.session.state
+            self.session.force(SessionState[self._forced.pop(0).argument])
+            self._follow_state(old)
+        monitoring = self._monitoring()
+        self._arrived.clear()
+        self._received = 0
+        if self.session.state is SessionState.IDLE:
+            return monitoring, []
+        datagram = self._protocol.encode_monitoring(monitoring)
+        self.statistics.sent += 1
+        if self._cycle == 0:  # by it the client is found; faults begin after it
+            return monitoring, [Delivery(datagram, 0, True)]
+        injector = self.injectors["robot"]
+        return monitoring, injector.send(datagram, self.time, self._cycle) + injector.release(self._cycle)
+
+    def _take(self, datagram: bytes) -> None:
+        """A datagram from the client came out of the socket; faults of its way come on top."""
+        self.statistics.received += 1
+        self._received += 1
+        for delivery in self.injectors["client"].send(datagram, self.time, self._cycle):
+            self._decode(delivery.datagram)
+
+    def _decode(self, datagram: bytes) -> None:
+        statistics = self.statistics
+        try:
+            command = self._protocol.decode_command(datagram)
+        except MessageError as error:
+            statistics.rejected[error.kind] += 1
+            return
+        if command.sequence <= self._last_command:
+            statistics.rejected["out of order or twice"] += 1
+            return
+        if command.reflected > self._cycle:
+            statistics.rejected["answers nothing"] += 1
+            return
+        self._last_command = command.sequence
+        statistics.accepted += 1
+        now = wall.perf_counter()
+        latency = next((now - at for sequence, at in reversed(self._sent_at) if sequence == command.reflected), np.nan)
+        if latency > statistics.worst_latency:
+            statistics.worst_latency = latency
+        self.meter.answered(command.reflected)
+        self._arrived.append((command, latency))
+
+    def _finish(self, monitoring: Monitoring) -> None:
+        """After the answers of a cycle: commands come into force, the session and the plant advance."""
+        for delivery in self.injectors["client"].release(self._cycle):
+            self._decode(delivery.datagram)
+        session, robot = self.session, self.robot
+        old = monitoring.state
+        complete = False
+        for command, _ in self._arrived:
+            self._write_outputs(command)
+            if old not in COMMANDING:
+                continue
+            complete |= robot.complete(command)
+            objection = robot.objection(command)
+            if objection:
+                session.fail(objection)
+            elif old is SessionState.COMMANDING_ACTIVE:
+                robot.command(command)
+        trouble = robot.trouble()
+        if trouble:
+            session.fail(trouble)
+        row = self._record(monitoring)
+        quality = min(self.meter.judge(self._cycle), self._faults.quality_at(self.time))
+        self._track(old, complete)
+        if session.state is old and old is not SessionState.IDLE:
+            session.advance(quality, answered=bool(self._arrived), complete=complete)
+        self._follow_state(old)
+        robot.step(self._period)
+        if row is not None:
+            row["applied_torque"] = robot.applied
+        self._observe(old)
+        self._cycle += 1
+        if self._interrupted:
+            session.failure = session.failure or "interrupted"
+            session.end("interrupted")
+
+    def _follow_state(self, old: SessionState) -> None:
+        new = self.session.state
+        if new is old:
+            return
+        if new is SessionState.COMMANDING_ACTIVE:
+            self.robot.release()
+        elif old in COMMANDING or new is SessionState.COMMANDING_WAIT:
+            self.robot.hold()
+
+    def _track(self, state: SessionState, complete: bool) -> None:
+        """[POLICY] Tracking performance: share of the last commands due that came at once; 0 unless commanding."""
+        if state is not SessionState.COMMANDING_ACTIVE:
+            self._executed.clear()
+            self.tracking = 0.0
+            return
+        self._executed.append(complete or (self._cycle + 1) % self._settings.multiplier != 0)
+        self.tracking = sum(self._executed) / len(self._executed)
+
+    def _observe(self, state: SessionState) -> None:
+        """External wrench, for the next message, the log and the status line."""
+        statistics = self.statistics
+        if self._recorder or self._protocol.framed or self._cycle % 50 == 0:
+            self.wrench = self.robot.plant.wrench()
+        if state is SessionState.COMMANDING_ACTIVE:
+            statistics.active_cycles += 1
+            statistics.contact_cycles += self.robot.plant.in_contact
+            statistics.largest_force = max(statistics.largest_force, float(np.linalg.norm(self.wrench[:3])))
+
+    def _write_outputs(self, command: Command) -> None:
+        for io in command.ios:
+            known = self._outputs.get(io.name)
+            if known is None or known.type is not io.type:
+                self.statistics.rejected["IO"] += 1
+            else:
+                known.value = io.value
+
+    def _record(self, sent: Monitoring) -> Any:
+        if self._recorder is None:
+            return None
+        row = self._recorder.new_row()
+        row["time"], row["timestamp"] = self.time, sent.sent_at
+        row["sequence"], row["reflected"] = sent.sequence, sent.reflected
+        row["state"], row["quality"], row["safety"] = sent.state, sent.quality, sent.safety
+        row["command_mode"], row["button"], row["tracking"] = sent.command_mode, self._pressed(), sent.tracking
+        row["q"], row["dq"], row["torque"] = sent.position, self.robot.dq, sent.torque
+        row["external_torque"] = sent.external_torque
+        row["sent_position"], row["sent_torque"] = sent.commanded_position, sent.commanded_torque
+        row["ipo"] = np.nan if sent.ipo is None else sent.ipo
+        row["pose"], row["wrench"] = sent.pose, sent.external_force
+        row["in_contact"] = self.robot.plant.in_contact
+        for direction in DIRECTIONS:
+            last = self.injectors[direction].last
+            row[f"{direction}_fault"] = -1 if last is None else KINDS.index(last)
+        self.injectors["client"].last = None
+        row["received"], row["accepted"] = self._received, len(self._arrived)
+        command, latency = self._arrived[-1] if self._arrived else (Command(-1, -1, None, None, ()), np.nan)
+        row["command_sequence"], row["command_reflects"] = command.sequence, command.reflected
+        row["has_position"], row["has_torque"] = command.position is not None, command.torque is not None
+        row["command_position"] = np.nan if command.position is None else command.position
+        row["command_torque"] = np.nan if command.torque is None else command.torque
+        row["latency"] = latency
+        return row
+
+    # -- the two clocks
+
+    def _meet(self, datagram: bytes) -> bytes | None:
+        """Sends the first message until somebody listens; gives what was answered at once, if anything.
+
+        Raises
+        ------
+        LinkError
+            Nobody did.
+
+        """
+        deadline = wall.monotonic() + self._settings.answer_timeout
+        while wall.monotonic() < deadline and not self._interrupted:
+            self._sent_at.append((self._cycle, wall.perf_counter()))
+            try:
+                self._link.send(datagram)
+                return self._link.receive(0.05)
+            except ConnectionRefusedError:
+                wall.sleep(0.02)
+        if self._interrupted:
+            return None
+        raise LinkError(
+            f"no client listens on {self._link.address}; start it before the robot, or at most "
+            f"{self._settings.answer_timeout:g} s after it"
+        )
+
+    def _gone(self) -> None:
+        """Nobody listens any more, in the middle of the session."""
+        self.session.failure = self.session.failure or "the client closed its port"
+        self.session.end("client gone")
+
+    def _run_lockstep(self) -> None:
+        while self.session.state is not SessionState.IDLE:
+            monitoring, arriving = self._begin()
+            try:
+                for delivery in arriving:
+                    self._exchange(delivery)
+            except ConnectionRefusedError:
+                self._gone()
+            self._finish(monitoring)
+
+    def _exchange(self, delivery: Delivery) -> None:
+        """Delivers a datagram and waits for its answer: as long as it takes if one must come, else a little."""
+        answer = None
+        if self._cycle == 0:
+            answer = self._meet(delivery.datagram)
+        else:
+            self._sent_at.append((delivery.cycle, wall.perf_counter()))
+            self._link.send(delivery.datagram)
+        # A spoiled message may count for the client or not.
+        self._fewest += delivery.intact
+        self._most += 1
+        if self._most < self._settings.multiplier:
+            return
+        must = self._fewest >= self._settings.multiplier
+        deadline = wall.monotonic() + (self._settings.answer_timeout if must else UNCERTAIN_WAIT)
+        while not self._interrupted:
+            if answer is None:
+                answer = self._link.receive(min(deadline - wall.monotonic(), 0.2))  # a signal is heeded in between
+            if answer is None:
+                if wall.monotonic() < deadline:
+                    continue
+                break
+            self._take(answer)
+            self._fewest = self._most = 0
+            if self._reflected(answer) in (delivery.cycle, None):
+                return
+            answer = None  # the answer to an earlier one
+        if must and not self._interrupted:
+            self.session.failure = self.session.failure or (
+                f"the client did not answer within {self._settings.answer_timeout:g} s"
+            )
+            self.session.end("client silent")
+
+    def _reflected(self, datagram: bytes) -> int | None:
+        try:
+            return self._protocol.decode_command(datagram).reflected
+        except MessageError:
+            return None
+
+    def _run_by_the_clock(self) -> None:
+        start = wall.perf_counter()
+        while self.session.state is not SessionState.IDLE:
+            monitoring, arriving = self._begin()
+            try:
+                if self._cycle == 0:
+                    answer = self._meet(arriving[0].datagram)
+                    start = self._sent_at[-1][1]
+                    if answer is not None:
+                        self._take(answer)
+                else:
+                    for delivery in arriving:
+                        self._sent_at.append((delivery.cycle, wall.perf_counter()))
+                        self._link.send(delivery.datagram)
+                self._collect(start + (1 - PLANT_SHARE) * self._period)
+            except ConnectionRefusedError:
+                self._gone()
+            self._finish(monitoring)
+            start += self._period
+            ahead = start - wall.perf_counter()
+            if ahead > 0:
+                wall.sleep(ahead)
+            else:
+                # The robot's clock waits for this machine: no burst of messages makes up for lost time.
+                self.statistics.overruns += 1
+                self.statistics.slip -= ahead
+                start -= ahead
+
+    def _collect(self, until: float) -> None:
+        """Takes answers until one was accepted or time is up, and whatever else is there."""
+        while True:
+            left = 0.0 if self._arrived else until - wall.perf_counter()
+            datagram = self._link.receive(left)
+            if datagram is None:
+                return
+            self._take(datagram)
+
+    def _say_goodbye(self) -> None:
+        """Messages with IDLE, untouched by faults, until the client is gone: a session's clean end."""
+        monitoring = self._monitoring()
+        for _ in range(GOODBYES):
+            try:
+                self._link.send(self._protocol.encode_monitoring(monitoring))
+                self._link.receive(0.01)
+            except ConnectionRefusedError:
+                return
+            monitoring.sequence += 1
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """The collector's pauses would be the robot's."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

@@ -1,0 +1,295 @@
+"""Faults of the connection, put in on purpose: what to do to which datagram, from a short text, seeded.
+
+A specification is a list of faults separated by commas::
+
+    [robot.|client.]KIND[=PROBABILITY][@TIME|@START-END][:ARGUMENT]
+
+``robot.`` means what the robot sends, ``client.`` what the client sends; without either both. Times are seconds of the
+robot's clock since the session began. With a probability each datagram (in the interval, if one is given) is hit at
+random; with an interval alone every datagram in it; with a time alone the first datagram from then on.
+
+=============  =========================================================================================
+drop           lost
+delay:CYCLES   arrives so many cycles later (default 3)
+reorder        arrives after the next one that arrives
+duplicate      arrives twice
+garbage        random bytes instead
+empty          an empty datagram instead
+identifier     wrong message identifier
+missing:FIELD  a field left out (default: the header's sequence counter, which is required)
+six            all joint values six instead of seven
+nan            all joint values NaN
+crc            wrong CRC (2.7 alone)
+silence        nothing arrives; takes an interval
+state:STATE    the robot goes to this session state; takes a time
+quality:VALUE  the robot reports at most this quality; takes an interval
+=============  =========================================================================================
+
+One datagram suffers one fault: the first of the list that hits it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .messages import JOINTS, MOST_BYTES, Protocol, Quality, SessionState
+
+DIRECTIONS = ("robot", "client")
+KINDS = ("drop", "delay", "reorder", "duplicate", "garbage", "empty", "identifier", "missing", "six", "nan", "crc",
+         "silence", "state", "quality")  # fmt: skip
+_FIELDS = {
+    "robot": ("header.sequenceCounter", "robotInfo", "monitorData", "connectionInfo", "ipoData",
+              "ipoData.jointPosition", "monitorData.measuredJointPosition", "monitorData.externalTorque",
+              "monitorData.timestamp", "connectionInfo.sendPeriod"),
+    "client": ("header.sequenceCounter", "commandData", "commandData.jointPosition", "commandData.jointTorque"),
+}  # fmt: skip
+_ITEM = re.compile(
+    r"(?:(?P<direction>robot|client)\.)?(?P<kind>[a-z]+)"
+    r"(?:=(?P<probability>[0-9.eE+-]+?))?"
+    r"(?:@(?P<start>[0-9.]+)(?:-(?P<end>[0-9.]+))?)?"
+    r"(?::(?P<argument>[\w.]+))?"
+)
+
+
+class FaultError(ValueError):
+    """A fault specification cannot be read; the text says what is wrong and what is possible."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a specification.
+
+    Attributes
+    ----------
+    kind : str
+        One of :data:`KINDS`.
+    probability : float or None
+        For each datagram; None: every datagram in the interval, or one.
+    start, end : float or None
+        Interval of the robot's clock [s]; ``end`` None: one datagram, or, with a probability, no end.
+    argument : str
+        As the table of kinds has it.
+
+    """
+
+    kind: str
+    probability: float | None
+    start: float | None
+    end: float | None
+    argument: str
+
+    @property
+    def once(self) -> bool:
+        """Whether one datagram alone is meant."""
+        return self.probability is None and self.end is None
+
+    def covers(self, time: float) -> bool:
+        """Whether a time [s] is in the interval."""
+        return (self.start is None or time >= self.start - 1e-9) and (self.end is None or time < self.end - 1e-9)
+
+
+@dataclass(frozen=True)
+class FaultPlan:
+    """All faults of a session: for datagrams by direction, and of the robot itself."""
+
+    datagrams: dict[str, tuple[Fault, ...]]
+    states: tuple[Fault, ...]
+    qualities: tuple[Fault, ...]
+
+    def quality_at(self, time: float) -> Quality:
+        """Best quality that may be reported at a time [s]."""
+        return min(
+            [Quality[fault.argument] for fault in self.qualities if fault.covers(time)], default=Quality.EXCELLENT
+        )
+
+
+def parse_faults(specification: str, version: str) -> FaultPlan:
+    """Reads a fault specification for an FRI version.
+
+    Raises
+    ------
+    FaultError
+        It cannot be read; the text names the item.
+
+    """
+    plan: dict[str, list[Fault]] = {direction: [] for direction in DIRECTIONS}
+    states, qualities = [], []
+    for item in filter(None, (part.strip() for part in specification.split(","))):
+        match = _ITEM.fullmatch(item)
+        if not match:
+            raise FaultError(
+                f"fault '{item}': not of the form [robot.|client.]KIND[=PROBABILITY][@START[-END]][:ARGUMENT]"
+            )
+        fault = _checked(item, match, version)
+        if fault.kind == "state":
+            states.append(fault)
+        elif fault.kind == "quality":
+            qualities.append(fault)
+        else:
+            for direction in DIRECTIONS if match["direction"] is None else (match["direction"],):
+                if fault.kind == "missing" and fault.argument not in _FIELDS[direction]:
+                    if match["direction"] is None and fault.argument in _FIELDS["robot"] + _FIELDS["client"]:
+                        continue  # a field that messages of the other direction have
+                    raise FaultError(f"fault '{item}': takes one of {', '.join(_FIELDS[direction])}")
+                plan[direction].append(fault)
+    return FaultPlan({key: tuple(value) for key, value in plan.items()}, tuple(states), tuple(qualities))
+
+
+def _checked(item: str, match: re.Match[str], version: str) -> Fault:
+    kind, argument = match["kind"], match["argument"] or ""
+    if kind not in KINDS:
+        raise FaultError(f"fault '{item}': no kind '{kind}'; there are {', '.join(KINDS)}")
+    try:
+        probability, start, end = (
+            None if match[name] is None else float(match[name]) for name in ("probability", "start", "end")
+        )
+    except ValueError as error:
+        raise FaultError(f"fault '{item}': {error}") from error
+    if probability is not None and not 0 <= probability <= 1:
+        raise FaultError(f"fault '{item}': a probability is from 0 to 1")
+    if start is not None and end is not None and end <= start:
+        raise FaultError(f"fault '{item}': the interval ends before it begins")
+    if probability is None and start is None:
+        raise FaultError(f"fault '{item}': give a probability (=0.01) or a time (@2.5)")
+    if kind in ("silence", "quality") and (end is None or probability is not None):
+        raise FaultError(f"fault '{item}': takes an interval, such as @2-2.2")
+    if kind == "state" and (end is not None or probability is not None):
+        raise FaultError(f"fault '{item}': takes a time, such as @2.5")
+    if kind in ("state", "quality") and match["direction"] == "client":
+        raise FaultError(f"fault '{item}': the robot alone decides this")
+    if kind == "crc" and version != "2.7":
+        raise FaultError(f"fault '{item}': FRI {version} has no CRC in its datagrams; 2.7 has")
+    if kind == "delay":
+        argument = argument or "3"
+        if not argument.isdecimal() or not 1 <= int(argument) <= 1000:
+            raise FaultError(f"fault '{item}': takes a number of cycles from 1 to 1000")
+    elif kind == "missing":
+        argument = argument or "header.sequenceCounter"
+    elif kind in ("state", "quality"):
+        argument, words = argument.upper(), SessionState if kind == "state" else Quality
+        if argument not in words.__members__:
+            raise FaultError(f"fault '{item}': takes one of {', '.join(words.__members__)}")
+    elif argument:
+        raise FaultError(f"fault '{item}': '{kind}' takes no argument")
+    return Fault(kind, probability, start, end, argument)
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """A datagram that is to arrive, from the cycle it was sent in. ``intact``: as it was sent, at its time, once."""
+
+    datagram: bytes
+    cycle: int
+    intact: bool
+
+
+class FaultInjector:
+    """Does to the datagrams of one direction what the plan says.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        To take messages apart.
+    direction : str
+        "robot" or "client".
+    faults : tuple of Fault
+        Those of this direction.
+    seed : int
+        Of the random numbers; each datagram uses the same number of them, so that equal sessions meet equal faults.
+
+    Attributes
+    ----------
+    counts : Counter
+        Datagrams hit, by kind.
+
+    """
+
+    def __init__(self, protocol: Protocol, direction: str, faults: tuple[Fault, ...], seed: int) -> None:
+        self._protocol = protocol
+        self._class = protocol.monitoring_class if direction == "robot" else protocol.command_class
+        self._faults = faults
+        self._done: set[int] = set()
+        self._random = np.random.default_rng([seed, DIRECTIONS.index(direction)])
+        self._held: list[tuple[int | None, Delivery]] = []  # with the cycle to arrive in; None: after the next one
+        self._latest = -1  # cycle of the newest datagram that arrived
+        self.counts: Counter[str] = Counter()
+        self.last: str | None = None
+        """Kind of the fault that hit the last datagram, or None."""
+
+    def _hit(self, time: float) -> Fault | None:
+        found = None
+        for k, fault in enumerate(self._faults):
+            lucky = fault.probability is None or self._random.random() < fault.probability
+            if found or k in self._done or not lucky or not fault.covers(time):
+                continue
+            found = fault
+            if fault.once:
+                self._done.add(k)
+        return found
+
+    def send(self, datagram: bytes, time: float, cycle: int) -> list[Delivery]:
+        """What arrives now of a datagram sent at a time [s] in a cycle."""
+        fault = self._hit(time)
+        self.last = fault.kind if fault else None
+        if fault is None:
+            self._latest = cycle
+            return [Delivery(datagram, cycle, True)]
+        self.counts[fault.kind] += 1
+        if fault.kind in ("drop", "silence"):
+            return []
+        if fault.kind in ("delay", "reorder"):
+            at = cycle + int(fault.argument) if fault.kind == "delay" else None
+            self._held.append((at, Delivery(datagram, cycle, False)))
+            return []
+        self._latest = cycle
+        if fault.kind == "duplicate":
+            return [Delivery(datagram, cycle, True), Delivery(datagram, cycle, False)]
+        return [Delivery(self._changed(fault, datagram), cycle, False)]
+
+    def release(self, cycle: int) -> list[Delivery]:
+        """Datagrams held back that arrive in a cycle, after that cycle's own."""
+        due: list[tuple[int | None, Delivery]] = []
+        later: list[tuple[int | None, Delivery]] = []
+        for at, delivery in self._held:
+            now = self._latest > delivery.cycle if at is None else at <= cycle
+            (due if now else later).append((at, delivery))
+        self._held = later
+        return [delivery for _, delivery in due]
+
+    def _changed(self, fault: Fault, datagram: bytes) -> bytes:
+        if fault.kind == "garbage":
+            return self._random.bytes(int(self._random.integers(1, MOST_BYTES + 1)))
+        if fault.kind == "empty":
+            return b""
+        if fault.kind == "crc":
+            return datagram[:-1] + bytes([datagram[-1] ^ 0xFF])
+        try:
+            message = self._class.FromString(self._protocol.unframe(datagram))
+        except ValueError:
+            return datagram  # what the client sent was no message to begin with
+        if fault.kind == "identifier":
+            message.header.messageIdentifier ^= 1
+        elif fault.kind == "missing":
+            *way, name = fault.argument.split(".")
+            part = message
+            for step in way:
+                part = getattr(part, step)
+            part.ClearField(name)
+        else:
+            _spoil_joint_values(message, fault.kind)
+        return self._protocol.frame(message.SerializePartialToString())
+
+
+def _spoil_joint_values(message: Any, kind: str) -> None:
+    for part in (child for field, child in message.ListFields() if field.message_type and not field.is_repeated):
+        if part.DESCRIPTOR.name != "JointValues":
+            _spoil_joint_values(part, kind)
+        elif kind == "six":
+            del part.value[JOINTS - 1 :]
+        else:
+            part.value[:] = [float("nan")] * len(part.value)

@@ -1,0 +1,147 @@
+"""What went over the wire against the same controller stepped in Python on the inputs in the client's log."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .messages import JOINTS, SessionState
+
+GUARD = 1 << 6
+"""Bit of the client's column `events`: the torque sent is not the controller's."""
+
+
+@dataclass(frozen=True)
+class ClientLog:
+    """Controller steps of a client's session: arrays of shape (steps,) or (steps, width) by name, and its summary."""
+
+    columns: Mapping[str, NDArray[Any]]
+    summary: Mapping[str, Any]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.columns[name]
+
+    def __len__(self) -> int:
+        return len(self.columns["time"])
+
+
+def read_client_log(log: Path, summary: Path) -> ClientLog:
+    """The CSV and JSON that fri_wiping writes; columns name_0, name_1, ... become one array."""
+    with log.open() as stream:
+        names = stream.readline().strip().split(",")
+        lines = stream.readlines()
+    values = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.zeros((0, len(names)))
+    columns: dict[str, NDArray[Any]] = {}
+    for name in dict.fromkeys(n.rsplit("_", 1)[0] if n[-1].isdigit() else n for n in names):
+        wanted = [k for k, n in enumerate(names) if n == name or (n[-1].isdigit() and n.rsplit("_", 1)[0] == name)]
+        columns[name] = values[:, wanted[0]] if names[wanted[0]] == name else values[:, wanted]
+    return ClientLog(columns, json.loads(summary.read_text()))
+
+
+def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
+    """The controller of a generated robot, configured as a client's summary says."""
+    told = summary["controller"]
+    names = ("sample_time", "stiffness_formula", "nullspace", "nullspace_stiffness", "damping_ratio", "joint_damping",
+             "effort_limit", "torque_rate_limit", "tank")  # fmt: skip
+    return robot.Impedance({name: told[name] for name in names})
+
+
+def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
+    """Torque (steps, 7) [N m] of the controller, stepped in Python on the inputs in the log.
+
+    It begins anew where the client's did, and misses the samples that the client's missed.
+    """
+    torque = np.full((len(log), JOINTS), np.nan)
+    starts = np.flatnonzero(log["start"])
+    K = np.diag(log.summary["controller"]["task_stiffness"])
+    for begin, end in zip(starts, [*starts[1:], len(log)], strict=True):
+        part = slice(begin, end)
+        valid = log["sample_valid"][part].astype(int)
+        inputs = {name: log[name][part] for name in ("q", "dq", "q0", "dq0", "wrench")}
+        steps = controller(robot, log.summary).run(task_stiffness=K, sample_valid=valid, **inputs)
+        torque[part] = steps.torque
+    return torque
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Torques received by the robot against the replay.
+
+    ``compared`` commands were in both; ``worst`` is their largest difference [N m], ``worst_step`` that of the client's
+    own steps, received or not. ``guarded`` commands were cut by the client on purpose after lost cycles; their worst
+    difference to what its log says was sent is ``worst_guarded``.
+    """
+
+    compared: int
+    worst: float
+    worst_step: float
+    guarded: int
+    worst_guarded: float
+
+
+def compare(robot: Any, log: ClientLog, received: Mapping[str, NDArray[Any]]) -> Comparison:
+    """Compares what the robot received (its log) with the controller stepped in Python on the client's log."""
+    torque = replayed_torque(robot, log)
+    worst_step = float(np.max(np.abs(torque - log["torque"]), initial=0.0))
+    sequence = np.rint(log["time"] / log.summary["sample_time"]).astype(int)
+    answered = {s: k for k, (s, valid) in enumerate(zip(sequence, log["sample_valid"], strict=True)) if valid}
+    active = received["state"] == SessionState.COMMANDING_ACTIVE
+    guard = log["events"].astype(int) & GUARD
+    worst, worst_guarded, compared, guarded = 0.0, 0.0, 0, 0
+    for row in np.flatnonzero(active & received["has_torque"]):
+        step = answered.get(int(received["command_reflects"][row]))
+        if step is None:
+            continue
+        command = received["command_torque"][row]
+        if guard[step]:
+            guarded += 1
+            worst_guarded = max(worst_guarded, float(np.max(np.abs(log["sent_torque"][step] - command))))
+        else:
+            compared += 1
+            worst = max(worst, float(np.max(np.abs(torque[step] - command))))
+    return Comparison(compared, worst, worst_step, guarded, worst_guarded)
+
+
+@dataclass(frozen=True)
+class Commands:
+    """What the robot received as torque in COMMANDING_ACTIVE.
+
+    ``commands`` of them, ``not_finite`` with NaN or infinity, ``beyond_limit`` greater than the effort limit;
+    ``worst_rate`` is the largest change from one to the next as a share of what the rate limit allows.
+    """
+
+    commands: int
+    not_finite: int
+    beyond_limit: int
+    worst_rate: float
+
+
+def check_commands(received: Mapping[str, NDArray[Any]], summary: Mapping[str, Any]) -> Commands:
+    """Holds the torques in the robot's log against the client's own limits.
+
+    The client may move its torque by one step of the rate limit from one command that it sends to the next; between two
+    that arrived it may have moved as often as its counter did.
+    """
+    told = summary["controller"]
+    active = received["state"] == SessionState.COMMANDING_ACTIVE
+    rows = np.flatnonzero(active & received["has_torque"])
+    torque = received["command_torque"][rows]
+    finite = np.isfinite(torque).all(axis=1)
+    beyond = (np.abs(torque) > np.array(told["effort_limit"])).any(axis=1)
+    # Each motion starts from zero torque.
+    motion = np.cumsum(np.diff(active, prepend=False))
+    first = np.flatnonzero(np.diff(motion[rows], prepend=-1))
+    limit = np.array(told["torque_rate_limit"]) * told["sample_time"]
+    change = np.abs(np.diff(torque, axis=0, prepend=np.zeros((1, JOINTS))))
+    steps = np.diff(received["command_sequence"][rows], prepend=0)
+    change[first] = np.abs(torque[first])
+    begin = np.array([np.flatnonzero(motion == motion[row])[0] for row in rows[first]], dtype=int)
+    steps[first] = received["command_reflects"][rows[first]] - received["sequence"][begin].astype(int) + 1
+    rate = (change / limit).max(axis=1, initial=0.0) / np.maximum(steps, 1)
+    return Commands(len(rows), int((~finite).sum()), int(beyond.sum()), float(np.max(rate, initial=0.0)))
