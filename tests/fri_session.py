@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cmake
+import ninja
 import numpy as np
 from examples.fri_robot.messages import (
     CommandMode,
@@ -47,7 +49,7 @@ def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fu
     ]  # fmt: skip
     for command in (configure, [program, "--build", folder, "-j2"]):
         done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+        assert done.returncode == 0, " ".join((done.stdout[-4000:] + done.stderr[-4000:]).split())
     return folder
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
+import shutil
 import socket
 import struct
 import subprocess
@@ -127,6 +129,47 @@ def test_clang_takes_the_sources_without_a_warning(open_programs: Programs) -> N
                f"-isystem{folder / 'client' / 'open_fri'}", *map(str, sources)]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
+
+
+def installed_library(programs: Programs, root: Path) -> Path:
+    """The open library in the place of an installed SDK: its headers, and libFRIClient with nanopb in it."""
+    (root / "include").mkdir(parents=True)
+    (root / "lib").mkdir()
+    for header in (ROOT / "examples" / "fri_client" / "open_fri").glob("*.h"):
+        shutil.copy(header, root / "include")
+    cache = (programs.folder / "CMakeCache.txt").read_text()
+    nanopb = re.search(r"^NANOPB_LIBRARY:\w+=(.*)$", cache, re.MULTILINE)
+    assert nanopb
+    parts = [programs.folder / "client" / "open_fri" / "libopen_fri.a", nanopb[1]]
+    script = "\n".join([f"create {root}/lib/libFRIClient.a", *(f"addlib {part}" for part in parts), "save", "end", ""])
+    subprocess.run(["ar", "-M"], input=script, text=True, check=True)
+    return root
+
+
+def test_installed_library_is_linked_in_place_of_the_open_one(one: Programs, tmp_path: Path) -> None:
+    """The way to an SDK, tried without one."""
+    root = installed_library(one, tmp_path / "sdk")
+    options = [f"-DFRI_SDK_ROOT={root}", "-DFRI_SDK_VERSION=2.7"]
+    linked = Programs(build(tmp_path / "build", options, compiler="gcc", flags="-O0"), "2.7")
+    script = linked.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 20)
+    script.add(IDLE)
+    code, out, errors = over_udp(linked, script)
+    assert (code, errors) == (0, "") and "KUKA SDK 2.7" in out and "datagram" not in out
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        (["-DFRI_SDK_ROOT=/nowhere"], "no friLBRClient.h or no libFRIClient there"),
+        (["-DOPEN_FRI_VERSION=3.0"], "'3.0' is no version of the FRI"),
+        (["-DROBOT_NAME=nobody"], "has no nobody_impedance.h"),
+    ],
+)
+def test_wrong_build_option_is_refused_with_the_remedy(options: list[str], wanted: str, tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=re.escape(wanted)):
+        build(tmp_path, options, compiler="gcc", flags="")
 
 
 # ---- the wire ------------------------------------------------------------------------------------------------------

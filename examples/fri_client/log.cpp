@@ -41,7 +41,8 @@ Log::Log(Records &records, const std::string &path) : records_(records), file_(N
     }
     file_ = std::fopen(path.c_str(), "w");
     if (file_ == NULL) {
-        throw std::runtime_error("log " + path + ": " + std::strerror(errno) + "; name a file that can be written with --log");
+        throw std::runtime_error("log " + path + ": " + std::strerror(errno) +
+                                 "; name a file that can be written with --log");
     }
     std::setvbuf(file_, NULL, _IOFBF, 1 << 18);
     std::fprintf(file_, "time");

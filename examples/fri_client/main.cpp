@@ -60,10 +60,8 @@ std::string reason(const WipingClient &client, const Settings &settings)
     case REFUSAL_TORQUE_MODE:
         return "the robot is not in torque mode; give its joint overlay the client command mode TORQUE in the robot "
                "application";
-    case REFUSAL_CONTROLLER:
-        return std::string("controller: ") + stiffgen_error_text(client.controller_error());
-    default:
-        return "";
+    case REFUSAL_CONTROLLER: return std::string("controller: ") + stiffgen_error_text(client.controller_error());
+    default: return "";
     }
 }
 
@@ -140,8 +138,10 @@ int run(const Options &options)
         line += "summary " + options.summary + ": " + std::strerror(errno);
     }
     if (!logged) {
-        std::fprintf(stderr, "fri_wiping: the log is not complete (%llu records dropped); a slower disk needs a shorter session\n",
-                     records->refused());
+        std::fprintf(
+            stderr,
+            "fri_wiping: the log is not complete (%llu records dropped); a slower disk needs a shorter session\n",
+            records->refused());
     }
     if (!line.empty()) {
         std::fprintf(stderr, "fri_wiping: %s\n", line.c_str());

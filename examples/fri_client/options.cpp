@@ -191,7 +191,8 @@ bool Options::parse(int argc, char **argv)
         case DRY_RUN: settings.dry_run = true; break;
         case REALTIME: realtime = integer(name, text, 1, 99); break;
         case HELP_WANTED: std::fputs(HELP, stdout); return false;
-        case ':': throw std::runtime_error(std::string(argv[optind - 1]) + ": its value is missing; see fri_wiping --help");
+        case ':':
+            throw std::runtime_error(std::string(argv[optind - 1]) + ": its value is missing; see fri_wiping --help");
         default: throw std::runtime_error(std::string(argv[optind - 1]) + ": no such option; see fri_wiping --help");
         }
     }

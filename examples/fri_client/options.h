@@ -11,9 +11,9 @@ struct Options {
     std::string trajectory, log, summary, host;
     double trajectory_period; /* [s] */
     int port, sensor_port;
-    unsigned int timeout;     /* [ms] of silence that ends the session */
-    double wait;              /* [s] for the robot's first datagram */
-    int realtime;             /* priority; 0: none */
+    unsigned int timeout; /* [ms] of silence that ends the session */
+    double wait;          /* [s] for the robot's first datagram */
+    int realtime;         /* priority; 0: none */
     bool sensor;
 
     Options();

@@ -5,8 +5,8 @@
 #include <cstddef>
 
 /*
- * Lock-free queue of fixed size from one thread to one other. push and pop neither wait nor allocate; a push into a full
- * ring is refused and counted.
+ * Lock-free queue of fixed size from one thread to one other. push and pop neither wait nor allocate; a push into a
+ * full ring is refused and counted.
  */
 template <typename T, std::size_t CAPACITY> class Ring {
     static_assert(CAPACITY > 0 && (CAPACITY & (CAPACITY - 1)) == 0, "the capacity is a power of two");

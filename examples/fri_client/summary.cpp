@@ -1,13 +1,26 @@
 #include "summary.h"
 
 #include <cstdio>
+#include <cstdlib>
 
 namespace {
 
+/* The shortest of two forms that is read back as the same number. */
 std::string number(double value)
 {
     char text[40];
-    std::snprintf(text, sizeof text, "%.17g", value);
+    std::snprintf(text, sizeof text, "%.15g", value);
+    if (std::strtod(text, NULL) != value) {
+        std::snprintf(text, sizeof text, "%.17g", value);
+    }
+    return text;
+}
+
+/* A time in microseconds, to its bins' tenths. */
+std::string microseconds(double seconds)
+{
+    char text[40];
+    std::snprintf(text, sizeof text, "%.1f", 1e6 * seconds);
     return text;
 }
 
@@ -58,12 +71,12 @@ Summary::Summary(const WipingClient &client, const Traffic &traffic, const KUKA:
         {"commanding_cycles", count(c.commanding_cycles)},
         {"answers", count(answer.count())},
         {"antisymmetric_norm", number(c.antisymmetric)},
-        {"callback_median_us", number(1e6 * callback.quantile(0.5))},
-        {"callback_9999_us", number(1e6 * callback.quantile(0.9999))},
-        {"callback_worst_us", number(1e6 * callback.most())},
-        {"answer_median_us", number(1e6 * answer.quantile(0.5))},
-        {"answer_9999_us", number(1e6 * answer.quantile(0.9999))},
-        {"answer_worst_us", number(1e6 * answer.most())},
+        {"callback_median_us", microseconds(callback.quantile(0.5))},
+        {"callback_9999_us", microseconds(callback.quantile(0.9999))},
+        {"callback_worst_us", microseconds(callback.most())},
+        {"answer_median_us", microseconds(answer.quantile(0.5))},
+        {"answer_9999_us", microseconds(answer.quantile(0.9999))},
+        {"answer_worst_us", microseconds(answer.most())},
         {"log_rows", count(log.rows())},
         {"log_overruns", count(records.refused())},
     };
@@ -112,7 +125,9 @@ Summary::Summary(const WipingClient &client, const Traffic &traffic, const KUKA:
 void Summary::print() const
 {
     for (const auto &field : session_) {
-        std::printf("%-24s %s\n", field.first.c_str(), field.second.c_str());
+        const bool word = field.second[0] == '"';
+        std::printf("%-24s %s\n", field.first.c_str(),
+                    field.second.substr(word, field.second.size() - 2 * word).c_str());
     }
     std::printf("faults, where there were any:\n");
     bool any = false;
@@ -140,9 +155,8 @@ bool Summary::write(const std::string &path) const
                          i + 1 < list.size() ? "," : "");
         }
     };
-    Fields top = session_;
     std::fprintf(file, "{\n");
-    for (const auto &field : top) {
+    for (const auto &field : session_) {
         std::fprintf(file, "  \"%s\": %s,\n", field.first.c_str(), field.second.c_str());
     }
     std::fprintf(file, "  \"faults\": {\n");

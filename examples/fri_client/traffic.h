@@ -26,7 +26,7 @@ public:
     {
     }
 
-    virtual int receive(Buffer buffer, Size size)
+    int receive(Buffer buffer, Size size) override
     {
         last_size_ = KUKA::FRI::UdpConnection::receive(buffer, size);
         arrival_ = monotonic_time();
@@ -34,7 +34,7 @@ public:
         return last_size_;
     }
 
-    virtual bool send(Bytes bytes, Size size)
+    bool send(Bytes bytes, Size size) override
     {
         const bool sent = KUKA::FRI::UdpConnection::send(bytes, size);
         answers_.add(monotonic_time() - arrival_);

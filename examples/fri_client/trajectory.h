@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-/* A zero-force joint trajectory [rad] from a file: through its samples, with velocities from fits to several of them. */
+/* A zero-force joint trajectory [rad] from a file: through its samples, with velocities fitted to several of them. */
 class Trajectory {
 public:
     /*

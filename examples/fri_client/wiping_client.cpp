@@ -14,8 +14,9 @@ const char *const BUTTON = "MediaFlange.UserButton";
 /* [s] in which the trajectory comes to a stand when the button is pressed, and goes on when it is released. */
 const double PACE_TIME = 0.25;
 
-/* Cycles of COMMANDING_WAIT without torque mode after which the client gives up: one message may be at fault, ten not. */
-const int TORQUE_MODE_PATIENCE = 10;
+/* Messages without a send period, or cycles of COMMANDING_WAIT without torque mode, after which the client gives up:
+ * one message may be at fault, ten not. */
+const int PATIENCE = 10;
 
 /* A sensor that has been silent for so many seconds has failed. */
 const double SENSOR_PATIENCE = 0.05;
@@ -62,10 +63,10 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
                            Records &records)
     : settings_(settings), trajectory_(trajectory), sensor_(sensor), records_(records),
       velocity_(settings.velocity_filter), sample_time_(0.0), clock_known_(false), clock_start_(0), clock_last_(0),
-      time_(0.0), lost_(0), stale_(false), since_position_(0), valid_(false), controlling_(false), start_(0), fallen_back_(false),
-      approach_clock_(0.0), progress_(0.0), pace_(1.0), done_(false), quality_(0), without_torque_mode_(0),
-      button_registered_(false), button_(false), sensor_age_(LONG_AGO), events_(0), last_callback_(0.0), finished_(false),
-      refusal_(REFUSAL_NONE), controller_error_(0)
+      time_(0.0), lost_(0), stale_(false), since_position_(0), valid_(false), controlling_(false), start_(0),
+      fallen_back_(false), approach_clock_(0.0), progress_(0.0), pace_(1.0), done_(false), quality_(0),
+      without_period_(0), without_torque_mode_(0), button_registered_(false), button_(false), sensor_age_(LONG_AGO),
+      events_(0), last_callback_(0.0), finished_(false), refusal_(REFUSAL_NONE), controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
     std::memset(&input_, 0, sizeof input_);
@@ -96,17 +97,24 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     refusal_ = controller_error_ == 0 ? REFUSAL_NONE : REFUSAL_CONTROLLER;
 }
 
-/* ---- what every cycle does ---------------------------------------------------------------------------------------- */
+/* ---- what every cycle does -------------------------------------------------------------------------------------- */
 
 void WipingClient::refuse(Refusal reason)
 {
     refusal_ = refusal_ == REFUSAL_NONE ? reason : refusal_;
 }
 
+/* Takes the robot's send period, and sets the controller up for it. */
 void WipingClient::configure()
 {
     const double period = robotState().getSampleTime();
     const double expected = settings_.sample_time;
+    if (!(period > 0.0)) {
+        if (++without_period_ >= PATIENCE) {
+            refuse(REFUSAL_SAMPLE_TIME);
+        }
+        return;
+    }
     sample_time_ = period;
     const bool usable = period > 0.999 * SHORTEST_PERIOD && period < 1.001 * LONGEST_PERIOD;
     if (!usable || (expected > 0.0 && std::fabs(period - expected) > 1e-6)) {
@@ -194,6 +202,9 @@ void WipingClient::missing_field()
 void WipingClient::observe()
 {
     ++counters_.cycles;
+    if (sample_time_ == 0.0 && robotState().getSessionState() != KUKA::FRI::MONITORING_WAIT) {
+        configure();
+    }
     clock();
     const double *const q = robotState().getMeasuredJointPosition();
     const bool positions = all_finite(q, JOINTS);
@@ -210,7 +221,7 @@ void WipingClient::observe()
     if (!complete) {
         missing_field();
     }
-    valid_ = complete && !stale_;
+    valid_ = complete && !stale_ && sample_time_ > 0.0;
     const int quality = robotState().getConnectionQuality();
     if (quality < quality_) {
         ++counters_.quality_drops;
@@ -251,7 +262,7 @@ void WipingClient::send(const double *position, const double *torque)
     copy(within, record_.sent_position, JOINTS);
 }
 
-/* ---- callbacks ------------------------------------------------------------------------------------------------------ */
+/* ---- callbacks -------------------------------------------------------------------------------------------------- */
 
 void WipingClient::monitor()
 {
@@ -271,7 +282,7 @@ void WipingClient::waitForCommand()
         } catch (const FRIException &) {
             missing_field();
         }
-    } else if (++without_torque_mode_ >= TORQUE_MODE_PATIENCE) {
+    } else if (++without_torque_mode_ >= PATIENCE) {
         refuse(REFUSAL_TORQUE_MODE);
     }
     events_ = 0;
@@ -290,7 +301,7 @@ void WipingClient::command()
     durations_.add(last_callback_);
 }
 
-/* ---- control -------------------------------------------------------------------------------------------------------- */
+/* ---- control ---------------------------------------------------------------------------------------------------- */
 
 void WipingClient::begin_commanding(const double *q)
 {

@@ -15,18 +15,18 @@
 
 /* What the client is told at the start. */
 struct Settings {
-    double task_stiffness[6];      /* [N/m, N m/rad] diagonal, hybrid frame */
-    bool conventional;             /* the stiffness without the correction, for comparison */
-    double damping_ratio;          /* [1] of every mode */
-    double joint_damping;          /* [N m s/rad] */
-    double nullspace_stiffness;    /* [N m/rad] */
-    double effort_share;           /* of the robot's effort limits, and of their rate */
-    double sample_time;            /* [s] that is expected; 0: whatever the robot says */
-    double approach_time;          /* [s] least duration of the move to the trajectory */
-    double velocity_filter;        /* [s] */
-    double wrench_damping;         /* of the inverse that makes the wrench */
-    double external_torque_sign;   /* 1: the external torque is J^T times the wrench that the environment applies; -1 */
-    bool dry_run;                  /* send zero torque */
+    double task_stiffness[6];    /* [N/m, N m/rad] diagonal, hybrid frame */
+    bool conventional;           /* the stiffness without the correction, for comparison */
+    double damping_ratio;        /* [1] of every mode */
+    double joint_damping;        /* [N m s/rad] */
+    double nullspace_stiffness;  /* [N m/rad] */
+    double effort_share;         /* of the robot's effort limits, and of their rate */
+    double sample_time;          /* [s] that is expected; 0: whatever the robot says */
+    double approach_time;        /* [s] least duration of the move to the trajectory */
+    double velocity_filter;      /* [s] */
+    double wrench_damping;       /* of the inverse that makes the wrench */
+    double external_torque_sign; /* 1: the external torque is J^T times the wrench that the environment applies; -1 */
+    bool dry_run;                /* send zero torque */
 
     Settings();
 };
@@ -40,14 +40,14 @@ struct Counters {
     unsigned long long missing_fields;    /* messages without a value that is needed */
     unsigned long long bad_timestamps;    /* left out, not ahead of the last one, or far off */
     unsigned long long quality_drops;
-    unsigned long long state_drops;       /* COMMANDING_ACTIVE was left before the trajectory's end */
+    unsigned long long state_drops; /* COMMANDING_ACTIVE was left before the trajectory's end */
     unsigned long long no_torque_mode;
-    unsigned long long guarded;           /* cycles whose torque the client had to cut */
+    unsigned long long guarded; /* cycles whose torque the client had to cut */
     unsigned long long sensor_silent;
-    unsigned long long exceptions;        /* the FRI library refused a call */
-    unsigned long long fallbacks;         /* the controller went to pure damping, so often */
+    unsigned long long exceptions;              /* the FRI library refused a call */
+    unsigned long long fallbacks;               /* the controller went to pure damping, so often */
     unsigned long long saturated, rate_limited; /* cycles with these bits of the controller's status */
-    double antisymmetric;                 /* [N m/rad] largest Frobenius norm of the applied stiffness' antisymmetric part */
+    double antisymmetric; /* [N m/rad] largest Frobenius norm of the applied stiffness' antisymmetric part */
 };
 
 /* Why the client does not take part in the session. */
@@ -115,29 +115,30 @@ private:
     Counters counters_;
     Record record_;
 
-    double sample_time_;        /* [s]; 0 until the robot has said it */
+    double sample_time_; /* [s]; 0 until the robot has said it */
     bool clock_known_;
     std::int64_t clock_start_, clock_last_; /* [ns] of the robot */
-    double time_;               /* [s] of the robot since the first message */
-    int lost_;                  /* cycles lost just before this one */
-    bool stale_;                /* the message is not newer than the last one */
-    int since_position_;        /* periods since the last position */
-    bool valid_;                /* this cycle's positions and torques are there */
-    double q_[JOINTS];          /* [rad] last measured position */
-    double sent_[JOINTS];       /* [N m] last torque sent */
-    bool controlling_;          /* the controller runs since COMMANDING_ACTIVE began */
-    int start_;                 /* the next step is the controller's first */
+    double time_;                           /* [s] of the robot since the first message */
+    int lost_;                              /* cycles lost just before this one */
+    bool stale_;                            /* the message is not newer than the last one */
+    int since_position_;                    /* periods since the last position */
+    bool valid_;                            /* this cycle's positions and torques are there */
+    double q_[JOINTS];                      /* [rad] last measured position */
+    double sent_[JOINTS];                   /* [N m] last torque sent */
+    bool controlling_;                      /* the controller runs since COMMANDING_ACTIVE began */
+    int start_;                             /* the next step is the controller's first */
     bool fallen_back_;
     double approach_clock_, progress_; /* [s] in the approach and in the trajectory */
-    double pace_;               /* 1: the trajectory runs; 0: it stands still */
+    double pace_;                      /* 1: the trajectory runs; 0: it stands still */
     bool done_;
     int quality_;
-    int without_torque_mode_;   /* cycles in COMMANDING_WAIT */
+    int without_period_;      /* messages */
+    int without_torque_mode_; /* cycles in COMMANDING_WAIT */
     bool button_registered_, button_;
-    int sensor_age_;            /* cycles since the sensor's last reading */
+    int sensor_age_; /* cycles since the sensor's last reading */
     double sensor_wrench_[6];
     std::uint32_t events_;
-    double last_callback_;      /* [s] */
+    double last_callback_; /* [s] */
     bool finished_;
     Refusal refusal_;
     int controller_error_;

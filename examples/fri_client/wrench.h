@@ -21,16 +21,16 @@ public:
     virtual ~WrenchSensor() {}
 
     /*
-     * The newest wrench (force, moment) [N, N m] that the ENVIRONMENT APPLIES TO THE ROBOT, about the tip's origin in tip
-     * axes, with the tool's own weight taken out. False if there has been none since the last call. Called once a cycle
-     * from the FRI thread: it must not wait, lock or allocate.
+     * The newest wrench (force, moment) [N, N m] that the ENVIRONMENT APPLIES TO THE ROBOT, about the tip's origin in
+     * tip axes, with the tool's own weight taken out. False if there has been none since the last call. Called once a
+     * cycle from the FRI thread: it must not wait, lock or allocate.
      */
     virtual bool read(double wrench[6]) = 0;
 };
 
 /*
- * Example sensor: datagrams of six little-endian doubles, as WrenchSensor::read gives them, on a UDP port of the loopback
- * interface. A thread receives; a ring hands over.
+ * Example sensor: datagrams of six little-endian doubles, as WrenchSensor::read gives them, on a UDP port of the
+ * loopback interface. A thread receives; a ring hands over.
  */
 class UdpWrenchSensor : public WrenchSensor {
 public:

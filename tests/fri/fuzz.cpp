@@ -1,9 +1,9 @@
 /*
  * libFuzzer target: a hostile datagram through the decoder, and in the middle of a session through the whole client.
  *
- * The file that FRI_FUZZ_SESSION names holds the session's sound datagrams, each after its length (uint32, little-endian):
- * up to the last but one before the hostile datagram, the last one after it. The first byte of an input chooses whether a
- * framed version gets the rest as it is or with the right length and checksum around it.
+ * The file that FRI_FUZZ_SESSION names holds the session's sound datagrams, each after its length (uint32,
+ * little-endian): up to the last but one before the hostile datagram, the last one after it. The first byte of an input
+ * chooses whether a framed version gets the rest as it is or with the right length and checksum around it.
  */
 #include "traffic.h"
 #include "wiping_client.h"

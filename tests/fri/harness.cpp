@@ -1,6 +1,6 @@
 /*
- * Sessions without sockets. Reads datagrams from stdin, each after its length (uint32, little-endian; 0xffffffff stands for
- * a timeout), steps a client application through them, and prints one line of JSON a step.
+ * Sessions without sockets. Reads datagrams from stdin, each after its length (uint32, little-endian; 0xffffffff stands
+ * for a timeout), steps a client application through them, and prints one line of JSON a step.
  *
  *   harness version
  *   harness probe                     a client that calls every getter and commands position and torque
@@ -36,11 +36,11 @@ public:
     Script() : Traffic(1), size_(0), sent_size_(0), at_end_(false) { next(); }
 
     bool at_end() const { return at_end_; }
-    virtual bool open(int, const char *) { return true; }
-    virtual void close() {}
-    virtual bool isOpen() const { return true; }
+    bool open(int, const char *) override { return true; }
+    void close() override {}
+    bool isOpen() const override { return true; }
 
-    virtual int receive(Buffer buffer, Size size)
+    int receive(Buffer buffer, Size size) override
     {
         const std::vector<char> now = datagram_;
         const int length = size_;
@@ -50,7 +50,7 @@ public:
         return length;
     }
 
-    virtual bool send(Bytes bytes, Size size)
+    bool send(Bytes bytes, Size size) override
     {
         sent_.assign(bytes, bytes + size);
         sent_size_ = static_cast<int>(size);
@@ -145,7 +145,10 @@ private:
         std::printf(", \"refusals\": %d", refused);
     }
 
-    template <typename T> void value(const char *name, T value) { std::printf(", \"%s\": %.17g", name, static_cast<double>(value)); }
+    template <typename T> void value(const char *name, T value)
+    {
+        std::printf(", \"%s\": %.17g", name, static_cast<double>(value));
+    }
 
     void show()
     {
@@ -199,11 +202,12 @@ void statistics(const ClientApplication &application)
 {
 #ifdef OPEN_FRI
     const open_fri::Statistics &s = application.statistics();
-    std::printf("{\"messages\": %llu, \"answers\": %llu, \"timeouts\": %llu, \"lost_messages\": %llu, \"lost_answers\": %llu, "
-                "\"late_answers\": %llu",
-                static_cast<unsigned long long>(s.messages), static_cast<unsigned long long>(s.answers),
-                static_cast<unsigned long long>(s.timeouts), static_cast<unsigned long long>(s.lost_messages),
-                static_cast<unsigned long long>(s.lost_answers), static_cast<unsigned long long>(s.late_answers));
+    std::printf(
+        "{\"messages\": %llu, \"answers\": %llu, \"timeouts\": %llu, \"lost_messages\": %llu, \"lost_answers\": %llu, "
+        "\"late_answers\": %llu",
+        static_cast<unsigned long long>(s.messages), static_cast<unsigned long long>(s.answers),
+        static_cast<unsigned long long>(s.timeouts), static_cast<unsigned long long>(s.lost_messages),
+        static_cast<unsigned long long>(s.lost_answers), static_cast<unsigned long long>(s.late_answers));
     for (int k = 0; k < open_fri::FAULT_COUNT; ++k) {
         std::printf(", \"%s\": %llu", open_fri::fault_name(k), static_cast<unsigned long long>(s.faults[k]));
     }

@@ -9,9 +9,9 @@ namespace open_fri {
 
 /* What went over the wire since the application was made. Not in KUKA's library. */
 struct Statistics {
-    std::uint64_t messages;            /* taken: a callback ran, or the session is idle */
-    std::uint64_t answers;             /* sent */
-    std::uint64_t timeouts;            /* receive gave nothing: a timeout or an error of the connection */
+    std::uint64_t messages; /* taken: a callback ran, or the session is idle */
+    std::uint64_t answers;  /* sent */
+    std::uint64_t timeouts; /* after the first message, receive gave nothing: a timeout or an error */
     std::uint64_t send_failures;
     std::uint64_t lost_messages;       /* gaps in the robot's sequence counter */
     std::uint64_t lost_answers;        /* answers of ours that the robot never reflected, a later one it did */
@@ -60,7 +60,7 @@ private:
     std::uint32_t since_answer_; /* messages since the last answer */
     std::uint32_t sequence_;     /* of the last message taken */
     bool sequence_known_;
-    std::uint32_t reflected_;    /* last counter of ours that came back */
+    std::uint32_t reflected_; /* last counter of ours that came back */
     bool reflection_known_;
 };
 

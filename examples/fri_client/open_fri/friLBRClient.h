@@ -10,12 +10,7 @@ namespace FRI {
 
 enum ESessionState { IDLE = 0, MONITORING_WAIT = 1, MONITORING_READY = 2, COMMANDING_WAIT = 3, COMMANDING_ACTIVE = 4 };
 enum EConnectionQuality { POOR = 0, FAIR = 1, GOOD = 2, EXCELLENT = 3 };
-enum ESafetyState {
-    NORMAL_OPERATION = 0,
-    SAFETY_STOP_LEVEL_0 = 1,
-    SAFETY_STOP_LEVEL_1 = 2,
-    SAFETY_STOP_LEVEL_2 = 3
-};
+enum ESafetyState { NORMAL_OPERATION = 0, SAFETY_STOP_LEVEL_0 = 1, SAFETY_STOP_LEVEL_1 = 2, SAFETY_STOP_LEVEL_2 = 3 };
 enum EOperationMode { OPERATION_T1 = 0, OPERATION_T2 = 1, OPERATION_AUT = 2 };
 enum EDriveState { OFF = 0, TRANSITIONING = 1, ACTIVE = 2 };
 enum EControlMode {

@@ -259,17 +259,10 @@ bool ClientApplication::callback(LBRState &state)
     }
     switch (now) {
     case MONITORING_WAIT:
-    case MONITORING_READY:
-        client_.monitor();
-        break;
-    case COMMANDING_WAIT:
-        client_.waitForCommand();
-        break;
-    case COMMANDING_ACTIVE:
-        client_.command();
-        break;
-    default:
-        return false;
+    case MONITORING_READY: client_.monitor(); break;
+    case COMMANDING_WAIT: client_.waitForCommand(); break;
+    case COMMANDING_ACTIVE: client_.command(); break;
+    default: return false;
     }
     if (++since_answer_ < state.message_.multiplier) {
         return false;
@@ -285,7 +278,7 @@ bool ClientApplication::step()
     }
     const int size = connection_.receive(reinterpret_cast<char *>(received_), open_fri::DATAGRAM_SIZE);
     if (size < 0) {
-        ++statistics_.timeouts;
+        statistics_.timeouts += statistics_.messages > 0 ? 1 : 0;
         sequence_known_ = false;
         return false;
     }
@@ -306,8 +299,7 @@ bool ClientApplication::step()
     if (!callback(state)) {
         return true;
     }
-    const std::size_t length =
-        open_fri::encode(command.message_, sent_count_, incoming_.sequence, sent_, sizeof sent_);
+    const std::size_t length = open_fri::encode(command.message_, sent_count_, incoming_.sequence, sent_, sizeof sent_);
     if (length == 0 || !connection_.send(reinterpret_cast<char *>(sent_), static_cast<BufferSize>(length))) {
         ++statistics_.send_failures;
         return false;

@@ -49,7 +49,7 @@ void write_little_endian(std::uint32_t value, std::uint8_t *bytes)
 const std::size_t FRAME_FRONT = 0, FRAME_BACK = 0;
 #endif
 
-/* ---- decoding -------------------------------------------------------------------------------------------------- */
+/* ---- decoding --------------------------------------------------------------------------------------------------- */
 
 void fill(double *values, int count)
 {
@@ -175,9 +175,9 @@ Fault take_message(const open_fri_Monitoring &from, Monitoring *to)
     return fault;
 }
 
-/* ---- encoding -------------------------------------------------------------------------------------------------- */
+/* ---- encoding --------------------------------------------------------------------------------------------------- */
 
-/* Joint values go out unpacked, one key a value, as the robot's own library does it; nanopb's arrays would be packed. */
+/* Joint values go out unpacked, one key a value, as KUKA's library does it; nanopb's own arrays would be packed. */
 bool encode_joints(pb_ostream_t *stream, const pb_field_t *field, void *const *values)
 {
     const double *const value = static_cast<const double *>(*values);
@@ -224,8 +224,9 @@ void give_data(const Command &from, open_fri_CommandData *to)
 
 const char *fault_name(int fault)
 {
-    static const char *const names[FAULT_COUNT] = {"none",       "empty",       "too_long", "frame",     "checksum",    "decode",
-                                                   "identifier", "joint_count", "range",    "duplicate", "out_of_order"};
+    static const char *const names[FAULT_COUNT] = {"none",     "empty",     "too_long",    "frame",
+                                                   "checksum", "decode",    "identifier",  "joint_count",
+                                                   "range",    "duplicate", "out_of_order"};
     return fault >= 0 && fault < FAULT_COUNT ? names[fault] : "unknown";
 }
 

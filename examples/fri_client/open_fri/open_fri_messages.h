@@ -18,16 +18,16 @@ enum { JOINTS = 7, IOS = 10, NAME_SIZE = 64, DATAGRAM_SIZE = 1500 };
 /* Why a datagram was not taken, or what else was wrong with the traffic. */
 enum Fault {
     FAULT_NONE,
-    FAULT_EMPTY,         /* a datagram without bytes */
-    FAULT_TOO_LONG,      /* longer than DATAGRAM_SIZE */
-    FAULT_FRAME,         /* 2.7: the length in front is not that of the datagram */
-    FAULT_CHECKSUM,      /* 2.7 */
-    FAULT_DECODE,        /* no such message, a required field missing, an array or a string too long */
-    FAULT_IDENTIFIER,    /* a message of another kind */
-    FAULT_JOINT_COUNT,   /* an array of joint values, or the drives, without exactly seven */
-    FAULT_RANGE,         /* an enumeration has a value that it does not know */
-    FAULT_DUPLICATE,     /* the same sequence counter as the last message */
-    FAULT_OUT_OF_ORDER,  /* an older sequence counter */
+    FAULT_EMPTY,        /* a datagram without bytes */
+    FAULT_TOO_LONG,     /* longer than DATAGRAM_SIZE */
+    FAULT_FRAME,        /* 2.7: the length in front is not that of the datagram */
+    FAULT_CHECKSUM,     /* 2.7 */
+    FAULT_DECODE,       /* no such message, a required field missing, an array or a string too long */
+    FAULT_IDENTIFIER,   /* a message of another kind */
+    FAULT_JOINT_COUNT,  /* an array of joint values, or the drives, without exactly seven */
+    FAULT_RANGE,        /* an enumeration has a value that it does not know */
+    FAULT_DUPLICATE,    /* the same sequence counter as the last message */
+    FAULT_OUT_OF_ORDER, /* an older sequence counter */
     FAULT_COUNT
 };
 
