@@ -4,6 +4,7 @@
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
 # make robots     real robots against Pinocchio, into docs/robots.md
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
+# make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
@@ -13,6 +14,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 URDFS := $(sort $(wildcard urdf/*.urdf))
 WORKERS ?= 2
+CONFIGURATIONS ?= 4194304
 # The tool of the bowl-wiping experiment, as examples/bowl_wiping/plant.py has it
 PLATE := --tool-xyz 0 0 0.24 --tool-mass 0.455 --tool-com 0 0 0.0947 --tool-inertia 0.00469 0 0 0.00469 0 0.00079
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
@@ -21,7 +23,7 @@ FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench experiment fri-demo fri-fuzz soak clean
+.PHONY: generate test lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -85,6 +87,12 @@ robots: $(VENV)/installed-test
 
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/run.py
+
+bench-cuda: $(VENV)/installed
+	@$(BIN)/stiffgen generate urdf/iiwa14.urdf --cuda --no-build --output build/cuda
+	nvcc -O3 -arch=native -Ibuild/cuda/iiwa14 benchmarks/cuda_stiffness.cu build/cuda/iiwa14/iiwa14.cu \
+	  build/cuda/iiwa14/iiwa14.c -o build/cuda/cuda_stiffness
+	build/cuda/cuda_stiffness $(CONFIGURATIONS)
 
 soak: $(VENV)/installed-test
 	$(BIN)/python tests/soak.py

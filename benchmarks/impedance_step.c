@@ -1,7 +1,7 @@
 /*
  * Time of a controller step of the iiwa 14, one by one: median and worst over many, and 7 sines and cosines beside it.
- * Each step is also repeated from the same state, and the least of its times taken: what the code costs at its worst,
- * without what the machine adds (other processes, interrupts).
+ * Each step is also repeated from the same state, 5 times, and up to 50 while the least of its times is above 25 us.
+ * The least is what the code costs, without what the machine adds (other processes, interrupts, a hypervisor).
  * Arguments: steps, processor, configuration (0 modal, 1 factorised, 2 projected nullspace and positive part).
  */
 #define _GNU_SOURCE
@@ -14,7 +14,9 @@
 #include <string.h>
 #include <time.h>
 
-enum { N = IIWA14_DOF, REPEATS = 5 };
+enum { N = IIWA14_DOF, REPEATS = 5, MOST_REPEATS = 50 };
+
+static const double SLOW = 25.0; /* us: a step that seems slower is repeated further */
 
 static const double POSTURE[N] = {0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5};
 
@@ -83,7 +85,7 @@ int main(int count, char **arguments)
         }
         double start;
         const iiwa14_impedance_state before = state;
-        for (int r = 0; r < REPEATS; ++r) {
+        for (int r = 0; r < REPEATS || (r < MOST_REPEATS && least_times[k] > SLOW); ++r) {
             state = before;
             start = now();
             iiwa14_impedance_step(&config, &state, &in, &out);
@@ -103,7 +105,7 @@ int main(int count, char **arguments)
         }
     }
     report("step", times, steps);
-    report("  least of 5", least_times, steps);
+    report("  least", least_times, steps);
     report("7 sincos", sincos_times, steps);
     printf("ratio of the medians %.1f\n", times[steps / 2] / sincos_times[steps / 2]);
     return 0;

@@ -111,7 +111,7 @@ def measure(points: int) -> None:
                 for k, angle in enumerate(map(mp.mpf, angles.tolist())):
                     for function, exact in enumerate((mp.sin(angle), mp.cos(angle))):
                         error = abs(mp.mpf(float(found[function, k])) - exact) / np.spacing(abs(float(exact)))
-                        worst[function] = max(worst[function], float(error))
+                        worst[function] = float(np.maximum(worst[function], error))
                 print(f"gcc {flags}, {kind}: sine {worst[0]:.3f} ulp, cosine {worst[1]:.3f} ulp, {len(angles)} angles")
 
 

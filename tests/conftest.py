@@ -16,7 +16,7 @@ from filelock import FileLock
 
 import stiffgen
 from stiffgen.cli import main
-from stiffgen.verify import import_robot
+from stiffgen.verify import BOUND, import_robot, relative_error
 
 ROOT = Path(__file__).resolve().parent.parent
 URDF = ROOT / "urdf" / "iiwa14.urdf"
@@ -65,6 +65,12 @@ def robot_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 @pytest.fixture(scope="session")
 def robot(robot_folder: Path) -> ModuleType:
     return import_robot(robot_folder)
+
+
+def assert_close(value, expected) -> None:
+    """Two arrays agree to 1e-12 of the largest entry expected."""
+    error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
+    assert error <= BOUND, f"relative error {error:.2e}"
 
 
 @pytest.fixture(scope="session")

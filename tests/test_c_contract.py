@@ -8,10 +8,12 @@ import subprocess
 import numpy as np
 import pytest
 
+import stiffgen
 from c_program import STRICT, language_flags, run_kernels
 from conftest import compilers, require_compiler
 from stiffgen.kernels import KERNELS
 from stiffgen.verify import Samples
+from test_lanes import chain_urdf
 
 # libm, and what compilers insert for copies and runs of zeros.
 ALLOWED = {"sin", "cos", "sincos", "memcpy", "memset", "memmove"}
@@ -23,6 +25,16 @@ ALLOWED = {"sin", "cos", "sincos", "memcpy", "memset", "memmove"}
 def test_compiles_without_a_warning(compiler, language, optimisation, robot_folder, tmp_path):
     command = [require_compiler(compiler), *language_flags(language), optimisation, *STRICT]
     subprocess.run([*command, "-c", str(robot_folder / "iiwa14.c"), "-o", str(tmp_path / "o")], check=True)
+
+
+@pytest.mark.parametrize("compiler", compilers())
+def test_other_chains_compile_without_a_warning(compiler, tmp_path):
+    """Sliding and mimic joints."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(chain_urdf("rprmrr"))
+    folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False)
+    command = [require_compiler(compiler), "-std=c99", "-O1", *STRICT]
+    subprocess.run([*command, "-c", str(folder / "arm.c"), "-o", str(tmp_path / "o")], check=True)
 
 
 def test_compiles_alone(robot_folder, tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stiffgen
+from cuda_host import HostCuda
 from stiffgen.verify import import_robot
 
 EVIL = [
@@ -32,7 +33,7 @@ def test_evil_names(several_tips, tmp_path):
     urdf.write_text(f"<robot name={quoteattr(EVIL[0])}>{''.join(elements)}</robot>", encoding="utf-8")
     tips = [links[7], links[-1]] if several_tips else links[-1]
     output = tmp_path / "out"
-    folder = stiffgen.generate(urdf, tip=tips, output=output, lock={EVIL[3]: 0.1})
+    folder = stiffgen.generate(urdf, tip=tips, output=output, lock={EVIL[3]: 0.1}, cuda=True)
     assert [path.name for path in output.iterdir()] == ["error_x"]
     robot = import_robot(folder)
     names = [joint for joint in joints if joint != EVIL[3]]
@@ -45,7 +46,9 @@ def test_evil_names(several_tips, tmp_path):
     else:
         assert tips == robot.TIP
         assert robot.hybrid.jacobian(np.zeros(robot.DOF)).shape == (6, robot.DOF)
+    chain = stiffgen.load_chain(urdf, tip=tips, lock={EVIL[3]: 0.1})
+    HostCuda(folder / "error_x.cu", "error_x", chain, tmp_path, level="-O0")  # compiles without a warning
     for path in folder.iterdir():
-        if path.suffix in (".c", ".h", ".txt", ".md"):
+        if path.suffix in (".c", ".h", ".cu", ".txt", ".md"):
             assert path.read_text(encoding="utf-8").isascii(), path.name
     assert "<script>" not in (folder / "README.md").read_text()

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from c_program import run_kernels
-from conftest import compilers, require_compiler
+from conftest import assert_close, compilers, require_compiler
 from stiffgen.connection import REPRESENTATIONS
-from stiffgen.verify import relative_error
 
-TOLERANCE = 1e-12
 GOLDEN_KEYS = ("jacobian", "kinematic_stiffness", "connection_correction", "joint_stiffness")
 
 
@@ -34,11 +32,6 @@ def reference(rep, name, sample):
         J = golden["jacobian"]
         return golden["kinematic_stiffness"] + J.T @ sample.task_stiffness @ J
     return golden[name]
-
-
-def assert_close(value, expected):
-    error = relative_error(np.asarray(value)[None], expected[None])
-    assert error <= TOLERANCE, f"relative error {error:.2e}"
 
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)

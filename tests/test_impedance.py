@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -112,7 +113,7 @@ def test_one_step_is_the_papers_controller(robot: ModuleType) -> None:
         Kq = getattr(robot.hybrid, kernel)(Q, WRENCH, K) + np.eye(7)
         B = J.T @ TASK_DAMPING @ J + 0.1 * np.eye(7)
         np.testing.assert_allclose(out.torque, Kq @ (q0 - Q) + B @ (dq0 - dq), rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(out.stiffness, Kq, rtol=1e-13)
+        np.testing.assert_allclose(out.stiffness, Kq, rtol=1e-13, atol=1e-12)
         assert out.antisymmetric_norm == pytest.approx(np.linalg.norm((Kq - Kq.T) / 2), abs=1e-12)
         assert np.array_equal(out.damping, out.damping.T)
     assert out.antisymmetric_norm > 0.5
@@ -340,6 +341,8 @@ def test_mass_matrix_that_is_not_positive_definite(tmp_path: Path) -> None:
         )
         assert "MASS_MATRIX" in names(arm, out.status[-1])
         np.testing.assert_array_equal(out.damping[-1], 0.5 * np.eye(2))
+        if "nullspace" in fields:  # never computed: it is that of the last good step still, and there was none
+            np.testing.assert_array_equal(out.stiffness_target, np.zeros((5, 2, 2)))
         assert np.all(np.isfinite(out.torque))
     # The paper's design needs no mass matrix.
     out = arm.Impedance(damping_design="task", task_damping=TASK_DAMPING, **QUICK).step(
@@ -412,26 +415,92 @@ def test_configurations_that_would_mislead_are_refused(robot: ModuleType) -> Non
 
 
 def test_configuration_broken_at_run_time_moves_the_torque_to_zero(robot: ModuleType, settled: dict[str, Any]) -> None:
-    controller = prepared(robot, settled, record=500)
-    last = controller.step(**settled).torque
+    controller = prepared(robot, settled, record=500, torque_rate_limit=20.0)
+    before = controller.step(**settled)
+    last = before.torque
+    assert 1.0 < np.abs(last).max() < 21.0
     controller._config[0]["sample_time"] = np.nan
     step = controller.config.torque_rate_limit * 1e-3
     outputs = np.zeros(1, controller._record[1].dtype)
     inputs = np.zeros(1, controller._record[0].dtype)
     module = __import__("sys").modules[type(controller).__module__]
-    for _ in range(120):
+    for count in range(1100):
         code = module._c.run(controller._config, controller._state, inputs, outputs, 1)
         assert "sample_time" in module._c.error_text(code)
         assert {"CONFIG", "FALLBACK"} <= names(robot, outputs["status"][0])
-        assert np.all(np.abs(outputs["torque"][0] - last) <= step * (1 + 1e-12))
+        np.testing.assert_allclose(
+            np.abs(outputs["torque"][0]), np.maximum(np.abs(before.torque) - (count + 1) * step, 0.0), atol=1e-9
+        )
         last = outputs["torque"][0].copy()
+        for term in ("elastic_torque", "damping_torque", "limit_torque", "error", "elastic_energy", "limit_energy"):
+            assert np.abs(outputs[term]).max() == 0.0
     assert np.abs(last).max() == 0.0
+    assert outputs["released_total"][0] == before.released_total + before.elastic_energy + before.limit_energy
+    assert before.elastic_energy > 0.1
     state = np.zeros_like(controller._state)
     code = module._c.run(controller._config, state, inputs, outputs, 1)
     assert "not initialised" in module._c.error_text(code)
     assert np.abs(outputs["torque"]).max() == 0 and "CONFIG" in names(robot, outputs["status"][0])
     with pytest.raises(ValueError, match="buffer"):
         module._c.run(controller._config, controller._state, inputs, outputs, 2)
+
+
+def test_missing_arguments_are_told(robot: ModuleType, settled: dict[str, Any]) -> None:
+    controller = prepared(robot, settled, record=1)
+    module = __import__("sys").modules[type(controller).__module__]
+    library = ctypes.CDLL(module._c.__file__)
+    config, state = controller._config, controller._state
+    inputs, outputs = (np.zeros(1, record.dtype) for record in controller._record)
+
+    def call(function: str, *arrays: np.ndarray | None) -> str:
+        pointers = [None if a is None else a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
+        code = getattr(library, f"iiwa14_impedance_{function}")(*pointers)
+        return str(module._c.error_text(code)) if code else ""
+
+    assert call("validate", config) == call("init", config, state) == ""
+    assert call("validate", None) == call("init", None, state) == call("init", config, None)
+    missing = call("validate", None)
+    assert "NULL" in missing
+    assert call("init", config, state) == ""
+    assert call("step", config, state, inputs, None) == missing
+    for arrays in ((None, state, inputs), (config, None, inputs), (config, state, None)):
+        outputs["torque"] = 7.0
+        assert call("step", *arrays, outputs) == missing
+        assert {"CONFIG", "FALLBACK"} <= names(robot, outputs["status"][0])
+        assert np.abs(outputs["torque"]).max() == 0.0
+
+
+def test_fallback_before_any_good_sample_damps_with_the_joint_damping(robot: ModuleType) -> None:
+    dq = np.linspace(0.1, 0.4, 7)
+    controller = robot.Impedance(joint_damping=0.3, torque_rate_limit=1e9)
+    out = controller.step(q=Q, dq=dq, q0=np.full(7, np.nan), task_stiffness=K)
+    assert {"NON_FINITE", "FALLBACK"} <= names(robot, out.status)
+    np.testing.assert_allclose(out.torque, -0.3 * dq, rtol=1e-15)
+    np.testing.assert_array_equal(out.damping, 0.3 * np.eye(7))
+
+
+def test_energy_of_the_limit_zone_is_dropped_with_the_position(robot: ModuleType) -> None:
+    q = Q.copy()
+    q[3] = robot.LOWER[3] + 0.04
+    controller = robot.Impedance(**QUICK, missed_limit=1)
+    before = controller.step(q=q, q0=q, task_stiffness=K)
+    assert before.limit_energy > 0.01 and before.limit_torque[3] > 0
+    out = controller.step(sample_valid=0)
+    assert out.limit_energy == 0.0 and np.abs(out.limit_torque).max() == 0.0
+    assert out.released_total == pytest.approx(before.limit_energy + before.elastic_energy, rel=1e-14)
+    back = controller.step(q=q, q0=q, task_stiffness=K)
+    assert back.engaged_total == pytest.approx(2 * before.limit_energy, rel=1e-12)
+
+
+def test_semidefinite_stiffness_is_not_called_indefinite(robot: ModuleType) -> None:
+    """J^T K J of seven joints has rank six: its smallest eigenvalue is a rounding error of either sign."""
+    random = np.random.default_rng(4)
+    for _ in range(50):
+        q = random.uniform(-1, 1, 7) * 1.5
+        controller = robot.Impedance(**QUICK, nullspace="off", nullspace_stiffness=0.0)
+        out = controller.step(q=q, q0=q, task_stiffness=K)
+        assert abs(out.eigenvalues[0]) < 1e-6 * out.eigenvalues[-1]
+        assert "INDEFINITE" not in names(robot, out.status)
 
 
 # ---- filters

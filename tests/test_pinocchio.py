@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
-from conftest import ROOT
-from stiffgen.verify import relative_error
+from conftest import ROOT, assert_close
 
 FRAMES = {
     "body": pin.ReferenceFrame.LOCAL,
@@ -25,11 +24,6 @@ def load(robot, tip):
         pinocchio.lowerPositionLimit, pinocchio.upperPositionLimit, (20, pinocchio.nq)
     )
     return stiffgen.StiffnessModel(stiffgen.load_chain(urdf, tip=tip)), pinocchio, pinocchio.createData(), postures
-
-
-def assert_close(value, expected, tolerance=1e-12):
-    error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
-    assert error <= tolerance, f"relative error {error:.2e}"
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

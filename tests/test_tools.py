@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
-from conftest import ROOT, URDF
+from conftest import ROOT, URDF, assert_close
 from stiffgen.cli import main
 from stiffgen.connection import REPRESENTATIONS
 from stiffgen.errors import ChainError
-from stiffgen.verify import References, check_robot, import_robot, kernels_of, relative_error
+from stiffgen.verify import References, check_robot, import_robot, kernels_of
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 FRAMES = {
@@ -28,11 +28,6 @@ TOOL = stiffgen.Tool(XYZ, RPY, 0.455, (0.01, 0.0, 0.09), (0.002, 0.0001, 0.0, 0.
 
 def postures(model, count=10):
     return np.random.default_rng(3).uniform(model.lowerPositionLimit, model.upperPositionLimit, (count, model.nq))
-
-
-def assert_close(value, expected):
-    error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
-    assert error <= 1e-12, f"relative error {error:.2e}"
 
 
 def crba(model, q):

@@ -1,21 +1,36 @@
 """stiffgen: symmetric joint-space stiffness of a robot arm, generated from its URDF."""
 
 from stiffgen._version import __version__
+from stiffgen.analysis import Analysis, analyze
 from stiffgen.chain import Chain, Tool, load_chain
-from stiffgen.errors import BuildError, ChainError, DescriptionError, OutputError, StiffgenError
+from stiffgen.errors import (
+    BuildError,
+    ChainError,
+    DescriptionError,
+    EmptyRecordingError,
+    MissingExtraError,
+    OutputError,
+    RecordingError,
+    StiffgenError,
+)
 from stiffgen.generate import generate
 from stiffgen.model import StiffnessModel
 
 __all__ = [
+    "Analysis",
     "BuildError",
     "Chain",
     "ChainError",
     "DescriptionError",
+    "EmptyRecordingError",
+    "MissingExtraError",
     "OutputError",
+    "RecordingError",
     "StiffgenError",
     "StiffnessModel",
     "Tool",
     "__version__",
+    "analyze",
     "generate",
     "load_chain",
 ]

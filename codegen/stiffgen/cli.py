@@ -1,6 +1,7 @@
-"""The command line: ``stiffgen generate | inspect | verify | bench``.
+"""The command line: ``stiffgen generate | inspect | verify | bench | analyze``.
 
-Exit code 0: done; 1: a check failed; 2: refused input or usage. Refusals are one message on standard error.
+Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage. Refusals are one
+message on standard error.
 """
 
 from __future__ import annotations
@@ -16,15 +17,19 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 import stiffgen
+from stiffgen.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
 from stiffgen.bench import bench
 from stiffgen.chain import Tool
+from stiffgen.connection import REPRESENTATIONS
 from stiffgen.description import Description, JointElement, read_description
-from stiffgen.errors import DescriptionError, StiffgenError
+from stiffgen.errors import DescriptionError, EmptyRecordingError, StiffgenError
 from stiffgen.generate import generate
 from stiffgen.names import comment
+from stiffgen.report import TABLE_HEAD, statements, table_rows, warnings
 from stiffgen.verify import Check, verify
 
 
@@ -60,6 +65,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
     command.add_argument("--output", type=Path, default=Path("generated"), metavar="DIR", help="default: generated")
     command.add_argument("--no-masses", action="store_true", help="ignore all masses; the mass matrix is left out")
+    command.add_argument(
+        "--cuda", action="store_true", help="also write NAME.cu: CUDA for the functions that take many configurations"
+    )
     command.add_argument("--no-build", action="store_true", help="write the sources only, do not compile")
     command.add_argument(
         "--lock",
@@ -99,7 +107,56 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
     command.set_defaults(run=_bench)
+
+    _add_analyze(commands)
     return parser
+
+
+def _add_analyze(commands: Any) -> None:
+    command = commands.add_parser("analyze", help="joint stiffness along a recording, corrected and conventional")
+    command.add_argument("log", type=Path, metavar="LOG", help="recording: CSV, NPZ, Parquet or MCAP (ROS 2)")
+    command.add_argument(
+        "--robot", type=Path, metavar="DIR", required=True, help="a folder that 'stiffgen generate' wrote"
+    )
+    command.add_argument(
+        "--task-stiffness",
+        nargs="+",
+        required=True,
+        metavar="K",
+        help="six diagonal values, linear first [N/m, N m/rad], or a CSV file with a symmetric 6x6 matrix",
+    )
+    command.add_argument(
+        "--representation",
+        choices=REPRESENTATIONS,
+        default="hybrid",
+        help="in which wrenches and task stiffness are given (default: hybrid)",
+    )
+    command.add_argument(
+        "--negate-wrench", action="store_true", help="the wrenches are those that the robot applies to the environment"
+    )
+    command.add_argument("--tip", metavar="LINK", help="which tip, of a robot with several")
+    command.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder to write (default: analysis/ and LOG's name)"
+    )
+    command.add_argument("--no-figures", action="store_true", help="write the numbers only (summary.json)")
+    command.add_argument("--dask", metavar="ADDRESS", help="compute on a Dask scheduler's workers; 'local' starts some")
+    columns = command.add_argument_group(
+        "columns", "default: time [s] (optional), q_0 ... [rad], wrench_0 ... wrench_5"
+    )
+    columns.add_argument("--q-columns", type=_names, metavar="A,B,...", help="joint positions (MCAP: joints by name)")
+    columns.add_argument("--wrench-columns", type=_names, metavar="FX,...", help="force [N], then moment [N m]")
+    columns.add_argument("--time-column", metavar="NAME", help="time [s]; '' for none")
+    topics = command.add_argument_group("MCAP", "topics are needed where there are several of their type")
+    topics.add_argument("--q-topic", metavar="TOPIC", help="of sensor_msgs/msg/JointState")
+    topics.add_argument("--wrench-topic", metavar="TOPIC", help="of geometry_msgs/msg/WrenchStamped")
+    topics.add_argument(
+        "--tolerance", type=float, default=0.01, metavar="S", help="between positions and wrench [s] (default: 0.01)"
+    )
+    command.set_defaults(run=_analyze)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
 
 
 def _positive(text: str) -> int:
@@ -165,6 +222,7 @@ def _generate(options: argparse.Namespace) -> int:
             output=options.output,
             build=not options.no_build,
             masses=not options.no_masses,
+            cuda=options.cuda,
             progress=progress,
         )
     print(folder)
@@ -247,6 +305,79 @@ def _bench(options: argparse.Namespace) -> int:
     for timing in timings:
         table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}")
     _table_console().print(table)
+    return 0
+
+
+class _Bar:
+    """A progress bar on a terminal; elsewhere a line for each step and each tenth."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bar = Progress(
+            "{task.description}",
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self._task = self._bar.add_task("", total=1.0)
+        self._said = ("", -1)
+
+    def __call__(self, step: str, done: float) -> None:
+        if self._console.is_terminal:
+            self._bar.update(self._task, description=escape(step), completed=done)
+            return
+        now = (step, int(10 * done))
+        if now != self._said:
+            self._said = now
+            self._console.print(f"{step} ..." + (f" {10 * now[1]} %" if now[1] else ""), markup=False)
+
+    @contextmanager
+    def shown(self) -> Iterator[_Bar]:
+        with self._bar:
+            yield self
+
+
+def _analyze(options: argparse.Namespace) -> int:
+    # Six numbers, or one name of a file; anything else is refused with the reason.
+    stiffness = options.task_stiffness
+    K = read_stiffness(stiffness[0]) if len(stiffness) == 1 else checked_stiffness(stiffness)
+    with _Bar(Console(stderr=True, highlight=False, soft_wrap=True)).shown() as progress:
+        try:
+            analysis = analyze(
+                options.log,
+                options.robot,
+                K,
+                representation=options.representation,
+                negate_wrench=options.negate_wrench,
+                tip=options.tip,
+                q_columns=options.q_columns,
+                wrench_columns=options.wrench_columns,
+                time_column=options.time_column,
+                q_topic=options.q_topic,
+                wrench_topic=options.wrench_topic,
+                tolerance=options.tolerance,
+                output=options.output,
+                figures=not options.no_figures,
+                dask=options.dask,
+                progress=progress,
+            )
+        except EmptyRecordingError as error:
+            print(f"stiffgen: {error}", file=sys.stderr)
+            return 1
+    table = Table(show_edge=False, pad_edge=False)
+    for column in TABLE_HEAD:
+        table.add_column(column, justify="left" if column in ("quantity", "unit", "least at", "most at") else "right")
+    for row in table_rows(analysis.summary):
+        table.add_row(*map(escape, row))
+    _table_console().print(table)
+    print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
+    for line in warnings(analysis.recording, analysis.result):
+        print(f"stiffgen: warning: {line}", file=sys.stderr)
+    print(analysis.folder / (SUMMARY if options.no_figures else "report.html"))
     return 0
 
 

@@ -287,4 +287,10 @@ STATUS: tuple[tuple[str, str], ...] = (
 )
 """Bits of the status in their order: STIFFGEN_STATUS_<NAME> and their meaning."""
 
-MODES: tuple[str, ...] = ("start", "return", "active", "fallback")
+MODES: tuple[tuple[str, str], ...] = (
+    ("start", "initialised, no sample seen yet"),
+    ("return", "control, with the reference on its way to q0"),
+    ("active", "control"),
+    ("fallback", "pure damping, no elastic torque"),
+)
+"""Modes of a step, STIFFGEN_MODE_<NAME>, and their meaning."""

@@ -61,3 +61,15 @@ class OutputError(StiffgenError):
 
 class BuildError(StiffgenError):
     """The generated C did not compile; the message ends with the compiler's last lines."""
+
+
+class RecordingError(StiffgenError):
+    """A recording cannot be read: its format, its columns, or what is asked of it."""
+
+
+class EmptyRecordingError(RecordingError):
+    """A recording holds no row that can be analysed."""
+
+
+class MissingExtraError(StiffgenError):
+    """Something needs a package that is not installed; the message names the extra of stiffgen that brings it."""

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +11,7 @@ from stiffgen.chain import Tool, load_chain
 from stiffgen.emit.build import build_module
 from stiffgen.emit.render import MANIFEST, is_manifest, render
 from stiffgen.errors import OutputError
+from stiffgen.folder import swapped_in
 from stiffgen.names import checked_identifier, identifier
 
 
@@ -29,6 +27,7 @@ def generate(
     output: str | Path = "generated",
     build: bool = True,
     masses: bool = True,
+    cuda: bool = False,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -47,13 +46,15 @@ def generate(
         output: folder that gets the robot's folder.
         build: compile the Python module.
         masses: False ignores all masses of the file and leaves the mass matrix out.
+        cuda: also write NAME.cu and NAME_cuda.h, CUDA for the functions that have a batch.
         progress: called with a few words before each step.
 
     Returns:
         Path of the robot's folder.
 
     Raises:
-        DescriptionError, ChainError: see :func:`stiffgen.load_chain`.
+        DescriptionError, ChainError: see :func:`stiffgen.load_chain`; ChainError also for ``cuda`` and a chain too
+            long for it.
         OutputError: the folder cannot be written, or something else stands in its place.
         BuildError: the C code did not compile.
 
@@ -65,25 +66,13 @@ def generate(
     target = output / name
     refuse_foreign(target)
     progress(f"deriving and printing the kernels of {name}")
-    texts = render(chain, name)
-    created = not output.exists()
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{name}.", dir=output))
-    except OSError as error:
-        raise OutputError(f"{output}: cannot be written ({error.strerror}); choose another --output") from error
-    try:
+    texts = render(chain, name, cuda=cuda)
+    with swapped_in(target) as staging:
         for file, text in texts.items():
             (staging / file).write_text(text, encoding="utf-8", newline="\n")
         if build:
             progress(f"compiling {name}")
             build_module(staging, name)
-        _swap(staging, target)
-    except BaseException:
-        shutil.rmtree(staging, ignore_errors=True)
-        if created and not any(output.iterdir()):
-            output.rmdir()
-        raise
     return target
 
 
@@ -116,26 +105,3 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return content if is_manifest(content) else None
-
-
-def _swap(staging: Path, target: Path) -> None:
-    umask = os.umask(0)
-    os.umask(umask)
-    try:
-        staging.chmod(0o777 & ~umask)  # mkdtemp makes private folders
-        if not target.exists():
-            staging.rename(target)
-            return
-        old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-        target.rename(old / target.name)
-        try:
-            staging.rename(target)
-        except OSError:
-            (old / target.name).rename(target)
-            raise
-        finally:
-            shutil.rmtree(old, ignore_errors=True)
-    except OSError as error:
-        raise OutputError(
-            f"{target}: cannot be replaced ({error.strerror}); close what uses it and try again"
-        ) from error

@@ -24,12 +24,16 @@ Extent = int | str
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument or result of a kernel: name, row-major shape, unit and meaning."""
+    """An argument or result of a kernel: name, row-major shape, unit and meaning.
+
+    ``symmetric`` says of a result that it is a symmetric matrix, to the last bit.
+    """
 
     name: str
     shape: tuple[Extent, ...]
     unit: str
     meaning: str
+    symmetric: bool = False
 
     def array(self, chain: Chain) -> Array:
         """The argument as an array of the chain's sizes."""
@@ -312,7 +316,7 @@ def _representation_kernels(rep: Representation, posture: tuple[Argument, ...]) 
     correction = Argument(
         "connection_correction", (6, 6), "N, N m", "(Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness"
     )
-    joint = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric")
+    joint = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric", symmetric=True)
     uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
     return (
         Kernel(
@@ -362,7 +366,9 @@ def _representation_kernels(rep: Representation, posture: tuple[Argument, ...]) 
 
 
 _POSE = Argument("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the base frame")
-_MASS = Argument("mass_matrix", ("n", "n"), "kg m^2", "symmetric, positive definite where every joint moves a mass")
+_MASS = Argument(
+    "mass_matrix", ("n", "n"), "kg m^2", "symmetric, positive definite where every joint moves a mass", symmetric=True
+)
 
 
 def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
@@ -396,7 +402,9 @@ def _joint_stiffness_total(chain: Chain, representation: Representation, argumen
     return (Sum(target, "joint_stiffness", tuple(terms)),)
 
 
-_TOTAL = Argument("joint_stiffness_total", ("n", "n"), "N m/rad", "sum over the tips, bitwise symmetric")
+_TOTAL = Argument(
+    "joint_stiffness_total", ("n", "n"), "N m/rad", "sum over the tips, bitwise symmetric", symmetric=True
+)
 
 
 def _total_kernels(chain: Chain) -> tuple[Kernel, ...]:

@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from rich.console import Console
@@ -23,9 +24,11 @@ try:
     import mujoco  # noqa: F401
     import scipy  # noqa: F401
 except ImportError as missing:
-    sys.exit(f"bowl_wiping: {missing.name} is not installed; pip install 'stiffgen[examples]'")
+    print(f"bowl_wiping: {missing.name} is not installed; pip install 'stiffgen[examples]'", file=sys.stderr)
+    sys.exit(2)
 
 from examples.bowl_wiping import analysis, figures, render, report, trajectory, trial
+from examples.bowl_wiping.plant import DOF, START_POSTURE, Plant
 
 ROBOT = Path("build/robots/iiwa14_plate")
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -56,9 +59,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def experiment(options: argparse.Namespace) -> int:
     console = Console(stderr=True)
-    if not (options.robot / "manifest.json").is_file():
-        raise StiffgenError(f"{options.robot} is no generated robot; run 'make {ROBOT}', or name one with --robot")
-    robot = import_robot(options.robot)
+    robot = _robot(options.robot)
     steps = len(trajectory.reference(options.sample_time).time)
     trials = []
     columns = (
@@ -105,6 +106,17 @@ def experiment(options: argparse.Namespace) -> int:
     _print(content, console)
     print(options.output / "report.html")
     return 1 if content.failed else 0
+
+
+def _robot(folder: Path) -> ModuleType:
+    """The generated arm with the experiment's tool; with any other the stiffness would be that of another point."""
+    if not (folder / "manifest.json").is_file():
+        raise StiffgenError(f"{folder} is no generated robot; run 'make {ROBOT}', or name one with --robot")
+    robot: ModuleType = import_robot(folder)
+    pose = Plant(bowl=False).pose
+    if robot.DOF != DOF or not np.allclose(robot.forward_kinematics(START_POSTURE), pose, atol=1e-9):
+        raise StiffgenError(f"{folder} is not the arm with the experiment's tool; 'make {ROBOT}' generates it")
+    return robot
 
 
 def _picture(file: Path, q: np.ndarray) -> bytes | str:

@@ -21,7 +21,7 @@ INK = "#010203"  # stands for the page's text colour until the SVG is written
 CORRECTED, CONVENTIONAL, THIRD = "#1f8fd6", "#e0702a", "#2fa36b"  # seen on white and on near-black
 AXES = (CORRECTED, CONVENTIONAL, THIRD)
 SHADES = ("#1f8fd6", "#e0702a", "#2fa36b", "#b35fc9", "#c9a227", "#d6456b", "#6f8fa3")  # of the seven joints
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "bowl_wiping",  # the same bytes every time
     "font.family": "sans-serif",
@@ -41,7 +41,7 @@ STYLE = {
     "ytick.color": INK,
     "lines.linewidth": 1.2,
     "legend.frameon": False,
-    "path.simplify_threshold": 0.2,
+    "path.simplify_threshold": 0.6,
 }
 THEME = (
     "<style>svg{color:#1f2328;background:#ffffff}"
@@ -101,14 +101,7 @@ def joints(trials: list[Trace]) -> Figure:
     for joint, axes in enumerate(panels[:7]):
         _wipe(axes)
         axes.plot(corrected["time"], np.degrees(corrected["q0"][:, joint]), ":", color=INK, label="zero-force $q_0$")
-        axes.plot(corrected["time"], np.degrees(corrected["q"][:, joint]), color=CORRECTED, label="corrected")
-        axes.plot(
-            conventional["time"],
-            np.degrees(conventional["q"][:, joint]),
-            "--",
-            color=CONVENTIONAL,
-            label="conventional",
-        )
+        _both(axes, trials, _column("q", joint, np.degrees(1)))
         axes.set(title=f"A{joint + 1}", ylabel="[deg]")
     last = panels[7]
     _wipe(last)
@@ -129,7 +122,7 @@ def wrench(trials: list[Trace]) -> Figure:
     for axes, first, symbol, unit in ((panels[0], 0, "f", "force [N]"), (panels[1], 3, "m", "moment [N m]")):
         _wipe(axes)
         for index, (name, colour) in enumerate(zip("xyz", AXES, strict=True)):
-            _both(axes, trials, lambda trace, k=first + index: trace["wrench_used"][:, k], f"${symbol}_{name}$", colour)
+            _both(axes, trials, _column("wrench_used", first + index), f"${symbol}_{name}$", colour)
         axes.set(ylabel=unit)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     panels[0].set(title="environment on the robot, tool point, base axes: corrected solid, conventional dashed")
@@ -143,7 +136,7 @@ def singular_values(trials: list[Trace]) -> Figure:
     panels = figure.subplots(2, 1, sharex=True)
     for axes, name in zip(panels, ("symmetric", "antisymmetric"), strict=True):
         _wipe(axes)
-        _both(axes, trials, lambda trace, name=name: trace[name])
+        _both(axes, trials, _column(name))
         axes.set(ylabel="[N m/rad]", title=f"{name} part, largest singular value")
     panels[1].set(xlabel="time [s]")
     _legend(figure, panels[0])
@@ -152,19 +145,17 @@ def singular_values(trials: list[Trace]) -> Figure:
 
 def eigenvalues(trials: list[Trace]) -> Figure:
     """Eigenvalues of the symmetric part; below, the two smallest, with zero marked."""
-
-    def value(index: int, least: float) -> Column:
-        return lambda trace: np.where(trace["eigenvalues"][:, index] > least, trace["eigenvalues"][:, index], np.nan)
-
     figure = Figure(figsize=(7.5, 5.6), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes in panels:
         _wipe(axes)
     for index in range(7):
-        _both(panels[0], trials, value(index, 0.1))
+        _both(panels[0], trials, _column("eigenvalues", index))
     for index in range(2):
-        _both(panels[1], trials, value(index, -np.inf))
-    panels[0].set(ylabel="[N m/rad]", yscale="log", title="eigenvalues of the symmetric part, those above 0.1 N m/rad")
+        _both(panels[1], trials, _column("eigenvalues", index))
+    panels[0].set(ylabel="[N m/rad]", title="eigenvalues of the symmetric part, those above 0.1 N m/rad")
+    panels[0].set_yscale("log", nonpositive="mask")
+    panels[0].set_ylim(bottom=0.1)
     panels[1].axhline(0, color=INK, linewidth=0.8)
     panels[1].set(ylabel="[N m/rad]", xlabel="time [s]", title="the two smallest; below zero, Kq is indefinite")
     _legend(figure, panels[0])
@@ -188,7 +179,7 @@ def energy(trials: list[Trace]) -> Figure:
     for axes, rows in zip(panels, (large, small), strict=True):
         _wipe(axes)
         for name, label, colour in rows:
-            _both(axes, trials, lambda trace, name=name: trace[name], label, colour)
+            _both(axes, trials, _column(name), label, colour)
         axes.set(ylabel="energy [J]")
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     panels[0].set(title="energy since the start: corrected solid, conventional dashed")
@@ -216,6 +207,11 @@ def trajectory(robot: ModuleType, stated: Comparison, measured: Comparison) -> F
     right.legend(ncols=2, fontsize=7)
     _legend(figure, left)
     return figure
+
+
+def _column(name: str, index: int | None = None, factor: float = 1.0) -> Column:
+    """An array of the trace, or one of its columns, times a factor."""
+    return lambda trace: factor * (trace[name] if index is None else trace[name][:, index])
 
 
 def _both(axes: Axes, trials: list[Trace], column: Column, label: str = "", colour: str = "") -> None:

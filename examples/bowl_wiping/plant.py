@@ -11,7 +11,7 @@ What the paper does not give and is chosen here:
 * the tool's shape, from which its centre of mass and inertia follow (the paper has 0.455 kg and a length);
 * the bowl's shape, place and friction, chosen so that the zero-force trajectory presses the plate on it;
 * the motors' inertia as it appears at the joints. A URDF has none, and with the links' inertia alone the paper's
-  damping cannot run at 5 ms: the wrist's light directions would need a sample time 100 times shorter.
+  damping cannot run at 5 ms: the wrist's light directions would need a sample time 30 times shorter.
 """
 
 from __future__ import annotations
@@ -134,7 +134,6 @@ class Plant:
         self._tip = self.model.site("tip").id
         self._sensor = self.model.site("sensor").id
         self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
-        self._bowl = self.model.geom("bowl").id if bowl else -1
         self._place(np.asarray(q, dtype=float))
 
     def _place(self, q: Array) -> None:
@@ -214,9 +213,9 @@ class Plant:
         for index in self._tool_contacts():
             contact, local = self.data.contact[index], np.empty(6)
             mujoco.mj_contactForce(self.model, self.data, index, local)
-            # On the second geom of the pair, in the contact's axes (rows of the frame), at its position.
-            sign = -1.0 if contact.geom1 != self._bowl else 1.0
-            force, moment = sign * (local.reshape(2, 3) @ contact.frame.reshape(3, 3))
+            # On the second geom of the pair, in the contact's axes (rows of the frame), at its position. MuJoCo orders
+            # a pair by the geoms' types: the height field of the bowl comes first.
+            force, moment = local.reshape(2, 3) @ contact.frame.reshape(3, 3)
             total[:3] += force
             total[3:] += moment + np.cross(contact.pos - self.data.site_xpos[self._tip], force)
         return total
@@ -244,7 +243,7 @@ class Plant:
     @property
     def arm_in_contact(self) -> bool:
         """Whether a link of the arm touches the bowl, which it should not."""
-        return self.data.ncon > len(self._tool_contacts())
+        return bool(self.data.ncon > len(self._tool_contacts()))
 
     def _tool_contacts(self) -> list[int]:
         bodies = self.model.geom_bodyid

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
@@ -87,10 +87,10 @@ def recorded() -> Array:
     return np.loadtxt(RECORDED, delimiter=",").T
 
 
-def minimum_jerk(s: Array | float) -> Array:
+def minimum_jerk(s: ArrayLike) -> Array:
     """Position from 0 to 1 over the time share s, clipped to 0 ... 1 (Flash and Hogan 1985)."""
-    s = np.clip(s, 0.0, 1.0)
-    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+    share = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
+    return np.asarray(share**3 * (10 - 15 * share + 6 * share**2))
 
 
 def reference(sample_time: float) -> Reference:
@@ -123,7 +123,7 @@ def poses(robot: ModuleType, geometry: Geometry, count: int) -> Array:
     travel = np.stack([-sine, cosine, zero], axis=1)
     frame = np.stack([travel, np.cross(inward, travel), inward], axis=2)
     turn = Rotation.from_euler("xyz", [geometry.turn, *geometry.lean]).as_matrix()
-    centre = _tip(robot, CENTRE_POSTURE, geometry.tip)[:3, 3] + geometry.centre
+    centre = tip_pose(robot, CENTRE_POSTURE, geometry.tip)[:3, 3] + geometry.centre
     result = np.zeros((count, 4, 4))
     result[:, :3, :3] = frame @ turn
     result[:, :3, 3] = centre - geometry.radius * inward
@@ -144,22 +144,28 @@ def inverse_kinematics(robot: ModuleType, target: Array, q: Array, tip: float, s
     """
     result = []
     for pose in np.concatenate([np.repeat(target[:1], settle, axis=0), target]):
-        present = _tip(robot, q, tip)
+        present = tip_pose(robot, q, tip)
         turn = Rotation.from_matrix(pose[:3, :3] @ present[:3, :3].T).as_rotvec()
         error = np.concatenate([pose[:3, 3] - present[:3, 3], turn])
-        J = robot.hybrid.jacobian(q).copy()
-        J[:3] += np.cross(J[3:], (tip - TOOL_POINT) * present[:3, 2], axisa=0, axisc=0)
+        J = tip_jacobian(robot, q, tip)
         W = np.linalg.inv(robot.mass_matrix(q))
         q = q + W @ J.T @ np.linalg.solve(J @ W @ J.T + IK_DAMPING * np.eye(6), error)
         result.append(q)
     return np.asarray(savgol_filter(np.array(result)[settle:], **SMOOTHING))
 
 
-def _tip(robot: ModuleType, q: Array, tip: float) -> Array:
-    """Pose of a point of the tool's axis, ``tip`` from the flange; robots' own tip is TOOL_POINT from it."""
+def tip_pose(robot: ModuleType, q: Array, tip: float) -> Array:
+    """(4, 4) pose of the point of the tool's axis that is ``tip`` [m] from the flange; the robot's is TOOL_POINT."""
     pose = np.array(robot.forward_kinematics(q))
-    pose[..., :3, 3] += (tip - TOOL_POINT) * pose[..., :3, 2]
+    pose[:3, 3] += (tip - TOOL_POINT) * pose[:3, 2]
     return pose
+
+
+def tip_jacobian(robot: ModuleType, q: Array, tip: float) -> Array:
+    """(6, n) hybrid Jacobian of that point."""
+    J = np.array(robot.hybrid.jacobian(q))
+    J[:3] += np.cross(J[3:], (tip - TOOL_POINT) * robot.forward_kinematics(q)[:3, 2], axisa=0, axisc=0)
+    return J
 
 
 @dataclass(frozen=True)

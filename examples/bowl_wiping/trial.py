@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from examples.bowl_wiping.plant import Plant
 from examples.bowl_wiping.trajectory import reference
 
 Array = NDArray[np.float64]
-Trace = dict[str, NDArray]
+Trace = dict[str, NDArray[Any]]
 
 TASK_STIFFNESS: Array = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
 """K [N/m, N m/rad], hybrid frame."""
@@ -55,7 +56,7 @@ COLUMNS = {
 """The trace: name of an array and what it holds; the first axis is time."""
 
 
-def controller(robot: ModuleType, formula: str, sample_time: float, steps: int) -> object:
+def controller(robot: ModuleType, formula: str, sample_time: float, steps: int) -> Any:
     """The paper's controller: no tank, no limit avoidance, no rate limits, three-sample mean of the wrench.
 
     Args:
@@ -150,7 +151,7 @@ def parts(stiffness: Array) -> tuple[Array, Array]:
     return (stiffness + transposed) / 2, (stiffness - transposed) / 2
 
 
-def faults(robot: ModuleType, status: NDArray) -> dict[str, int]:
+def faults(robot: ModuleType, status: NDArray[np.uint32]) -> dict[str, int]:
     """Status bits that count as a fault and show in a trial, with the number of steps."""
     counts = {bit.name: int(np.count_nonzero(status & int(bit))) for bit in robot.Status}
     return {name: count for name, count in counts.items() if count and name not in EXPECTED}

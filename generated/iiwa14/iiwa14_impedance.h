@@ -46,6 +46,11 @@ extern "C" {
  *   STIFFGEN_STATUS_MASS_MATRIX: the mass matrix is not positive definite: last damping (and nullspace stiffness) kept
  *   STIFFGEN_STATUS_SINGULAR: nullspace projected: the inverse is damped near a singularity
  *   STIFFGEN_STATUS_CONFIG: the configuration is refused or the state not initialised; the return value says why
+ * Modes of a step:
+ *   STIFFGEN_MODE_START: initialised, no sample seen yet
+ *   STIFFGEN_MODE_RETURN: control, with the reference on its way to q0
+ *   STIFFGEN_MODE_ACTIVE: control
+ *   STIFFGEN_MODE_FALLBACK: pure damping, no elastic torque
  */
 
 /* How the controller behaves; start from the defaults. Fields without a choice's name are numbers. */

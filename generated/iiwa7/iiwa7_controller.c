@@ -151,6 +151,13 @@ static const status statuses[] = {
     {"config", STIFFGEN_STATUS_CONFIG, "the configuration is refused or the state not initialised; the return value says why"},
 };
 
+static const choice modes[] = {
+    {"mode", "start", STIFFGEN_MODE_START},
+    {"mode", "return", STIFFGEN_MODE_RETURN},
+    {"mode", "active", STIFFGEN_MODE_ACTIVE},
+    {"mode", "fallback", STIFFGEN_MODE_FALLBACK},
+};
+
 /* The buffer of count structs of the given size at least, or NULL with an exception. */
 static void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
 {
@@ -256,6 +263,17 @@ static int append(PyObject *list, PyObject *item)
     return failed ? -1 : 0;
 }
 
+static PyObject *words(const choice *first, size_t count)
+{
+    PyObject *list = PyList_New(0);
+    for (size_t i = 0; list != NULL && i < count; ++i) {
+        if (append(list, Py_BuildValue("(ssi)", first[i].field, first[i].choice, first[i].value)) < 0) {
+            Py_CLEAR(list);
+        }
+    }
+    return list;
+}
+
 static int execute(PyObject *module)
 {
     PyObject *list = PyList_New(0);
@@ -273,13 +291,8 @@ static int execute(PyObject *module)
     if (add(module, "FIELDS", list) < 0) {
         return -1;
     }
-    list = PyList_New(0);
-    for (size_t i = 0; list != NULL && i < sizeof choices / sizeof *choices; ++i) {
-        if (append(list, Py_BuildValue("(ssi)", choices[i].field, choices[i].choice, choices[i].value)) < 0) {
-            Py_CLEAR(list);
-        }
-    }
-    if (add(module, "CHOICES", list) < 0) {
+    if (add(module, "CHOICES", words(choices, sizeof choices / sizeof *choices)) < 0 ||
+        add(module, "MODES", words(modes, sizeof modes / sizeof *modes)) < 0) {
         return -1;
     }
     list = PyList_New(0);

@@ -56,7 +56,7 @@ hybrid = _SimpleNamespace(
     joint_stiffness_uncorrected=_ufunc.hybrid_joint_stiffness_uncorrected,
 )
 
-from .impedance import Impedance, Status
+from .impedance import Impedance, Mode, Status
 
 __all__ = [
     "DOF", "JOINTS", "BASE", "TIP", "LOWER", "UPPER", "VELOCITY", "EFFORT",
@@ -65,5 +65,5 @@ __all__ = [
     "body",
     "spatial",
     "hybrid",
-    "Impedance", "Status",
+    "Impedance", "Mode", "Status",
 ]

@@ -90,4 +90,4 @@ body: Final[__body]
 spatial: Final[__spatial]
 hybrid: Final[__hybrid]
 
-from .impedance import Impedance as Impedance, Status as Status
+from .impedance import Impedance as Impedance, Mode as Mode, Status as Status

@@ -7,7 +7,7 @@ The header documents every field with its unit. The wrench is the one that the e
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import IntFlag
+from enum import IntEnum, IntFlag
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,8 @@ Status = IntFlag("Status", {name.upper(): bit for name, bit, _ in _c.STATUSES})
 """Bits of a step's status."""
 STATUS_MEANING = {Status(bit): meaning for _, bit, meaning in _c.STATUSES}
 """One line on each bit."""
+Mode = IntEnum("Mode", {word.upper(): value for _, word, value in _c.MODES})
+"""Modes of a step."""
 
 
 class Impedance:

@@ -57,6 +57,18 @@ static int check_ratio(int n, const double *ratio)
     return STIFFGEN_OK;
 }
 
+/* Symmetric part of A over its size, or over 1 if that is 0; returns which. */
+static double scaled_symmetric(int n, const double *A, double size, double *result)
+{
+    const double unit = size > 0.0 ? size : 1.0;
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            result[i * n + j] = (A[i * n + j] / unit + A[j * n + i] / unit) / 2.0;
+        }
+    }
+    return unit;
+}
+
 static void transpose(int n, double *A)
 {
     for (int i = 0; i < n; ++i) {
@@ -191,14 +203,14 @@ static void solve_lower(int n, const double *L, double *x, int stride)
 }
 
 /* x <- L^-T x. */
-static void solve_upper(int n, const double *L, double *x, int stride)
+static void solve_upper(int n, const double *L, double *x)
 {
     for (int i = n - 1; i >= 0; --i) {
-        double sum = x[i * stride];
+        double sum = x[i];
         for (int k = i + 1; k < n; ++k) {
-            sum -= L[k * n + i] * x[k * stride];
+            sum -= L[k * n + i] * x[k];
         }
-        x[i * stride] = sum / L[i * n + i];
+        x[i] = sum / L[i * n + i];
     }
 }
 
@@ -217,12 +229,7 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
     if (error != STIFFGEN_OK) {
         return error;
     }
-    const double unit = size > 0.0 ? size : 1.0;
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            C[i * n + j] = (K[i * n + j] / unit + K[j * n + i] / unit) / 2.0;
-        }
-    }
+    const double unit = scaled_symmetric(n, K, size, C);
     for (int j = 0; j < n; ++j) {
         solve_lower(n, L, C + j, n);
     }
@@ -277,12 +284,7 @@ int stiffgen_eigen_symmetric(int n, const double *A, double *eigenvalues, double
     if (error != STIFFGEN_OK) {
         return error;
     }
-    const double unit = scale > 0.0 ? scale : 1.0;
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            work[i * n + j] = (A[i * n + j] / unit + A[j * n + i] / unit) / 2.0;
-        }
-    }
+    const double unit = scaled_symmetric(n, A, scale, work);
     error = jacobi(n, work, eigenvalues, vectors);
     transpose(n, vectors);
     for (int i = 0; i < n; ++i) {
@@ -304,7 +306,7 @@ int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mas
         return error;
     }
     for (int k = 0; k < n; ++k) {
-        solve_upper(n, L, vectors + k * n, 1);
+        solve_upper(n, L, vectors + k * n);
         for (int i = 0; i < n; ++i) {
             vectors[k * n + i] /= sqrt(scale);
         }
@@ -344,12 +346,7 @@ static int square_root(int n, const double *A, double *root, double *smallest, d
     if (error != STIFFGEN_OK) {
         return error;
     }
-    const double unit = scale > 0.0 ? scale : 1.0;
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            C[i * n + j] = (A[i * n + j] / unit + A[j * n + i] / unit) / 2.0;
-        }
-    }
+    const double unit = scaled_symmetric(n, A, scale, C);
     error = jacobi(n, C, values, rows);
     *smallest = values[0];
     for (int k = 0; k < n; ++k) {
@@ -487,7 +484,7 @@ int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *ma
         }
     }
     for (int r = 0; r < 6; ++r) {
-        solve_upper(n, L, Z + r * n, 1); /* row r of J M^-1, times the mass scale, which cancels */
+        solve_upper(n, L, Z + r * n); /* row r of J M^-1, times the mass scale, which cancels */
     }
     int immovable = 0;
     for (int r = 0; r < 6; ++r) {

@@ -2,7 +2,8 @@
 
 Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there
 (templates/lanes.c).
-Kernels with a batch are printed once more with every number replaced by lanes of configurations.
+Kernels with a batch are printed once more with every number replaced by lanes of configurations, and, where CUDA is
+asked for, with plain numbers: one configuration a thread.
 """
 
 from __future__ import annotations
@@ -54,56 +55,66 @@ class Scope:
 
 
 @dataclass(frozen=True)
-class Code:
-    """The functions of one robot.
-
-    ``recursions`` are internal; ``kernels`` has one public function a kernel; ``batches`` has, for the kernels that
-    are offered for many configurations in one call, the internal function that computes LANES of them.
-    """
+class Functions:
+    """Functions printed in one way: a body a kernel, and the recursions that these share."""
 
     scopes: tuple[Scope, ...]
     recursions: tuple[tuple[Scope, Function], ...]
     kernels: tuple[tuple[Kernel, Function], ...]
-    batch_recursions: tuple[tuple[Scope, Function], ...]
-    batches: tuple[tuple[Kernel, Function], ...]
 
     def calls(self, function: str) -> bool:
         """Whether any body calls an internal function."""
-        bodies = [
-            *(f for _, f in self.recursions),
-            *(f for _, f in self.batch_recursions),
-            *(f for _, f in self.kernels),
-            *(f for _, f in self.batches),
-        ]
+        bodies = [f for _, f in (*self.recursions, *self.kernels)]
         return any(f"{function}(" in line for body in bodies for line in body.lines)
+
+
+@dataclass(frozen=True)
+class Code:
+    """The functions of one robot.
+
+    ``single`` has the public function of every kernel; ``batch`` has, for the kernels that are offered for many
+    configurations in one call, the internal function that computes LANES of them.
+    """
+
+    single: Functions
+    batch: Functions
+
+    def calls(self, function: str) -> bool:
+        """Whether any body calls an internal function."""
+        return self.single.calls(function) or self.batch.calls(function)
 
 
 def print_chain(chain: Chain, name: str) -> Code:
     """Print every kernel of a chain; ``name`` is the prefix of public functions."""
-    single, batch = _ChainPrinter(chain, name, batch=False), _ChainPrinter(chain, name, batch=True)
-    table = chain_kernels(chain)
-    kernels = tuple((kernel, single.kernel(kernel)) for kernel in table)
-    batches = tuple((kernel, batch.kernel(kernel)) for kernel in table if kernel.batch)
-    scopes = tuple(single.scopes.values())
-    return Code(scopes, tuple(single.recursions.values()), kernels, tuple(batch.recursions.values()), batches)
+    return Code(_ChainPrinter(chain, name, _Body).functions(), _ChainPrinter(chain, name, _BatchBody).functions())
+
+
+def print_threads(chain: Chain, name: str) -> Functions:
+    """Print the kernels that have a batch for one configuration a CUDA thread; none for chains without batches."""
+    return _ChainPrinter(chain, name, _ThreadBody).functions()
 
 
 class _ChainPrinter:
-    """Prints for one configuration, or for LANES configurations side by side (``batch``)."""
+    """Prints bodies of one kind."""
 
-    def __init__(self, chain: Chain, name: str, *, batch: bool) -> None:
+    def __init__(self, chain: Chain, name: str, body: type[_Body]) -> None:
         self.chain = chain
         self.name = name
-        self.batch = batch
+        self.body = body
         self.scopes: dict[str, Scope] = {}
         self.recursions: dict[str, tuple[Scope, Function]] = {}
         self.finished: dict[str, Operations] = {}  # public functions printed so far
+
+    def functions(self) -> Functions:
+        table = [kernel for kernel in chain_kernels(self.chain) if kernel.batch or not self.body.many]
+        kernels = tuple((kernel, self.kernel(kernel)) for kernel in table)
+        return Functions(tuple(self.scopes.values()), tuple(self.recursions.values()), kernels)
 
     def kernel(self, kernel: Kernel) -> Function:
         prefix = f"{kernel.tip.name}_" if kernel.tip else ""
         scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix))
         program = kernel.steps(self.chain)
-        body = _BatchBody(self, scope, kernel) if self.batch else _Body(self, scope, kernel)
+        body = self.body(self, scope, kernel)
         body.arguments(program)
         for step in program:
             body.step(step)
@@ -144,7 +155,7 @@ class _ChainPrinter:
         entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
         m = len(chain.joints)
-        by_rows = not self.batch and all(target.shape == (6, m) for target in targets)
+        by_rows = not self.body.many and all(target.shape == (6, m) for target in targets)
         if by_rows:
             places = [f"{t.name}{r}_{c}" for t in targets for r in range(t.shape[0]) for c in range(t.shape[1])]
         else:
@@ -158,8 +169,9 @@ class _ChainPrinter:
             list(zip(places, entries, strict=True)),
             named,
             heading=step.heading,
-            wide={text for _, text in inputs} if self.batch else (),
-            wide_outputs=self.batch,
+            wide={text for _, text in inputs} if self.body.many else (),
+            wide_outputs=self.body.many,
+            wide_number=self.body.wide_number,
             define=by_rows,
         )
         lines, values = list(printed.lines), list(printed.values)
@@ -168,8 +180,7 @@ class _ChainPrinter:
             values = values[target.size :]
         text = "\n".join(lines)
         used = {local: source for local, source in guards.items() if re.search(rf"\b{local}\b", text)}
-        number, guard = ("lanes", "finite_lanes") if self.batch else ("double", "finite_or_nan")
-        guarded = [f"const {number} {local} = {guard}({source});" for local, source in used.items()]
+        guarded = [f"const {self.body.number} {local} = {self.body.guard}({source});" for local, source in used.items()]
         read = text + str(used)
         unused = [f"(void){a.name};" for a in step.arguments if not re.search(rf"\b{a.name}\[", read)]
         return [*guarded, *unused, *lines], printed.operations
@@ -227,7 +238,14 @@ _RANGES = {
 class _Body:
     """Collects the declarations and statements of one kernel, for one configuration."""
 
+    many = False  # made for many configurations in one call
     number = "double"
+    wide_number = "lanes"  # of what runs over lanes: of joints, or of configurations
+    guard = "finite_or_nan"
+    _zero = "0.0"
+    _suffix = ""  # of the recursions' names
+    # gcc 12 stores to large arrays with an alignment that it does not give them itself.
+    _aligned = "ALIGNED "
     _guards_arguments = True
 
     def __init__(self, printer: _ChainPrinter, scope: Scope, kernel: Kernel) -> None:
@@ -330,8 +348,7 @@ class _Body:
     def _declare_numbers(self, array: Array, at: str) -> None:
         flat = at == "ij" and len(array.shape) == 2  # like a public result
         extents = f"[{array.size}]" if flat else "".join(f"[{extent}]" for extent in array.shape)
-        # gcc 12 stores to large arrays with an alignment that it does not give them itself.
-        aligned = "ALIGNED " if at == "ij" else ""
+        aligned = self._aligned if at == "ij" else ""
         self._note(f"{aligned}{self.number} {array.name}{extents};")
 
     def _note(self, declaration: str) -> None:
@@ -370,7 +387,11 @@ class _Body:
         places = ["row[j]"] if rows else [self._write(target, k) for k in range(target.count)]
         outputs = [(places[k], value) for k, value in enumerate(results) if k not in zeros]
         printed = print_statements(
-            inputs, outputs, wide=wide, wide_outputs=rows or step.over == "j" or self.number == "lanes"
+            inputs,
+            outputs,
+            wide=wide,
+            wide_outputs=rows or step.over == "j" or self.many,
+            wide_number=self.wide_number,
         )
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
@@ -543,16 +564,16 @@ class _Body:
                     "}",
                 ]
 
-    _zero = "0.0"
-
 
 class _BatchBody(_Body):
     """The same with lanes of configurations in place of every number; nothing runs over lanes of joints."""
 
+    many = True
     number = "lanes"
+    guard = "finite_lanes"
     _zero = "same(0.0)"
-
-    _guards_arguments = False  # results are guarded when they are stored (scatter)
+    _suffix = "_lanes"
+    _guards_arguments = False  # results are guarded when they are stored
 
     def _recursion(self, step: Recursion) -> None:
         for target in step.targets:
@@ -563,8 +584,8 @@ class _BatchBody(_Body):
             operations = function.operations
             (target,) = step.targets
             row = f"[{target.shape[1]}]"
-            into = f"(lanes (*){row}){target.name}" if self._public(target) else target.name
-            self.lines.append(f"{function.name}_lanes({self._given(step)}, {into});")
+            into = f"({self.number} (*){row}){target.name}" if self._public(target) else target.name
+            self.lines.append(f"{function.name}{self._suffix}({self._given(step)}, {into});")
         else:
             lines, operations = self.printer.recursion_body(self.scope, step, step.targets)
             self.lines += lines
@@ -582,6 +603,16 @@ class _BatchBody(_Body):
 
     def _read(self, operand: Operand, k: int, *, rows: bool) -> tuple[str, bool]:
         return self._write(operand, k), True
+
+
+class _ThreadBody(_BatchBody):
+    """The same with one configuration in place of lanes of them: what a CUDA thread does."""
+
+    number = wide_number = "double"
+    guard = "finite_or_nan"
+    _zero = "0.0"
+    _suffix = ""
+    _aligned = ""
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

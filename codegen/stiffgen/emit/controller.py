@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from stiffgen.chain import Chain
-from stiffgen.controller import CONFIG, INPUT, MAX_DOF, OUTPUT, STATUS, Field
+from stiffgen.controller import CONFIG, INPUT, MAX_DOF, MODES, OUTPUT, STATUS, Field
 
 COPIED = (
     "stiffgen_damping.c",
@@ -55,6 +55,7 @@ def controller_context(name: str, chain: Chain) -> dict[str, Any] | None:
         "compiled": COMPILED,
         "headers": tuple(file for file in COPIED if file.endswith(".h") and not file.endswith("_step.h")),
         "status": STATUS,
+        "modes": MODES,
         "structs": [
             {"name": struct, "summary": summary, "fields": [_field(field, sizes) for field in fields]}
             for struct, summary, fields in _STRUCTS

@@ -158,6 +158,7 @@ def print_statements(
     heading: str = "",
     wide: Container[str] = (),
     wide_outputs: bool = False,
+    wide_number: str = "lanes",
     define: bool = False,
 ) -> Printed:
     """Print the statements that compute ``outputs``.
@@ -169,6 +170,7 @@ def print_statements(
         heading: comment over the outputs.
         wide: the C texts among the inputs that are lanes; what depends on them is lanes too, the rest double.
         wide_outputs: the lvalues are lanes.
+        wide_number: C type of what is called lanes here: "lanes", or "double" for one configuration at a time.
         define: take the lvalues as names of new locals; what is a constant or has a name already gets no second one.
 
     Returns:
@@ -179,7 +181,7 @@ def print_statements(
     named_values = [(name, value) for group in named for name, value in group.values]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
     graph, numbers = _build(ca.Function("f", [symbols], [everything]))
-    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide)
+    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, wide_number)
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -197,8 +199,11 @@ def print_statements(
 
 
 class _Writer:
-    def __init__(self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str]) -> None:
+    def __init__(
+        self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], wide_number: str
+    ) -> None:
         self.graph = graph
+        self.wide_number = wide_number
         self.inputs = inputs
         self.wide = self._wide_nodes(wide)
         self.lines: list[str] = []
@@ -245,10 +250,10 @@ class _Writer:
         else:
             count, padded = f"{-(-len(values) // WIDEST) * WIDEST} / LANES", eights(values)
         self.lines += [
-            f"const lanes angle[{count}] = {{",
+            f"const {self.wide_number} angle[{count}] = {{",
             *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
             "};",
-            f"lanes sine[{count}], cosine[{count}];",
+            f"{self.wide_number} sine[{count}], cosine[{count}];",
             f"sine_cosine(angle, sine, cosine, {count});",
         ]
         view = {"sin": "sine", "cos": "cosine"}
@@ -290,7 +295,8 @@ class _Writer:
     def assign(self, lvalue: str, number: int, *, wide: bool) -> None:
         self._prepare(number)
         text = self._expression(number)[0]
-        self._write(f"{lvalue} = {f'same({text})' if wide and number not in self.wide else text};")
+        spread = wide and number not in self.wide and self.wide_number == "lanes"
+        self._write(f"{lvalue} = {f'same({text})' if spread else text};")
 
     def value(self, name: str, number: int) -> str:
         """C text of a node, which is defined under ``name`` unless it is short already."""
@@ -300,7 +306,7 @@ class _Writer:
         return self._expression(number)[0]
 
     def _type(self, number: int) -> str:
-        return "const lanes" if number in self.wide else "const double"
+        return f"const {self.wide_number}" if number in self.wide else "const double"
 
     def _is_leaf(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -313,14 +319,14 @@ class _Writer:
 
     def _prepare(self, number: int) -> None:
         """Define the shared operands below a node, deepest first."""
-        stack: list[tuple[int, Iterator[int]]] = [(number, iter(self.graph.operands(number)))]
+        stack: list[tuple[int, Iterator[int]]] = [(number, iter(self._operands(number)))]
         visited = {number}
         while stack:
             current, operands = stack[-1]
             below = next((o for o in operands if o not in visited and o not in self.text), None)
             if below is not None:
                 visited.add(below)
-                stack.append((below, iter(self.graph.operands(below))))
+                stack.append((below, iter(self._operands(below))))
                 continue
             stack.pop()
             shared = self.uses[current] > 1 and self.graph.keys[current][0] != "neg"
@@ -328,6 +334,10 @@ class _Writer:
                 self._write(f"{self._type(current)} t{self.temporaries} = {self._expression(current)[0]};")
                 self.text[current] = f"t{self.temporaries}"
                 self.temporaries += 1
+
+    def _operands(self, number: int) -> tuple[int, ...]:
+        """Operands that are still to be computed: the angles of sines and cosines were used up by the call."""
+        return () if number in self.results else self.graph.operands(number)
 
     def _expression(self, number: int) -> tuple[str, int]:
         if number in self.text:
