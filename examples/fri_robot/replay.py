@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     torque = np.full((len(log), JOINTS), np.nan)
     starts = np.flatnonzero(log["start"])
     K = np.diag(log.summary["controller"]["task_stiffness"])
-    for begin, end in zip(starts, [*starts[1:], len(log)], strict=True):
+    for begin, end in pairwise([*starts, len(log)]):
         part = slice(begin, end)
         valid = log["sample_valid"][part].astype(int)
         inputs = {name: log[name][part] for name in ("q", "dq", "q0", "dq0", "wrench")}
