@@ -645,6 +645,9 @@ def test_lost_messages_are_missed_samples(programs: Programs, robot: ModuleType,
     wiped = Wiped(programs, script, tmp_path)
     assert wiped.faults["lost_cycles"] == 2 and wiped.faults["fallbacks"] == 0
     assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [31, 32]
+    dq, weight = wiped.log["dq"], 1 - np.exp(-0.015 / 0.004)
+    mean = (moving(robot, 33 * 0.005)[0] - moving(robot, 30 * 0.005)[0]) / 0.015
+    np.testing.assert_allclose(dq[33], dq[30] + weight * (mean - dq[30]), atol=1e-12)
     np.testing.assert_allclose(np.diff(wiped.log["time"]), 0.005, atol=1e-9)
     assert_safe(wiped, robot)
 
@@ -727,6 +730,27 @@ def test_missing_field_is_counted_and_holds_the_torque(
         assert np.array_equal(before.torque, at.torque)
         assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [60]
     assert wiped.faults["lost_cycles"] == wiped.faults["fallbacks"] == 0
+
+
+@pytest.mark.parametrize("value", [1e308, -4.0])
+def test_wild_position_does_not_stay_in_the_filters(
+    value: float, open_programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    script = open_programs.script()
+    script.begin()
+    for k in range(100):
+        q, _, torque = moving(robot, k * 0.005)
+        if k == 60:
+            q = q + value * np.eye(7)[2]
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+    wiped = Wiped(open_programs, script, tmp_path)
+    assert wiped.faults["implausible_positions"] == 1 and wiped.faults["fallbacks"] == 0
+    for k in range(60, 100):
+        command = wiped.commands[9 + k]
+        assert command is not None
+        np.testing.assert_allclose(command.position, moving(robot, k * 0.005)[0], atol=0.02)
+    assert np.abs(wiped.log["dq"][61:]).max() < 1.0
+    assert_safe(wiped, robot)
 
 
 def test_button_holds_the_trajectory_and_need_not_exist(programs: Programs, tmp_path: Path) -> None:
