@@ -213,7 +213,7 @@ def summary(options: argparse.Namespace, emulator: Emulator, recorder: Recorder 
         "missing_answers": emulator.meter.missing,
         "forced_states": emulator.forced_states,
         "faults": {direction: dict(injector.counts) for direction, injector in emulator.injectors.items()},
-        "contact_share": statistics.contact_cycles / max(statistics.active_cycles, 1),
+        "contact_share": statistics.in_contact / max(statistics.observed, 1),
         "largest_force_n": statistics.largest_force,
         "worst_latency_s": statistics.worst_latency,
         "overruns": statistics.overruns,
@@ -231,7 +231,7 @@ def _status_line(console: Console, emulator: Emulator) -> Iterator[None]:
 
     def line() -> Text:
         session, statistics = emulator.session, emulator.statistics
-        contact = "contact" if emulator.robot.plant.in_contact else "free"
+        contact = "contact" if emulator.in_contact else "free"
         force = float(np.linalg.norm(emulator.wrench[:3]))
         return Text(
             f"{session.state.name:17s} {session.quality.name:9s} {emulator.time:8.2f} s  cycles {statistics.sent}  "

@@ -46,6 +46,8 @@ UNCERTAIN_WAIT = 0.1
 """[s] of wall time that lockstep waits for an answer that need not come: to a datagram that a fault spoiled."""
 PLANT_SHARE = 0.35
 """Share of the period that the wall-clock mode keeps for the plant when no answer comes."""
+OBSERVE = 10
+"""Without a log, contact is looked at every so many cycles: it takes time that a period of 1 ms does not have."""
 GOODBYES = 20
 """Most messages with IDLE at the end; sending stops as soon as the client is gone."""
 
@@ -122,8 +124,9 @@ class Statistics:
     """What a session came to.
 
     ``sent`` monitoring messages, ``received`` datagrams, ``accepted`` commands; ``rejected`` datagrams and outputs by
-    reason; ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``contact_cycles``
-    of the ``active_cycles`` in COMMANDING_ACTIVE; ``worst_latency`` of an answer [s]; ``largest_force`` on the tip [N].
+    reason; ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``in_contact``
+    cycles of those ``observed`` in COMMANDING_ACTIVE; ``worst_latency`` of an answer [s];
+    ``largest_force`` on the tip [N].
     """
 
     sent: int = 0
@@ -132,8 +135,8 @@ class Statistics:
     overruns: int = 0
     slip: float = 0.0
     rejected: Counter[str] = field(default_factory=Counter)
-    contact_cycles: int = 0
-    active_cycles: int = 0
+    observed: int = 0
+    in_contact: int = 0
     worst_latency: float = 0.0
     largest_force: float = 0.0
 
@@ -186,6 +189,7 @@ class Emulator:
         self.tracking = 0.0
         self.statistics = Statistics()
         self.wrench = np.zeros(6)
+        self.in_contact = robot.plant.in_contact
         self._epoch = LOCKSTEP_EPOCH if settings.lockstep else wall.time_ns()
         self._cycle = 0
         self._forced = sorted(faults.states, key=lambda fault: fault.start or 0.0)
@@ -364,13 +368,16 @@ class Emulator:
         self.tracking = sum(self._executed) / len(self._executed)
 
     def _observe(self, state: SessionState) -> None:
-        """External wrench, for the next message, the log and the status line."""
-        statistics = self.statistics
-        if self._recorder or self._protocol.framed or self._cycle % 50 == 0:
+        """External wrench and contact, for the next message, the log, the status line and the counts."""
+        every = self._recorder is not None or self._cycle % OBSERVE == 0
+        if every or self._protocol.framed:
             self.wrench = self.robot.plant.wrench()
-        if state is SessionState.COMMANDING_ACTIVE:
-            statistics.active_cycles += 1
-            statistics.contact_cycles += self.robot.plant.in_contact
+        if every:
+            self.in_contact = self.robot.plant.in_contact
+        if every and state is SessionState.COMMANDING_ACTIVE:
+            statistics = self.statistics
+            statistics.observed += 1
+            statistics.in_contact += self.in_contact
             statistics.largest_force = max(statistics.largest_force, float(np.linalg.norm(self.wrench[:3])))
 
     def _write_outputs(self, command: Command) -> None:
@@ -394,7 +401,7 @@ class Emulator:
         row["sent_position"], row["sent_torque"] = sent.commanded_position, sent.commanded_torque
         row["ipo"] = np.nan if sent.ipo is None else sent.ipo
         row["pose"], row["wrench"] = sent.pose, sent.external_force
-        row["in_contact"] = self.robot.plant.in_contact
+        row["in_contact"] = self.in_contact
         for direction in DIRECTIONS:
             last = self.injectors[direction].last
             row[f"{direction}_fault"] = -1 if last is None else KINDS.index(last)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -186,18 +187,7 @@ class Robot:
 
 
 def quaternion(R: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of a rotation matrix, w >= 0.
-
-    The eigenvector of the greatest eigenvalue of Bar-Itzhack's matrix (2000), which is well-conditioned everywhere.
-    """
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
-    K = np.array(
-        [
-            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
-            [zy - yz, xx - yy - zz, xy + yx, xz + zx],
-            [xz - zx, xy + yx, yy - xx - zz, yz + zy],
-            [yx - xy, xz + zx, yz + zy, zz - xx - yy],
-        ]
-    )
-    q = np.linalg.eigh(K)[1][:, -1]
+    """Unit quaternion (w, x, y, z) of a rotation matrix, w >= 0."""
+    q = np.empty(4)
+    mujoco.mju_mat2Quat(q, R.ravel())
     return np.asarray(np.copysign(1.0, q[0]) * q)
