@@ -792,6 +792,22 @@ def test_quality_drop_is_counted(open_programs: Programs, tmp_path: Path) -> Non
     assert wiped.log["events"].astype(int).tolist() == 5 * [0] + [1 << 3] + 4 * [0]
 
 
+def test_message_with_an_old_clock_is_a_missed_sample(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """What an SDK without a look at the counter hands on: here with a sound counter and an old clock."""
+    script = programs.script()
+    script.begin()
+    for k in range(60):
+        q, _, torque = moving(robot, k * 0.005)
+        script.clock -= 10_000_000 if k == 40 else 0
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+        script.clock += 10_000_000 if k == 40 else 0
+    wiped = Wiped(programs, script, tmp_path)
+    assert wiped.faults["bad_timestamps"] == 1 and wiped.faults["lost_cycles"] == 0
+    assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [40]
+    held, command = wiped.commands[48], wiped.commands[49]
+    assert held is not None and command is not None and np.array_equal(held.torque, command.torque)
+
+
 def test_clock_that_was_set_costs_no_cycles(open_programs: Programs, tmp_path: Path) -> None:
     script = open_programs.script()
     script.begin()
