@@ -645,6 +645,9 @@ def test_lost_messages_are_missed_samples(programs: Programs, robot: ModuleType,
     wiped = Wiped(programs, script, tmp_path)
     assert wiped.faults["lost_cycles"] == 2 and wiped.faults["fallbacks"] == 0
     assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [31, 32]
+    dq, weight = wiped.log["dq"], 1 - np.exp(-0.015 / 0.004)
+    mean = (moving(robot, 33 * 0.005)[0] - moving(robot, 30 * 0.005)[0]) / 0.015
+    np.testing.assert_allclose(dq[33], dq[30] + weight * (mean - dq[30]), atol=1e-12)
     np.testing.assert_allclose(np.diff(wiped.log["time"]), 0.005, atol=1e-9)
     assert_safe(wiped, robot)
 
@@ -729,6 +732,27 @@ def test_missing_field_is_counted_and_holds_the_torque(
     assert wiped.faults["lost_cycles"] == wiped.faults["fallbacks"] == 0
 
 
+@pytest.mark.parametrize("value", [1e308, -4.0])
+def test_wild_position_does_not_stay_in_the_filters(
+    value: float, open_programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    script = open_programs.script()
+    script.begin()
+    for k in range(100):
+        q, _, torque = moving(robot, k * 0.005)
+        if k == 60:
+            q = q + value * np.eye(7)[2]
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+    wiped = Wiped(open_programs, script, tmp_path)
+    assert wiped.faults["implausible_positions"] == 1 and wiped.faults["fallbacks"] == 0
+    for k in range(60, 100):
+        command = wiped.commands[9 + k]
+        assert command is not None
+        np.testing.assert_allclose(command.position, moving(robot, k * 0.005)[0], atol=0.02)
+    assert np.abs(wiped.log["dq"][61:]).max() < 1.0
+    assert_safe(wiped, robot)
+
+
 def test_button_holds_the_trajectory_and_need_not_exist(programs: Programs, tmp_path: Path) -> None:
     script = programs.script()
     for state, count in ((MONITORING_READY, 3), (COMMANDING_WAIT, 3), (COMMANDING_ACTIVE, 200)):
@@ -766,6 +790,22 @@ def test_quality_drop_is_counted(open_programs: Programs, tmp_path: Path) -> Non
     wiped = Wiped(open_programs, script, tmp_path)
     assert wiped.faults["quality_drops"] == 1
     assert wiped.log["events"].astype(int).tolist() == 5 * [0] + [1 << 3] + 4 * [0]
+
+
+def test_message_with_an_old_clock_is_a_missed_sample(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """What an SDK without a look at the counter hands on: here with a sound counter and an old clock."""
+    script = programs.script()
+    script.begin()
+    for k in range(60):
+        q, _, torque = moving(robot, k * 0.005)
+        script.clock -= 10_000_000 if k == 40 else 0
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+        script.clock += 10_000_000 if k == 40 else 0
+    wiped = Wiped(programs, script, tmp_path)
+    assert wiped.faults["bad_timestamps"] == 1 and wiped.faults["lost_cycles"] == 0
+    assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [40]
+    held, command = wiped.commands[48], wiped.commands[49]
+    assert held is not None and command is not None and np.array_equal(held.torque, command.torque)
 
 
 def test_clock_that_was_set_costs_no_cycles(open_programs: Programs, tmp_path: Path) -> None:

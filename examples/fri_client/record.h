@@ -19,7 +19,8 @@ enum Event {
     EVENT_SENSOR_SILENT = 1 << 7,  /* no fresh wrench from the sensor; the cycle counts as missed */
     EVENT_HOLD = 1 << 8,           /* the button is pressed: the trajectory stands still */
     EVENT_DONE = 1 << 9,           /* the trajectory's end is reached */
-    EVENT_EXCEPTION = 1 << 10      /* the FRI library refused a call */
+    EVENT_EXCEPTION = 1 << 10,     /* the FRI library refused a call */
+    EVENT_IMPLAUSIBLE = 1 << 11    /* a position far beyond the joint limits; the cycle counts as missed */
 };
 
 /* One record from the FRI thread to the log: a controller step or a change of session state. */

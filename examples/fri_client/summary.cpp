@@ -85,6 +85,7 @@ Summary::Summary(const WipingClient &client, const Traffic &traffic, const KUKA:
         {"lost_cycles_commanding", count(c.lost_commanding)},
         {"bad_datagrams", count(bad_datagrams(application, traffic))},
         {"missing_fields", count(c.missing_fields)},
+        {"implausible_positions", count(c.implausible_positions)},
         {"bad_timestamps", count(c.bad_timestamps)},
         {"quality_drops", count(c.quality_drops)},
         {"state_drops", count(c.state_drops)},

@@ -142,7 +142,7 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
             button_ = robotState().getBooleanIOValue(BUTTON);
             button_registered_ = true;
         } catch (const FRIException &) {
-            button_registered_ = false;
+            /* Not registered; or left out of this one message, and then it stays as it was. */
         }
     }
     if (oldState == KUKA::FRI::COMMANDING_ACTIVE) {
@@ -199,6 +199,19 @@ void WipingClient::missing_field()
     events_ |= EVENT_MISSING_FIELD;
 }
 
+/* Whether a measured position can be one: as far beyond its limits as the controller believes it. One wild value must
+ * not stay in the filters. */
+bool WipingClient::within_limits(const double *q) const
+{
+    for (int i = 0; i < JOINTS; ++i) {
+        if (q[i] < robot::lower(i) - config_.position_tolerance ||
+            q[i] > robot::upper(i) + config_.position_tolerance) {
+            return false;
+        }
+    }
+    return true;
+}
+
 void WipingClient::observe()
 {
     ++counters_.cycles;
@@ -207,9 +220,9 @@ void WipingClient::observe()
     }
     clock();
     const double *const q = robotState().getMeasuredJointPosition();
-    const bool positions = all_finite(q, JOINTS);
+    const bool positions = all_finite(q, JOINTS), believed = positions && within_limits(q);
     since_position_ += lost_ + (stale_ ? 0 : 1);
-    if (positions && !stale_) {
+    if (believed && !stale_) {
         copy(q, q_, JOINTS);
         if (sample_time_ > 0.0) {
             velocity_.update(q, since_position_ * sample_time_);
@@ -220,8 +233,11 @@ void WipingClient::observe()
     const bool complete = positions && (sensor_ != NULL || all_finite(robotState().getExternalTorque(), JOINTS));
     if (!complete) {
         missing_field();
+    } else if (!believed) {
+        ++counters_.implausible_positions;
+        events_ |= EVENT_IMPLAUSIBLE;
     }
-    valid_ = complete && !stale_ && sample_time_ > 0.0;
+    valid_ = complete && believed && !stale_ && sample_time_ > 0.0;
     const int quality = robotState().getConnectionQuality();
     if (quality < quality_) {
         ++counters_.quality_drops;
@@ -251,6 +267,10 @@ void WipingClient::send(const double *position, const double *torque)
     double within[JOINTS];
     for (int i = 0; i < JOINTS; ++i) {
         within[i] = clamp(position[i], robot::lower(i), robot::upper(i));
+    }
+    if (!all_finite(within, JOINTS)) {
+        missing_field(); /* of the interpolator */
+        return;
     }
     try {
         robotCommand().setJointPosition(within);

@@ -33,12 +33,13 @@ struct Settings {
 
 /* What happened, counted. */
 struct Counters {
-    unsigned long long cycles;            /* callbacks */
-    unsigned long long commanding_cycles; /* of them in COMMANDING_ACTIVE */
-    unsigned long long lost_cycles;       /* by the robot's clock */
-    unsigned long long lost_commanding;   /* of them in COMMANDING_ACTIVE */
-    unsigned long long missing_fields;    /* messages without a value that is needed */
-    unsigned long long bad_timestamps;    /* left out, not ahead of the last one, or far off */
+    unsigned long long cycles;                /* callbacks */
+    unsigned long long commanding_cycles;     /* of them in COMMANDING_ACTIVE */
+    unsigned long long lost_cycles;           /* by the robot's clock */
+    unsigned long long lost_commanding;       /* of them in COMMANDING_ACTIVE */
+    unsigned long long missing_fields;        /* messages without a value that is needed */
+    unsigned long long implausible_positions; /* far beyond the joint limits */
+    unsigned long long bad_timestamps;        /* left out, not ahead of the last one, or far off */
     unsigned long long quality_drops;
     unsigned long long state_drops; /* COMMANDING_ACTIVE was left before the trajectory's end */
     unsigned long long no_torque_mode;
@@ -88,6 +89,7 @@ private:
     void observe();
     void clock();
     void missing_field();
+    bool within_limits(const double *q) const;
     void watch_button();
     void begin_commanding(const double *q);
     void advance(double seconds);
