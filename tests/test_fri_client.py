@@ -804,6 +804,7 @@ def test_message_with_an_old_clock_is_a_missed_sample(programs: Programs, robot:
     wiped = Wiped(programs, script, tmp_path)
     assert wiped.faults["bad_timestamps"] == 1 and wiped.faults["lost_cycles"] == 0
     assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [40]
+    np.testing.assert_allclose(wiped.log["dq"][41], wiped.log["dq"][39], atol=0.02)  # over two periods, not one
     held, command = wiped.commands[48], wiped.commands[49]
     assert held is not None and command is not None and np.array_equal(held.torque, command.torque)
 

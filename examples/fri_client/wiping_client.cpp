@@ -63,10 +63,11 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
                            Records &records)
     : settings_(settings), trajectory_(trajectory), sensor_(sensor), records_(records),
       velocity_(settings.velocity_filter), sample_time_(0.0), clock_known_(false), clock_start_(0), clock_last_(0),
-      time_(0.0), lost_(0), stale_(false), since_position_(0), valid_(false), controlling_(false), start_(0),
-      fallen_back_(false), approach_clock_(0.0), progress_(0.0), pace_(1.0), done_(false), quality_(0),
-      without_period_(0), without_torque_mode_(0), button_registered_(false), button_(false), sensor_age_(LONG_AGO),
-      events_(0), last_callback_(0.0), finished_(false), refusal_(REFUSAL_NONE), controller_error_(0)
+      time_(0.0), lost_(0), stale_(false), periods_(1), stale_messages_(0), since_position_(0), valid_(false),
+      controlling_(false), start_(0), fallen_back_(false), approach_clock_(0.0), progress_(0.0), pace_(1.0),
+      done_(false), quality_(0), without_period_(0), without_torque_mode_(0), button_registered_(false), button_(false),
+      sensor_age_(LONG_AGO), events_(0), last_callback_(0.0), finished_(false), refusal_(REFUSAL_NONE),
+      controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
     std::memset(&input_, 0, sizeof input_);
@@ -160,6 +161,7 @@ void WipingClient::clock()
     std::int64_t now = static_cast<std::int64_t>(robotState().getTimestampSec()) * 1000000000 +
                        static_cast<std::int64_t>(robotState().getTimestampNanoSec());
     lost_ = 0;
+    periods_ = 1;
     stale_ = false;
     if (!clock_known_) {
         clock_known_ = true;
@@ -173,13 +175,18 @@ void WipingClient::clock()
     if (elapsed <= 0.0 && elapsed > -LARGEST_DELAY) {
         good = false;
         stale_ = true;
+        periods_ = 0;
+        ++stale_messages_;
     } else {
         if (elapsed < 0.0 || elapsed > LARGEST_GAP) {
             good = false;
             clock_start_ += now - next;
         } else if (period > 0.0) {
-            lost_ = std::max(0, static_cast<int>(std::lround(elapsed / period)) - 1);
+            /* Old messages since the last new one have been counted as missed samples already. */
+            periods_ = std::max(1, static_cast<int>(std::lround(elapsed / period)));
+            lost_ = std::max(0, periods_ - 1 - stale_messages_);
         }
+        stale_messages_ = 0;
         clock_last_ = now;
     }
     time_ = 1e-9 * static_cast<double>(clock_last_ - clock_start_);
@@ -221,7 +228,7 @@ void WipingClient::observe()
     clock();
     const double *const q = robotState().getMeasuredJointPosition();
     const bool positions = all_finite(q, JOINTS), believed = positions && within_limits(q);
-    since_position_ += lost_ + (stale_ ? 0 : 1);
+    since_position_ += periods_;
     if (believed && !stale_) {
         copy(q, q_, JOINTS);
         if (sample_time_ > 0.0) {

@@ -123,6 +123,8 @@ private:
     double time_;                           /* [s] of the robot since the first message */
     int lost_;                              /* cycles lost just before this one */
     bool stale_;                            /* the message is not newer than the last one */
+    int periods_;                           /* of the robot's clock since the last message */
+    int stale_messages_;                    /* since the last new one */
     int since_position_;                    /* periods since the last position */
     bool valid_;                            /* this cycle's positions and torques are there */
     double q_[JOINTS];                      /* [rad] last measured position */
