@@ -85,7 +85,11 @@ random-robots: $(VENV)/installed-test
 robots: $(VENV)/installed-test
 	$(BIN)/python tests/robots_table.py build/robots docs/robots.md
 
-bench: $(VENV)/installed-test
+$(VENV)/installed-bench: $(VENV)/installed-test
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,bench]'
+	@touch $@
+
+bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/run.py
 
 bench-cuda: $(VENV)/installed
