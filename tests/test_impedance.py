@@ -490,6 +490,15 @@ def test_energy_of_the_limit_zone_is_dropped_with_the_position(robot: ModuleType
     assert out.released_total == pytest.approx(before.limit_energy + before.elastic_energy, rel=1e-14)
     back = controller.step(q=q, q0=q, task_stiffness=K)
     assert back.engaged_total == pytest.approx(2 * before.limit_energy, rel=1e-12)
+    assert back.limit_energy > 0.01
+    controller._config[0]["sample_time"] = np.nan
+    with pytest.raises(ValueError, match="sample_time"):
+        controller.step(q=q, q0=q, task_stiffness=K)
+    controller._config[0]["sample_time"] = 1e-3
+    after = controller.step(sample_valid=0)
+    assert after.released_total - back.released_total == pytest.approx(
+        back.limit_energy + back.elastic_energy, rel=1e-12
+    )
 
 
 def test_semidefinite_stiffness_is_not_called_indefinite(robot: ModuleType) -> None:
