@@ -125,7 +125,7 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
         antisymmetric_entry=(_largest(applied[0]), _largest(applied[1])),
         closed_form_error=(
             _largest(formula[0] - closed[0]),
-            max(_largest(formula[1] - closed[1]), _largest(applied[1] - closed[1])),
+            _largest(np.stack([formula[1], applied[1]]) - closed[1]),
         ),
         antisymmetric=each(lambda t, w: t["antisymmetric"].max()),
         antisymmetric_median=float(np.median(conventional["antisymmetric"][wipe])),
@@ -143,7 +143,7 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
         antisymmetric_work=each(lambda t, w: t["antisymmetric_total"][-1]),
         variation_work=each(lambda t, w: t["variation_total"][-1]),
         dissipated=each(lambda t, w: t["dissipated_total"][-1]),
-        balance=max(_largest(imbalance(trace)) for trace in trials),
+        balance=_largest(np.concatenate([imbalance(trace) for trace in trials])),
     )
 
 

@@ -102,11 +102,11 @@ def compare(robot: Any, log: ClientLog, received: Mapping[str, NDArray[Any]]) ->
         command = received["command_torque"][row]
         if guard[step]:
             guarded += 1
-            worst_guarded = max(worst_guarded, float(np.max(np.abs(log["sent_torque"][step] - command))))
+            worst_guarded = np.maximum(worst_guarded, np.max(np.abs(log["sent_torque"][step] - command)))
         else:
             compared += 1
-            worst = max(worst, float(np.max(np.abs(torque[step] - command))))
-    return Comparison(compared, worst, worst_step, guarded, worst_guarded)
+            worst = np.maximum(worst, np.max(np.abs(torque[step] - command)))  # max() would lose a NaN
+    return Comparison(compared, float(worst), worst_step, guarded, float(worst_guarded))
 
 
 @dataclass(frozen=True)
