@@ -74,16 +74,16 @@ $(VENV)/installed-fuzz: $(VENV)/installed-test
 	@touch $@
 
 fuzz: $(VENV)/installed-fuzz
-	$(BIN)/python tests/fuzz_reader.py build/fuzz-corpus $(FUZZ)
+	PYTHONPATH=tests:. $(BIN)/python tests/long/fuzz_reader.py build/fuzz-corpus $(FUZZ)
 
 fri-fuzz: $(VENV)/installed-test
-	$(BIN)/python tests/fuzz_fri.py build/fri-fuzz $(FRI_FUZZ)
+	PYTHONPATH=tests:. $(BIN)/python tests/long/fuzz_fri.py build/fri-fuzz $(FRI_FUZZ)
 
 random-robots: $(VENV)/installed-test
-	$(BIN)/python tests/long_run.py --chains $(COUNT) --broken $(COUNT)
+	PYTHONPATH=tests:. $(BIN)/python tests/long/long_run.py --chains $(COUNT) --broken $(COUNT)
 
 robots: $(VENV)/installed-test
-	$(BIN)/python tests/robots_table.py build/robots docs/robots.md
+	PYTHONPATH=tests:. $(BIN)/python tests/long/robots_table.py build/robots docs/robots.md
 
 $(VENV)/installed-bench: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,bench]'
@@ -99,7 +99,7 @@ bench-cuda: $(VENV)/installed
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)
 
 soak: $(VENV)/installed-test
-	$(BIN)/python tests/soak.py
+	PYTHONPATH=tests:. $(BIN)/python tests/long/soak.py
 
 clean:
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis

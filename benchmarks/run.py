@@ -23,9 +23,9 @@ import casadi as ca
 import numpy as np
 
 import stiffgen
-from stiffgen.kernels import KERNELS, MAX_BATCH_JOINTS
-from stiffgen.model import casadi_function
-from stiffgen.verify import Samples, import_robot, joint_poses, product_of_poses
+from stiffgen.check.verify import Samples, import_robot, joint_poses, product_of_poses
+from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
+from stiffgen.symbolic.model import casadi_function
 
 HERE = Path(__file__).resolve().parent
 URDF = HERE.parent / "urdf" / "iiwa14.urdf"

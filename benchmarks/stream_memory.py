@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffgen.verify import import_robot
+from stiffgen.check.verify import import_robot
 
 
 def resident(what: str) -> int:

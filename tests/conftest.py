@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
-import shutil
 from pathlib import Path
 from types import ModuleType
 
@@ -15,11 +13,9 @@ import pytest
 from filelock import FileLock
 
 import stiffgen
+from stiffgen.check.verify import import_robot
 from stiffgen.cli import main
-from stiffgen.verify import BOUND, import_robot, relative_error
-
-ROOT = Path(__file__).resolve().parent.parent
-URDF = ROOT / "urdf" / "iiwa14.urdf"
+from support.project import ROOT, URDF
 
 
 class Sample:
@@ -67,12 +63,6 @@ def robot(robot_folder: Path) -> ModuleType:
     return import_robot(robot_folder)
 
 
-def assert_close(value, expected) -> None:
-    """Two arrays agree to 1e-12 of the largest entry expected."""
-    error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
-    assert error <= BOUND, f"relative error {error:.2e}"
-
-
 @pytest.fixture(scope="session")
 def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
     """The arm with the bowl-wiping tool, generated with the Makefile's options and compiled once for all workers."""
@@ -90,17 +80,3 @@ def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 @pytest.fixture(scope="session")
 def plate(plate_folder: Path) -> ModuleType:
     return import_robot(plate_folder)
-
-
-def compilers() -> list[str]:
-    """gcc and clang. On CI both must be there; elsewhere a missing one is left out and said so by the test."""
-    return ["gcc", "clang"]
-
-
-def require_compiler(name: str) -> str:
-    found = shutil.which(name)
-    if found is None:
-        if os.environ.get("CI"):
-            pytest.fail(f"{name} is missing; .ci/run installs it")
-        pytest.skip(f"{name} is not installed (Debian: apt-get install {name})")
-    return found

@@ -8,9 +8,9 @@ import sys
 
 import pytest
 
-from conftest import ROOT, URDF
+from stiffgen.check.verify import Check
 from stiffgen.cli import main
-from stiffgen.verify import Check
+from support.project import ROOT, URDF
 
 
 def run(capsys, *arguments):

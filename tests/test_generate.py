@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import stiffgen
-from conftest import ROOT, URDF
 from stiffgen.emit.controller import COPIED
 from stiffgen.emit.render import chain_from_manifest, render
 from stiffgen.errors import BuildError, OutputError, StiffgenError
+from support.project import ROOT, URDF
 
 FILES = {
     "iiwa14.h", "iiwa14.c", "iiwa14_ufunc.c", "CMakeLists.txt", "__init__.py", "__init__.pyi", "README.md",

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 
-from conftest import ROOT
+from support.project import ROOT
 
 README = (ROOT / "README.md").read_text()
 
@@ -45,5 +45,6 @@ def test_every_test_that_the_design_names_exists():
     for named_file, test in re.findall(r"`(test_\w+\.py)?(?:::(test_\w+))?`", design):
         file = named_file or file
         if file:
-            source = (ROOT / "tests" / file).read_text()
+            [found] = (ROOT / "tests").rglob(file)
+            source = found.read_text()
             assert not test or f"def {test}(" in source, (file, test)

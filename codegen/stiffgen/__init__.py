@@ -1,8 +1,7 @@
 """stiffgen: symmetric joint-space stiffness of a robot arm, generated from its URDF."""
 
 from stiffgen._version import __version__
-from stiffgen.analysis import Analysis, analyze
-from stiffgen.chain import Chain, Tool, load_chain
+from stiffgen.analyze.analysis import Analysis, analyze
 from stiffgen.errors import (
     BuildError,
     ChainError,
@@ -14,7 +13,8 @@ from stiffgen.errors import (
     StiffgenError,
 )
 from stiffgen.generate import generate
-from stiffgen.model import StiffnessModel
+from stiffgen.robot.chain import Chain, Tool, load_chain
+from stiffgen.symbolic.model import StiffnessModel
 
 __all__ = [
     "Analysis",

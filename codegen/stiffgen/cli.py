@@ -21,16 +21,16 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedCo
 from rich.table import Table
 
 import stiffgen
-from stiffgen.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
-from stiffgen.bench import bench
-from stiffgen.chain import Tool
-from stiffgen.connection import REPRESENTATIONS
-from stiffgen.description import Description, JointElement, read_description
+from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
+from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows, warnings
+from stiffgen.check.bench import bench
+from stiffgen.check.verify import Check, verify
 from stiffgen.errors import DescriptionError, EmptyRecordingError, StiffgenError
 from stiffgen.generate import generate
 from stiffgen.names import comment
-from stiffgen.report import TABLE_HEAD, statements, table_rows, warnings
-from stiffgen.verify import Check, verify
+from stiffgen.robot.chain import Tool
+from stiffgen.robot.description import Description, JointElement, read_description
+from stiffgen.symbolic.connection import REPRESENTATIONS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from stiffgen.chain import Tool, load_chain
 from stiffgen.emit.build import build_module
 from stiffgen.emit.render import MANIFEST, is_manifest, render
 from stiffgen.errors import OutputError
 from stiffgen.folder import swapped_in
 from stiffgen.names import checked_identifier, identifier
+from stiffgen.robot.chain import Tool, load_chain
 
 
 def generate(

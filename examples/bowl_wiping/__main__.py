@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from stiffgen.check.verify import import_robot
 from stiffgen.errors import StiffgenError
-from stiffgen.verify import import_robot
 
 try:
     import matplotlib  # noqa: F401

@@ -28,8 +28,8 @@ from rich.live import Live
 from rich.text import Text
 
 from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
+from stiffgen.check.verify import import_robot
 from stiffgen.errors import StiffgenError
-from stiffgen.verify import import_robot
 
 from . import faults
 from .emulator import Emulator, Link, LinkError, Settings

@@ -13,11 +13,22 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from stiffgen.chain import Chain
 from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
-from stiffgen.kernels import Kernel, chain_kernels
 from stiffgen.names import c_comment
-from stiffgen.program import Array, Gather, Map, Operand, Program, Recursion, Step, Sum, as_operand, operand_shape
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.program import (
+    Array,
+    Gather,
+    Map,
+    Operand,
+    Program,
+    Recursion,
+    Step,
+    Sum,
+    as_operand,
+    operand_shape,
+)
 
 
 @dataclass(frozen=True)

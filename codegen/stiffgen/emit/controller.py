@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from stiffgen.chain import Chain
-from stiffgen.controller import CONFIG, INPUT, MAX_DOF, MODES, OUTPUT, STATUS, Field
+from stiffgen.emit.fields import CONFIG, INPUT, MAX_DOF, MODES, OUTPUT, STATUS, Field
+from stiffgen.robot.chain import Chain
 
 COPIED = (
     "stiffgen_damping.c",

@@ -13,15 +13,15 @@ from typing import Any, Literal
 import jinja2
 
 from stiffgen._version import __version__
-from stiffgen.chain import Body, Chain, Coordinate, Joint, Tip, Tool
-from stiffgen.connection import REPRESENTATIONS
 from stiffgen.emit.c import Code, Function, Functions, Scope, print_chain, print_threads
 from stiffgen.emit.controller import COPIED, controller_context, controller_files
 from stiffgen.emit.expressions import WIDEST, Operations, c_double
 from stiffgen.errors import ChainError
-from stiffgen.kernels import MAX_BATCH_JOINTS, Argument, Kernel
 from stiffgen.names import c_string, comment
-from stiffgen.program import Array
+from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
+from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Argument, Kernel
+from stiffgen.symbolic.program import Array
 
 MANIFEST = "manifest.json"
 RUNTIME = Path(__file__).parent.parent / "runtime"

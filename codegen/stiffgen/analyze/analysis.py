@@ -1,0 +1,426 @@
+"""Stiffness analysis of a recording: ``stiffgen analyze LOG --robot DIR``.
+
+The recording is read as a stream (:mod:`stiffgen.recording`); every partition is summarised by
+:func:`summarise_partition`, here in threads or on Dask workers, and the summaries are merged in the order of the file.
+Both ways give the same result, to the last bit.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import stiffgen.analyze.measures as ms
+from stiffgen.analyze.measures import MEASURES, Summary, Task, bad_rows, units
+from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording
+from stiffgen.analyze.report import write_report
+from stiffgen.check.verify import import_robot
+from stiffgen.emit.render import chain_from_manifest
+from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed
+from stiffgen.folder import swapped_in
+from stiffgen.generate import read_manifest
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+
+GENERATOR = "stiffgen analyze"
+SUMMARY = "summary.json"
+BLOCK_ROWS = 8192
+_MOST_THREADS = 8
+_AHEAD = 2  # partitions a worker has in hand besides the one at work
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """The result of :func:`analyze`.
+
+    Attributes:
+        folder: what was written.
+        summary: the contents of ``summary.json``.
+        result: everything that was added up, with histograms and envelopes.
+        recording: the recording.
+
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+    result: Summary
+    recording: Recording
+
+
+def analyze(
+    log: str | Path,
+    robot: str | Path,
+    task_stiffness: ArrayLike,
+    *,
+    representation: Representation = "hybrid",
+    negate_wrench: bool = False,
+    tip: str | None = None,
+    q_columns: Sequence[str] | None = None,
+    wrench_columns: Sequence[str] | None = None,
+    time_column: str | None = None,
+    q_topic: str | None = None,
+    wrench_topic: str | None = None,
+    tolerance: float = 0.01,
+    output: str | Path | None = None,
+    figures: bool = True,
+    dask: str | None = None,
+    block_rows: int = BLOCK_ROWS,
+    progress: Progress = lambda step, done: None,
+) -> Analysis:
+    """Analyse the joint stiffness along a recording, corrected and conventional, and write a report.
+
+    Memory does not grow with the recording. Bad rows are left out, counted, and the first ones named.
+
+    Args:
+        log: recording with q and wrench: ``.csv``, ``.tsv``, ``.txt``, ``.npz``, ``.parquet`` or ``.mcap``.
+        robot: folder that ``stiffgen generate`` wrote.
+        task_stiffness: (6,) diagonal or (6, 6) symmetric matrix, linear first [N/m, N, N m/rad].
+        representation: in which the wrenches and the task stiffness are given (README, "Frames").
+        negate_wrench: the wrenches are those that the robot applies to the environment.
+        tip: which tip, of a robot with several.
+        q_columns: names of the columns with joint positions [rad or m] (default ``q_0`` ...; NPZ: one array ``q``;
+            MCAP: names of the joints in the messages, default those of the robot).
+        wrench_columns: names of the six columns, force first [N, N m] (default ``wrench_0`` ...; NPZ: ``wrench``).
+        time_column: name of the column with time [s]; default ``time`` if there is one, "" for none.
+        q_topic: MCAP: topic of the joint positions, needed if there are several of that type.
+        wrench_topic: MCAP: topic of the wrenches, likewise.
+        tolerance: MCAP: largest time between joint positions and their wrench [s].
+        output: folder to write (default: ``analysis/`` and the log's name without its ending).
+        figures: False leaves out figures and report.html; only the numbers are written.
+        dask: address of a Dask scheduler, or "local" for a cluster of processes on this machine (which import the
+            calling script: it must guard its own calls with ``if __name__ == "__main__"``).
+        block_rows: rows that a thread or worker computes at a time.
+        progress: called with a few words and the share done (0 ... 1).
+
+    Returns:
+        What was found and where it was written.
+
+    Raises:
+        EmptyRecordingError: no row could be analysed; nothing is written.
+        RecordingError: the recording, its columns or an option cannot be used.
+        OutputError: the robot's folder is none of stiffgen's or not built, or the output folder cannot be written.
+        MissingExtraError: a package is not installed.
+
+    """
+    log, robot = Path(log), Path(robot)
+    target = Path("analysis") / log.stem if output is None else Path(output)
+    _refuse_foreign(target)
+    chain = _chain(robot)
+    _robot_module(robot.absolute())
+    task = Task(
+        _one_of(representation),
+        checked_stiffness(task_stiffness),
+        negate_wrench,
+        np.array([c.lower for c in chain.coordinates]),
+        np.array([c.upper for c in chain.coordinates]),
+        _tip(chain, tip),
+    )
+    if not (math.isfinite(tolerance) and tolerance >= 0):
+        raise RecordingError("--tolerance: must be a time in seconds, not negative")
+    if block_rows < 1:
+        raise RecordingError("block_rows: must be at least 1")
+    if figures:
+        extra("matplotlib", "drawing figures (leave them out with --no-figures)")
+    request = Request(
+        joints=tuple(coordinate.name for coordinate in chain.coordinates),
+        q=tuple(q_columns) if q_columns is not None else None,
+        wrench=tuple(wrench_columns) if wrench_columns is not None else None,
+        time=time_column,
+        q_topic=q_topic,
+        wrench_topic=wrench_topic,
+        tolerance=tolerance,
+    )
+    with swapped_in(target) as staging:
+        recording = open_recording(log, request, progress=lambda step: progress(step, 0.0))
+        job = _Job(robot.absolute(), task, recording.layout, block_rows)
+        result = _reduced(job, recording.partitions, dask, progress)
+        if not result.good:
+            raise EmptyRecordingError(_nothing_left(recording, result))
+        summary = _summary(recording, chain, task, result)
+        try:
+            (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            if figures:
+                progress("drawing", 1.0)
+                write_report(staging, recording, chain, result, summary)
+        except OSError as error:
+            raise OutputError(f"{target}: cannot be written ({error.strerror}); choose another --output") from error
+    return Analysis(target, summary, result, recording)
+
+
+def checked_stiffness(value: ArrayLike) -> Array:
+    """A task stiffness as a symmetric (6, 6) matrix.
+
+    Raises:
+        RecordingError: it is not of that shape, not finite, or not symmetric.
+
+    """
+    try:
+        K = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise RecordingError("--task-stiffness: is not six numbers or a 6x6 matrix of numbers") from error
+    if K.shape == (6,):
+        K = np.diag(K)
+    if K.shape != (6, 6):
+        raise RecordingError(f"--task-stiffness: six numbers or a 6x6 matrix, not an array of shape {K.shape}")
+    if not np.isfinite(K).all():
+        raise RecordingError("--task-stiffness: has an entry that is not a finite number")
+    difference = np.abs(K - K.T)
+    if difference.max() > 1e-9 * np.abs(K).max():
+        row, column = (int(i) for i in np.unravel_index(difference.argmax(), K.shape))
+        raise RecordingError(
+            f"--task-stiffness: is not symmetric: entry ({row}, {column}) is {K[row, column]:.9g}, "
+            f"({column}, {row}) is {K[column, row]:.9g} (counted from 0); take (K + K^T)/2 if that is what is meant"
+        )
+    symmetric: Array = (K + K.T) / 2
+    return symmetric
+
+
+def read_stiffness(path: str | Path) -> Array:
+    """A task stiffness from a CSV file of six lines of six numbers, separated by commas.
+
+    Raises:
+        RecordingError: it cannot be read, or see :func:`checked_stiffness`.
+
+    """
+    try:
+        return checked_stiffness(np.loadtxt(path, delimiter=",", ndmin=2))
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"--task-stiffness {path}: is no CSV file of a 6x6 matrix ({error})") from error
+
+
+def _one_of(representation: str) -> Representation:
+    for known in REPRESENTATIONS:
+        if representation == known:
+            return known
+    raise RecordingError(f"--representation {representation}: choose one of {listed(REPRESENTATIONS)}")
+
+
+def _chain(robot: Path) -> Chain:
+    manifest = read_manifest(robot)
+    if manifest is None:
+        raise OutputError(f"{robot}: is not a folder that 'stiffgen generate' wrote; give the robot's own folder")
+    chain = chain_from_manifest(manifest)
+    if chain.runtime_tool:
+        raise RecordingError(
+            f"{robot}: its functions take the tool's pose at run time, which a recording does not hold; "
+            "generate the robot with the tool fixed (--tool-xyz, --tool-rpy)"
+        )
+    return chain
+
+
+def _tip(chain: Chain, chosen: str | None) -> str:
+    by_link = {tip.link: tip.name for tip in chain.tips}
+    if chosen is None:
+        if len(chain.tips) == 1:
+            return chain.tips[0].name
+        raise RecordingError(f"the robot has several tips; choose with --tip: {listed(list(by_link))}")
+    if chosen not in by_link:
+        raise RecordingError(f"--tip {chosen}: is no tip of the robot; it has {listed(list(by_link))}")
+    return by_link[chosen]
+
+
+def _refuse_foreign(target: Path) -> None:
+    """Raise OutputError unless ``target`` is free or holds an analysis."""
+    if not target.exists() and not target.is_symlink():
+        return
+    try:
+        content = json.loads((target / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        content = None
+    if not isinstance(content, dict) or content.get("generator") != GENERATOR or target.is_symlink():
+        raise OutputError(f"{target}: exists and is no analysis of stiffgen; move it away or choose another --output")
+    foreign = sorted(e.name for e in target.iterdir() if e.name not in (SUMMARY, "report.html") and e.suffix != ".svg")
+    if foreign:
+        raise OutputError(f"{target}: holds files of others ({listed(foreign)}); move them away first")
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What a worker must know besides the partition; small, and made of plain data."""
+
+    robot: Path
+    task: Task
+    layout: Layout
+    block_rows: int
+
+
+@lru_cache(maxsize=4)
+def _robot_module(folder: Path) -> Any:
+    return import_robot(folder)
+
+
+def summarise_partition(
+    job: _Job, partition: Partition, advance: Callable[[float], None] = lambda work: None
+) -> Summary:
+    """Read a partition block by block and add up what is found. Runs in threads and on Dask workers."""
+    module = _robot_module(job.robot)
+    summary = Summary()
+    try:
+        for block in partition.blocks(job.block_rows):
+            summary = summary.merged(ms.summarise(module, job.task, job.layout, block))
+            advance(block.work)
+    except OSError as error:
+        raise RecordingError(f"{partition.path}: cannot be read ({error.strerror or error})") from error
+    return summary
+
+
+def _reduced(job: _Job, partitions: Sequence[Partition], dask: str | None, progress: Progress) -> Summary:
+    whole = sum(partition.work for partition in partitions) or 1.0
+    result, done, lock = Summary(), 0.0, Lock()
+
+    def advance(work: float) -> None:
+        nonlocal done
+        with lock:
+            done += work
+            progress("analysing", min(done / whole, 1.0))
+
+    progress("analysing", 0.0)
+    if dask is None:
+        threads = min(os.cpu_count() or 1, _MOST_THREADS, max(1, len(partitions)))
+        with ThreadPoolExecutor(threads) as pool:
+            try:
+                summarised = partial(summarise_partition, job, advance=advance)
+                for each in _in_order(partial(pool.submit, summarised), partitions, _AHEAD * threads):
+                    result = result.merged(each)
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+        return result
+    with _dask_client(dask, progress) as client:
+        workers = max(1, sum(client.ncores().values()))
+        submit = partial(client.submit, summarise_partition, job, pure=False)
+        try:
+            for part, each in zip(partitions, _in_order(submit, partitions, _AHEAD * workers), strict=True):
+                result = result.merged(each)
+                advance(part.work)
+        except StiffgenError:
+            raise
+        except Exception as error:
+            raise RecordingError(
+                f"--dask {dask}: a worker failed ({type(error).__name__}: {error}); workers need this version of "
+                "stiffgen with its extra 'analyze', and the recording and the robot's folder under the same paths"
+            ) from error
+    return result
+
+
+def _in_order(submit: Callable[[Partition], Any], partitions: Iterable[Partition], ahead: int) -> Iterator[Summary]:
+    """Results in the order of the partitions; at most ``ahead`` are under way or wait."""
+    waiting: deque[Any] = deque()
+    for partition in partitions:
+        waiting.append(submit(partition))
+        if len(waiting) > ahead:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
+
+
+@contextmanager
+def _dask_client(address: str, progress: Progress) -> Iterator[Any]:
+    distributed = extra("distributed", "--dask")
+    progress("connecting to Dask" if address != "local" else "starting Dask workers", 0.0)
+    if address == "local":
+        cores = os.cpu_count() or 1
+        with (
+            distributed.LocalCluster(n_workers=cores, threads_per_worker=1, dashboard_address=None) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = distributed.Client(address, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise RecordingError(
+            f"--dask {address}: no scheduler answers there ({error}); start 'dask scheduler'"
+        ) from error
+    with client:
+        if not client.ncores():
+            raise RecordingError(f"--dask {address}: the scheduler has no workers; start 'dask worker {address}'")
+        yield client
+
+
+def _nothing_left(recording: Recording, result: Summary) -> str:
+    if not result.rows:
+        return f"{recording.path}: has no rows"
+    lines = [f"{recording.path}: none of its {result.rows} rows can be analysed:", *bad_rows(recording, result)]
+    return "\n  ".join(lines)
+
+
+def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) -> dict[str, Any]:
+    """The contents of summary.json; docs/analyze.md lists them."""
+    assert result.q_least is not None and result.q_most is not None
+    unit = units(chain)
+    measures = {}
+    for index, name in enumerate(MEASURES):
+        count = int(result.count[index])
+        if not count:
+            measures[name] = {"unit": unit[name], "count": 0}
+            continue
+        measures[name] = {
+            "unit": unit[name],
+            "count": count,
+            "least": float(result.least[index]),
+            "least_at": recording.row_name(int(result.least_row[index])),
+            "most": float(result.most[index]),
+            "most_at": recording.row_name(int(result.most_row[index])),
+            "mean": float(result.total[index] / count),
+            "rms": math.sqrt(float(result.squares[index]) / count),
+        }
+        if result.least[index] >= 0:  # quantiles are of absolute values
+            measures[name] |= {
+                "median": result.quantile(name, 0.5),
+                "quantile_95": result.quantile(name, 0.95),
+                "quantile_99": result.quantile(name, 0.99),
+            }
+    times = result.times
+    return {
+        "generator": GENERATOR,
+        "recording": recording.path.name,
+        "robot": chain.robot,
+        "base": chain.base,
+        "tip": next(tip.link for tip in chain.tips if tip.name == task.tip),
+        "representation": task.representation,
+        "wrench_negated": task.negate,
+        "task_stiffness": task.task_stiffness.tolist(),
+        "columns": {
+            "time": recording.layout.time,
+            "q": list(recording.layout.q),
+            "wrench": list(recording.layout.wrench),
+        },
+        "notes": list(recording.notes),
+        "rows": result.rows,
+        "rows_analysed": result.good,
+        "rows_bad": dict(sorted(result.bad.items())),
+        "rows_bad_first": [{"row": recording.row_name(row), "reason": text} for row, text in result.named],
+        "time": None
+        if times is None
+        else {
+            "first": times[0],
+            "last": times[1],
+            "longest_step": result.longest_step,
+            "backwards": result.backwards,
+            "backwards_first": [recording.row_name(row) for row in result.backwards_named],
+        },
+        "rows_indefinite": result.indefinite,
+        "share_indefinite": result.indefinite / result.good,
+        "rows_corrected_not_symmetric": result.asymmetric,
+        "joint_positions": [
+            {"joint": coordinate.name, "least": float(low), "most": float(high)}
+            for coordinate, low, high in zip(chain.coordinates, result.q_least, result.q_most, strict=True)
+        ],
+        "measures": measures,
+    }

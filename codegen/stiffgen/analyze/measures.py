@@ -1,0 +1,476 @@
+"""What is measured of the joint stiffness at every row of a recording, and the summary of many rows.
+
+A :class:`Summary` is of bounded size whatever the number of rows: counts, extremes, sums, histograms on fixed grids,
+and minimum and maximum over bins of 2^k rows, where k is the smallest that leaves at most ``BINS`` bins. Summaries of
+parts of a recording merge into that of the whole, however it was cut.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiffgen.analyze.recording import Array, Block, Layout, Problem, Recording
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.connection import Representation
+
+MEASURES = (
+    "singular_value_symmetric",
+    "singular_value_antisymmetric",
+    "corrected_antisymmetric",
+    "eigenvalue_smallest",
+    "eigenvalue_largest",
+    "closed_form_difference",
+    "force",
+    "moment",
+    "force_x",
+    "force_y",
+    "force_z",
+    "moment_x",
+    "moment_y",
+    "moment_z",
+    "antisymmetric_per_moment",
+)
+"""Columns of :func:`measured`. ``singular_value_...``: largest singular values of the symmetric and the antisymmetric
+part of the conventional stiffness; ``corrected_antisymmetric``: largest entry of (K - K^T)/2 of the corrected one;
+``eigenvalue_...``: of the corrected one; ``closed_form_difference``: largest entry of the antisymmetric part of the
+conventional stiffness less J^T anti(-Gamma F) J; ``force``, ``moment``: lengths; ``antisymmetric_per_moment``: [1/rad],
+NaN below SMALL_MOMENT.
+"""
+
+SMALL_MOMENT = 1e-3
+"""[N m] Below, the antisymmetric part is not divided by the moment."""
+
+INDEFINITE = 1e-12
+"""An eigenvalue counts as negative (positive) beyond this share of the largest one in absolute value."""
+
+LIMIT_MARGIN = 0.1
+"""A joint position is bad if it is beyond a limit by more than this share of the joint's range."""
+
+BINS = 2048
+PER_DECADE = 100
+DECADES = (-18, 9)
+GRID_PER_DECADE = 40
+GRID_DECADES = (-3, 4)
+NAMED_ROWS = 20
+_LARGEST = 1e150  # of stiffness and wrench; squares must not overflow
+_A, _M = MEASURES.index("singular_value_antisymmetric"), MEASURES.index("moment")
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to compute at each row.
+
+    Attributes:
+        representation: in which the wrenches and the task stiffness are given.
+        task_stiffness: (6, 6) symmetric [N/m, N, N m/rad].
+        negate: the recorded wrench is the one that the robot applies to the environment.
+        lower, upper: (n,) limits of q [rad or m], infinite where there is none.
+        tip: name of the tip in the robot's module, "" for the only one.
+
+    """
+
+    representation: Representation
+    task_stiffness: Array
+    negate: bool
+    lower: Array
+    upper: Array
+    tip: str = ""
+
+
+def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
+    """The MEASURES of rows.
+
+    Args:
+        robot: a generated module.
+        task: what to compute; ``negate`` and limits are not looked at here.
+        q: (N, n) joint positions [rad or m].
+        wrench: (N, 6) wrench of the environment on the robot, in ``task.representation`` [N, N m].
+
+    Returns:
+        (N, len(MEASURES)); rows whose stiffness overflows are NaN.
+
+    """
+    count = len(q)
+    wrench = wrench.copy()
+    if count == 1:  # the ufuncs' function for stacks and the one for single calls differ in the last digit
+        q, wrench = np.repeat(q, 2, axis=0), np.repeat(wrench, 2, axis=0)
+    functions = getattr(getattr(robot, task.tip) if task.tip else robot, task.representation)
+    K = task.task_stiffness
+    conventional = functions.joint_stiffness_uncorrected(q, wrench, K)
+    corrected = functions.joint_stiffness(q, wrench, K)
+    sound = np.abs(wrench).max(axis=1) < _LARGEST
+    for stiffness in (conventional, corrected):
+        sound &= np.abs(stiffness).max(axis=(1, 2)) < _LARGEST
+    conventional[~sound] = corrected[~sound] = wrench[~sound] = 0.0
+    symmetric, antisymmetric = _parts(conventional)
+    eigenvalues = np.linalg.eigvalsh(corrected)
+    closed = _closed_form(functions, q, wrench)
+    force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
+    largest = _largest_singular_value(antisymmetric)
+    columns = [
+        np.abs(np.linalg.eigvalsh(symmetric)[:, [0, -1]]).max(axis=1),
+        largest,
+        np.abs(_parts(corrected)[1]).max(axis=(1, 2)),
+        eigenvalues[:, 0],
+        eigenvalues[:, -1],
+        np.abs(antisymmetric - closed).max(axis=(1, 2)),
+        force,
+        moment,
+        *wrench.T,
+        np.divide(largest, moment, out=np.full(len(q), np.nan), where=moment >= SMALL_MOMENT),
+    ]
+    result = np.stack(columns, axis=1)
+    result[~sound] = np.nan
+    return result[:count]
+
+
+def _parts(matrices: Array) -> tuple[Array, Array]:
+    """Symmetric and antisymmetric part."""
+    transposed = np.swapaxes(matrices, 1, 2)
+    return (matrices + transposed) / 2, (matrices - transposed) / 2
+
+
+def _largest_singular_value(matrices: Array) -> Array:
+    """From the eigenvalues of A^T A: for the largest one as accurate as a decomposition of A, and twice as fast."""
+    value: Array = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(matrices, 1, 2) @ matrices)[:, -1], 0.0))
+    return value
+
+
+def _closed_form(functions: Any, q: Array, wrench: Array) -> Array:
+    """Antisymmetric part of the conventional stiffness: what the correction takes away, J^T anti(-Gamma F) J.
+
+    In the hybrid representation this is J_r^T [m]x J_r / 2, with J_r the rotational half of the Jacobian.
+    """
+    J = functions.jacobian(q)
+    closed: Array = np.swapaxes(J, 1, 2) @ _parts(-functions.connection_correction(wrench))[1] @ J
+    return closed
+
+
+@dataclass
+class Envelope:
+    """Minimum, maximum, sum and count of measures, and the time spanned, over bins of 2^shift rows."""
+
+    shift: int
+    first: int
+    least: Array
+    most: Array
+    total: Array
+    count: NDArray[np.int64]
+    start: Array
+    stop: Array
+
+    @staticmethod
+    def of(rows: NDArray[np.int64], values: Array, times: Array) -> Envelope:
+        """Of ascending rows (N,), their measures (N, M) and times (N,) [s]."""
+        shift = 0
+        while (rows[-1] >> shift) - (rows[0] >> shift) >= BINS:
+            shift += 1
+        bins = rows >> shift
+        at = np.flatnonzero(np.diff(bins, prepend=-1))
+        first, size = int(bins[0]), int(bins[-1] - bins[0]) + 1
+        empty = Envelope._empty(shift, first, size, values.shape[1])
+        place = bins[at] - first
+        known = ~np.isnan(values)
+        empty.least[place] = np.minimum.reduceat(np.where(known, values, np.inf), at)
+        empty.most[place] = np.maximum.reduceat(np.where(known, values, -np.inf), at)
+        empty.total[place] = np.add.reduceat(np.where(known, values, 0.0), at)
+        empty.count[place] = np.add.reduceat(known.astype(np.int64), at)
+        empty.start[place] = np.minimum.reduceat(times, at)
+        empty.stop[place] = np.maximum.reduceat(times, at)
+        return empty
+
+    @staticmethod
+    def _empty(shift: int, first: int, size: int, width: int) -> Envelope:
+        return Envelope(
+            shift,
+            first,
+            np.full((size, width), np.inf),
+            np.full((size, width), -np.inf),
+            np.zeros((size, width)),
+            np.zeros((size, width), dtype=np.int64),
+            np.full(size, np.inf),
+            np.full(size, -np.inf),
+        )
+
+    def _add(self, other: Envelope) -> None:
+        """Put the bins of another one, which are as wide or narrower, into those of this one."""
+        place = ((np.arange(len(other.start)) + other.first) >> (self.shift - other.shift)) - self.first
+        np.minimum.at(self.least, place, other.least)
+        np.maximum.at(self.most, place, other.most)
+        np.add.at(self.total, place, other.total)
+        np.add.at(self.count, place, other.count)
+        np.minimum.at(self.start, place, other.start)
+        np.maximum.at(self.stop, place, other.stop)
+
+    def merged(self, other: Envelope) -> Envelope:
+        """Both together, in bins as wide as needed."""
+        shift = max(self.shift, other.shift)
+        while True:
+            ends = [
+                ((e.first >> (shift - e.shift)), ((e.first + len(e.start) - 1) >> (shift - e.shift)))
+                for e in (self, other)
+            ]
+            first, last = min(e[0] for e in ends), max(e[1] for e in ends)
+            if last - first < BINS:
+                break
+            shift += 1
+        result = Envelope._empty(shift, first, last - first + 1, self.least.shape[1])
+        result._add(self)
+        result._add(other)
+        return result
+
+
+@dataclass
+class Summary:
+    """What is known of some rows of a recording; see :meth:`merged`.
+
+    Attributes:
+        rows: rows looked at. good: rows analysed.
+        bad: rows left out, by category. named: the first of them, (row, sentence).
+        count, total, squares, least, most: of each of MEASURES over the good rows.
+        least_row, most_row: where the extremes stand.
+        indefinite: rows whose corrected stiffness has eigenvalues of both signs.
+        asymmetric: rows whose corrected stiffness is not symmetric to the last bit.
+        histogram: (M, ...) counts on a logarithmic grid of absolute values, PER_DECADE bins a decade.
+        grid: counts of (moment, antisymmetric singular value), GRID_PER_DECADE bins a decade.
+        q_least, q_most: (n,) range of the joint positions.
+        times: (first, last) time of a good row, or None.
+        longest_step: longest time from a row to the next [s].
+        backwards: rows whose time is before that of the good row before. backwards_named: the first of them.
+
+    """
+
+    rows: int = 0
+    good: int = 0
+    bad: Counter[str] = field(default_factory=Counter)
+    named: list[tuple[int, str]] = field(default_factory=list)
+    count: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(MEASURES), dtype=np.int64))
+    total: Array = field(default_factory=lambda: np.zeros(len(MEASURES)))
+    squares: Array = field(default_factory=lambda: np.zeros(len(MEASURES)))
+    least: Array = field(default_factory=lambda: np.full(len(MEASURES), np.inf))
+    most: Array = field(default_factory=lambda: np.full(len(MEASURES), -np.inf))
+    least_row: NDArray[np.int64] = field(default_factory=lambda: np.full(len(MEASURES), -1, dtype=np.int64))
+    most_row: NDArray[np.int64] = field(default_factory=lambda: np.full(len(MEASURES), -1, dtype=np.int64))
+    indefinite: int = 0
+    asymmetric: int = 0
+    histogram: NDArray[np.int64] | None = None
+    grid: NDArray[np.int64] | None = None
+    q_least: Array | None = None
+    q_most: Array | None = None
+    times: tuple[float, float] | None = None
+    first_good: int = -1
+    longest_step: float = 0.0
+    backwards: int = 0
+    backwards_named: list[int] = field(default_factory=list)
+    envelope: Envelope | None = None
+
+    def merged(self, other: Summary) -> Summary:
+        """Of these rows followed by those of ``other``."""
+        if not other.good or not self.good:
+            first = self if self.good else other
+            result = Summary(**vars(first))
+            result.rows, result.bad = self.rows + other.rows, self.bad + other.bad
+            result.named = (self.named + other.named)[:NAMED_ROWS]
+            return result
+        assert self.envelope and other.envelope
+        assert self.histogram is not None and other.histogram is not None
+        assert self.grid is not None and other.grid is not None
+        assert self.q_least is not None and other.q_least is not None
+        assert self.q_most is not None and other.q_most is not None
+        times, longest = self.times, max(self.longest_step, other.longest_step)
+        backwards, late = self.backwards + other.backwards, self.backwards_named + other.backwards_named
+        if self.times and other.times:
+            step = other.times[0] - self.times[1]
+            longest = max(longest, step)
+            if step < 0:
+                backwards += 1
+                late = [*self.backwards_named, other.first_good, *other.backwards_named]
+            times = self.times[0], other.times[1]
+        return Summary(
+            rows=self.rows + other.rows,
+            good=self.good + other.good,
+            bad=self.bad + other.bad,
+            named=(self.named + other.named)[:NAMED_ROWS],
+            count=self.count + other.count,
+            total=self.total + other.total,
+            squares=self.squares + other.squares,
+            least=np.minimum(self.least, other.least),
+            most=np.maximum(self.most, other.most),
+            least_row=np.where(other.least < self.least, other.least_row, self.least_row),
+            most_row=np.where(other.most > self.most, other.most_row, self.most_row),
+            indefinite=self.indefinite + other.indefinite,
+            asymmetric=self.asymmetric + other.asymmetric,
+            histogram=self.histogram + other.histogram,
+            grid=self.grid + other.grid,
+            q_least=np.minimum(self.q_least, other.q_least),
+            q_most=np.maximum(self.q_most, other.q_most),
+            times=times,
+            first_good=self.first_good,
+            longest_step=longest,
+            backwards=backwards,
+            backwards_named=late[:NAMED_ROWS],
+            envelope=self.envelope.merged(other.envelope),
+        )
+
+    def quantile(self, measure: str, share: float) -> float:
+        """A quantile of a measure from its histogram: the middle of a bin that is 2.3 % wide; 0 below the grid."""
+        assert self.histogram is not None
+        counts = self.histogram[MEASURES.index(measure)]
+        reached = np.cumsum(counts) >= share * counts.sum()
+        index = int(np.argmax(reached))
+        return 0.0 if index == 0 else float(10 ** (DECADES[0] + (index - 0.5) / PER_DECADE))
+
+
+def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Summary:
+    """The summary of one block: its bad rows are counted and named, the others measured."""
+    dof = len(layout.q)
+    values = block.values
+    timed = int(layout.time is not None)
+    q, wrench = values[:, timed : timed + dof], values[:, timed + dof :]
+    reasons = dict(block.problems)
+    for index in np.flatnonzero(~np.isfinite(values).all(axis=1)):
+        reasons.setdefault(int(index), _not_a_number(layout, block, int(index)))
+    margin = LIMIT_MARGIN * (task.upper - task.lower)
+    with np.errstate(invalid="ignore"):
+        beyond = (q < task.lower - margin) | (q > task.upper + margin)
+    for index in np.flatnonzero(beyond.any(axis=1)):
+        joint = int(np.argmax(beyond[index]))
+        text = (
+            f"{layout.q[joint]} is {q[index, joint]:.6g}, far beyond the joint's limits "
+            f"{task.lower[joint]:.6g} ... {task.upper[joint]:.6g}"
+        )
+        reasons.setdefault(int(index), Problem("beyond joint limits", text))
+    good = np.ones(len(values), dtype=bool)
+    good[list(reasons)] = False
+    analysed = measured(robot, task, q[good], -wrench[good] if task.negate else wrench[good])
+    for index in np.flatnonzero(good)[np.isnan(analysed[:, 0])]:
+        reasons[int(index)] = Problem("overflow", "the stiffness is beyond what floating point holds")
+        good[index] = False
+    analysed = analysed[~np.isnan(analysed[:, 0])]
+    result = _of_good_rows(block.rows[good], q[good], values[good, 0] if timed else None, analysed)
+    result.rows = len(values)
+    result.bad = Counter(problem.category for problem in reasons.values())
+    result.named = [(int(block.rows[i]), reasons[i].text) for i in sorted(reasons)[:NAMED_ROWS]]
+    return result
+
+
+def _not_a_number(layout: Layout, block: Block, index: int) -> Problem:
+    column = int(np.argmax(~np.isfinite(block.values[index])))
+    name, value = layout.names[column], block.values[index, column]
+    if block.missing is not None and block.missing[index, column]:
+        return Problem("missing value", f"{name} is missing")
+    if math.isnan(value):
+        return Problem("not a number", f"{name} is not a number (NaN)")
+    return Problem("infinite", f"{name} is infinite")
+
+
+def _of_good_rows(rows: NDArray[np.int64], q: Array, time: Array | None, values: Array) -> Summary:
+    if not len(rows):
+        return Summary()
+    known = ~np.isnan(values)
+    filled = np.where(known, values, 0.0)
+    low, high = np.where(known, values, np.inf), np.where(known, values, -np.inf)
+    tolerance = INDEFINITE * np.abs(values[:, 3:5]).max(axis=1)
+    result = Summary(
+        good=len(rows),
+        count=known.sum(axis=0),
+        total=filled.sum(axis=0),
+        squares=(filled**2).sum(axis=0),
+        least=low.min(axis=0),
+        most=high.max(axis=0),
+        least_row=rows[low.argmin(axis=0)],
+        most_row=rows[high.argmax(axis=0)],
+        indefinite=int(((values[:, 3] < -tolerance) & (values[:, 4] > tolerance)).sum()),
+        asymmetric=int((values[:, 2] != 0).sum()),
+        histogram=_histogram(values),
+        grid=_grid(values[:, _M], values[:, _A]),
+        q_least=q.min(axis=0),
+        q_most=q.max(axis=0),
+        first_good=int(rows[0]),
+        envelope=Envelope.of(rows, values, np.zeros(len(rows)) if time is None else time),
+    )
+    if time is not None:
+        steps = np.diff(time)
+        late = np.flatnonzero(steps < 0)
+        result.times = float(time[0]), float(time[-1])
+        result.longest_step = max(0.0, float(steps.max(initial=0.0)))
+        result.backwards = len(late)
+        result.backwards_named = [int(row) for row in rows[late[:NAMED_ROWS] + 1]]
+    return result
+
+
+def _decade_bins(values: Array, decades: tuple[int, int], per_decade: int) -> NDArray[np.int64]:
+    """Bin 0 below the grid, the last one above; NaN goes to bin 0 and must be left out by the caller."""
+    size = (decades[1] - decades[0]) * per_decade
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = np.floor((np.log10(np.abs(values)) - decades[0]) * per_decade) + 1
+    bins: NDArray[np.int64] = np.clip(np.nan_to_num(place, nan=0, neginf=0), 0, size + 1).astype(np.int64)
+    return bins
+
+
+def _histogram(values: Array) -> NDArray[np.int64]:
+    size = (DECADES[1] - DECADES[0]) * PER_DECADE + 2
+    bins = _decade_bins(values, DECADES, PER_DECADE)
+    return np.stack(
+        [np.bincount(bins[~np.isnan(values[:, m]), m], minlength=size) for m in range(values.shape[1])]
+    ).astype(np.int64)
+
+
+def _grid(moment: Array, antisymmetric: Array) -> NDArray[np.int64]:
+    size = (GRID_DECADES[1] - GRID_DECADES[0]) * GRID_PER_DECADE + 2
+    x, y = (_decade_bins(v, GRID_DECADES, GRID_PER_DECADE) for v in (moment, antisymmetric))
+    return np.bincount(x * size + y, minlength=size * size).reshape(size, size).astype(np.int64)
+
+
+def bad_rows(recording: Recording, result: Summary, most: int = 5) -> list[str]:
+    """Lines about the rows that were left out: counts by reason, then the first ones by name."""
+    if not result.bad:
+        return []
+    counts = ", ".join(f"{category} {count}" for category, count in sorted(result.bad.items()))
+    lines = [counts]
+    lines += [f"{recording.row_name(row)}: {text}" for row, text in result.named[:most]]
+    left = sum(result.bad.values()) - min(most, len(result.named))
+    if left:
+        lines.append(f"and {left} more")
+    if result.bad.get("beyond joint limits", 0) > result.rows / 2:
+        lines.append("joint positions are taken in radians (metres): are these degrees, or another order of joints?")
+    return lines
+
+
+def late_rows(recording: Recording, result: Summary, most: int = 3) -> str:
+    """A sentence about time that runs backwards, or ""."""
+    if not result.backwards:
+        return ""
+    shown = ", ".join(recording.row_name(row) for row in result.backwards_named[:most])
+    more = f" and {result.backwards - most} more" if result.backwards > most else ""
+    return f"time runs backwards at {shown}{more}; the rows are analysed all the same, figures are drawn over rows"
+
+
+def stiffness_unit(chain: Chain) -> str:
+    """Unit of joint stiffness: one for arms whose joints all turn, all slide, or are mixed."""
+    sliding = [coordinate.type == "prismatic" for coordinate in chain.coordinates]
+    if all(sliding):
+        return "N/m"
+    return "N m/rad, N/rad, N/m" if any(sliding) else "N m/rad"
+
+
+def units(chain: Chain) -> Mapping[str, str]:
+    """Unit of each of MEASURES."""
+    stiffness = stiffness_unit(chain)
+    result = {}
+    for name in MEASURES:
+        if name.startswith("force"):
+            result[name] = "N"
+        elif name.startswith("moment"):
+            result[name] = "N m"
+        else:
+            result[name] = "1/rad" if name == "antisymmetric_per_moment" else stiffness
+    return result

@@ -1,0 +1,192 @@
+"""MCAP files of ROS 2: sensor_msgs/msg/JointState and geometry_msgs/msg/WrenchStamped, matched by their stamps."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from stiffgen.analyze.recording import Block, Layout, Problem, Recording, Request, extra
+from stiffgen.errors import RecordingError, listed, printable
+
+_JOINTS = "sensor_msgs/msg/JointState"
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
+_FIRST_MESSAGES = 1000
+_LATENESS = 1_000_000_000  # [ns] how much later than its stamp says a wrench may stand in the file
+_PURPOSE = "reading MCAP"
+
+Stamped = tuple[int, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class McapPartition:
+    """A whole file: wrenches are matched as they come, so it is read from front to back."""
+
+    path: Path
+    joints: tuple[str, ...]
+    q_topic: str
+    wrench_topic: str
+    tolerance: int
+    messages: int
+
+    @property
+    def work(self) -> float:
+        """Messages with joint positions."""
+        return float(self.messages)
+
+    def blocks(self, most: int) -> Iterator[Block]:
+        """A row for each message with joint positions, with the wrench nearest in time."""
+        row = 0
+        matches = _matched(self._messages(), self.tolerance)
+        while batch := list(islice(matches, most)):
+            values = np.full((len(batch), 1 + len(self.joints) + 6), np.nan)
+            missing = np.zeros(values.shape, dtype=bool)
+            problems = {}
+            for index, ((stamp, positions), wrench) in enumerate(batch):
+                values[index, 0] = stamp * 1e-9
+                values[index, 1 : 1 + len(positions)] = positions
+                if not positions:
+                    problems[index] = Problem("missing value", "the message lacks some of the joints")
+                elif wrench is None:
+                    text = f"no wrench within {self.tolerance * 1e-9:g} s of the joint positions"
+                    problems[index] = Problem("no wrench in time", text)
+                else:
+                    values[index, -6:] = wrench
+            yield Block(np.arange(row, row + len(batch)), values, missing, problems, work=len(batch))
+            row += len(batch)
+
+    def _messages(self) -> Iterator[tuple[bool, Stamped]]:
+        """(whether it is a wrench, (stamp [ns], numbers)) in the order of the log; joints that are absent: ()."""
+        with self.path.open("rb") as file:
+            for topic, stamp, message in _decoded(self.path, file, [self.q_topic, self.wrench_topic]):
+                if topic == self.wrench_topic:
+                    f, m = message.wrench.force, message.wrench.torque
+                    yield True, (stamp, (f.x, f.y, f.z, m.x, m.y, m.z))
+                    continue
+                positions = _positions(message, self.joints)
+                if positions is not None:
+                    yield False, (stamp, positions)
+
+
+def _positions(message: Any, joints: tuple[str, ...]) -> tuple[float, ...] | None:
+    """Of the joints; () if some are absent, None if all are (another publisher on the same topic)."""
+    names = list(message.name) or list(joints)  # some drivers leave the names out
+    present = dict(zip(names, message.position, strict=False))
+    if not any(joint in present for joint in joints):
+        return None
+    found = [present[joint] for joint in joints if joint in present]
+    return tuple(found) if len(found) == len(joints) else ()
+
+
+def _matched(
+    messages: Iterator[tuple[bool, Stamped]], tolerance: int
+) -> Iterator[tuple[Stamped, tuple[float, ...] | None]]:
+    """Joint positions with the wrench nearest in time; what waits is bounded by ``_LATENESS``."""
+    waiting: deque[Stamped] = deque()
+    wrenches: deque[Stamped] = deque()
+    newest = 0
+    for is_wrench, stamped in messages:
+        (wrenches if is_wrench else waiting).append(stamped)
+        newest = max(newest, stamped[0])
+        while waiting and (
+            (wrenches and wrenches[-1][0] >= waiting[0][0]) or newest - waiting[0][0] > tolerance + _LATENESS
+        ):
+            joints = waiting.popleft()
+            yield joints, _nearest(wrenches, joints[0], tolerance)
+        while not waiting and wrenches and newest - wrenches[0][0] > tolerance + _LATENESS:
+            wrenches.popleft()
+    for joints in waiting:
+        yield joints, _nearest(wrenches, joints[0], tolerance)
+
+
+def _nearest(wrenches: deque[Stamped], stamp: int, tolerance: int) -> tuple[float, ...] | None:
+    while len(wrenches) > 1 and wrenches[1][0] <= stamp:
+        wrenches.popleft()
+    best = min(islice(wrenches, 2), key=lambda wrench: abs(wrench[0] - stamp), default=None)
+    return best[1] if best is not None and abs(best[0] - stamp) <= tolerance else None
+
+
+def _decoded(path: Path, file: BinaryIO, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
+    """(topic, stamp [ns], message); a message without a stamp has the time at which it was logged."""
+    exceptions = extra("mcap.exceptions", _PURPOSE)
+    factory = extra("mcap_ros2.decoder", _PURPOSE).DecoderFactory()
+    reader = extra("mcap.reader", _PURPOSE).make_reader(file, decoder_factories=[factory])
+    try:
+        for _, channel, message, decoded in reader.iter_decoded_messages(topics=topics):
+            stamp = decoded.header.stamp.sec * 1_000_000_000 + decoded.header.stamp.nanosec
+            yield channel.topic, stamp or message.log_time, decoded
+    except exceptions.McapError as error:
+        raise RecordingError(f"{path}: cannot be decoded ({error})") from error
+
+
+def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
+    """Find the two topics in the file's summary, and the joints in the first messages."""
+    progress(f"reading the summary of {path.name}")
+    if request.wrench is not None or request.time is not None:
+        raise RecordingError("--wrench-columns and --time-column do not apply to MCAP; name topics with --wrench-topic")
+    exceptions = extra("mcap.exceptions", _PURPOSE)
+    with path.open("rb") as file:
+        try:
+            summary = extra("mcap.reader", _PURPOSE).make_reader(file).get_summary()
+        except exceptions.McapError as error:
+            raise RecordingError(
+                f"{path}: is no MCAP file, or was not closed ({error}); 'mcap recover' repairs one"
+            ) from error
+        if summary is None or summary.statistics is None:
+            raise RecordingError(f"{path}: has no summary (was it closed?); 'mcap recover' makes one")
+        counts = summary.statistics.channel_message_counts
+        topics: dict[str, str] = {}
+        messages: dict[str, int] = {}
+        for number, channel in summary.channels.items():
+            schema = summary.schemas.get(channel.schema_id)
+            topics[channel.topic] = schema.name if schema else "no type"
+            messages[channel.topic] = messages.get(channel.topic, 0) + counts.get(number, 0)
+        q_topic = _topic(path, topics, _JOINTS, request.q_topic, "--q-topic")
+        wrench_topic = _topic(path, topics, _WRENCH, request.wrench_topic, "--wrench-topic")
+        joints = request.q or request.joints
+        if len(joints) != request.dof:
+            raise RecordingError(f"--q-columns: {len(joints)} names, but the robot has {request.dof} joint positions")
+        file.seek(0)
+        _check_joints(path, file, q_topic, joints)
+        file.seek(0)
+        frame = next((m.header.frame_id for _, _, m in _decoded(path, file, [wrench_topic])), "")
+    tolerance = round(request.tolerance * 1e9)
+    partition = McapPartition(path, joints, q_topic, wrench_topic, tolerance, messages[q_topic])
+    layout = Layout("time", joints, tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz"))
+    note = f"The wrenches on {wrench_topic} are stamped with frame '{printable(frame)}' and taken as they are."
+    return Recording(path, layout, (partition,), notes=(note,))
+
+
+def _topic(path: Path, topics: Mapping[str, str], kind: str, chosen: str | None, option: str) -> str:
+    fitting = sorted(topic for topic, its in topics.items() if its == kind)
+    if chosen is not None:
+        if chosen in fitting:
+            return chosen
+        raise RecordingError(f"{path}: {option} {printable(chosen)} is no topic of type {kind}; {_listing(topics)}")
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        raise RecordingError(f"{path}: has several topics of type {kind}; choose with {option}: {listed(fitting)}")
+    raise RecordingError(f"{path}: has no topic of type {kind}; {_listing(topics)}")
+
+
+def _listing(topics: Mapping[str, str]) -> str:
+    return "it has " + listed([f"{topic} ({kind})" for topic, kind in sorted(topics.items())])
+
+
+def _check_joints(path: Path, file: BinaryIO, topic: str, joints: tuple[str, ...]) -> None:
+    seen: dict[str, None] = {}
+    for _, _, message in islice(_decoded(path, file, [topic]), _FIRST_MESSAGES):
+        seen |= dict.fromkeys(message.name or (joints if len(message.position) == len(joints) else ()))
+        if all(joint in seen for joint in joints):
+            return
+    absent = [joint for joint in joints if joint not in seen]
+    raise RecordingError(
+        f"{path}: no message on {topic} has joint {listed(absent)}; they have {listed(list(seen), 40) or 'none'}. "
+        "Name the joints in the order of q with --q-columns"
+    )

@@ -1,0 +1,184 @@
+"""NPZ files: arrays are read out of the zip archive as a stream, compressed or not."""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, BinaryIO, cast
+
+import numpy as np
+
+from stiffgen.analyze.recording import PARTITION_ROWS, Array, Block, Layout, Recording, Request
+from stiffgen.errors import RecordingError, listed
+
+_LOCAL_HEADER = 30
+_BYTES_AT_ONCE = 1 << 22
+
+
+@dataclass(frozen=True)
+class _Member:
+    """An array of the archive: ``data`` is where its numbers begin, in the member or (stored) in the file."""
+
+    name: str
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: str
+    data: int
+    stored: bool
+
+    @property
+    def columns(self) -> int:
+        return self.shape[1] if len(self.shape) == 2 else 1
+
+    @property
+    def streams(self) -> int:
+        """How many places are read at once: columns that lie one after the other are read each on its own."""
+        return self.columns if self.fortran else 1
+
+    def offset(self, stream: int, row: int) -> int:
+        size = np.dtype(self.dtype).itemsize
+        return self.data + size * (stream * self.shape[0] + row if self.fortran else row * self.columns)
+
+
+@dataclass(frozen=True)
+class NpzPartition:
+    """Rows ``start`` to ``stop`` of some arrays side by side."""
+
+    path: Path
+    members: tuple[_Member, ...]
+    start: int
+    stop: int
+
+    @property
+    def work(self) -> float:
+        """Rows."""
+        return float(self.stop - self.start)
+
+    def blocks(self, most: int) -> Iterator[Block]:
+        """Blocks of the rows."""
+        try:
+            with ExitStack() as stack:
+                opened = [(member, self._streams(member, stack)) for member in self.members]
+                for row in range(self.start, self.stop, most):
+                    count = min(most, self.stop - row)
+                    values = np.concatenate([_rows(m, streams, count) for m, streams in opened], axis=1)
+                    yield Block(np.arange(row, row + count), values, work=count)
+        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+            raise RecordingError(f"{self.path}: is damaged ({error})") from error
+
+    def _streams(self, member: _Member, stack: ExitStack) -> list[IO[bytes]]:
+        streams: list[IO[bytes]] = []
+        for index in range(member.streams):
+            if member.stored:
+                stream: IO[bytes] = stack.enter_context(self.path.open("rb"))
+            else:
+                archive = stack.enter_context(zipfile.ZipFile(self.path))
+                stream = stack.enter_context(archive.open(f"{member.name}.npy"))
+            _skip(stream, member.offset(index, self.start), member.stored)
+            streams.append(stream)
+        return streams
+
+
+def _skip(stream: IO[bytes], offset: int, seekable: bool) -> None:
+    if seekable:
+        stream.seek(offset)
+        return
+    while offset:
+        offset -= len(_exactly(stream, min(offset, _BYTES_AT_ONCE)))
+
+
+def _exactly(stream: IO[bytes], size: int) -> bytes:
+    data = stream.read(size)
+    if len(data) != size:
+        raise EOFError("it ends within an array")
+    return data
+
+
+def _rows(member: _Member, streams: Sequence[IO[bytes]], count: int) -> Array:
+    dtype = np.dtype(member.dtype)
+    width = member.columns // len(streams)
+    parts = [
+        np.frombuffer(_exactly(stream, count * width * dtype.itemsize), dtype).reshape(count, width)
+        for stream in streams
+    ]
+    return np.concatenate(parts, axis=1).astype(float)
+
+
+def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
+    """Find the arrays: ``q`` (N, n), ``wrench`` (N, 6) and ``time`` (N,), or one array (N,) for each column."""
+    progress(f"reading the headers of {path.name}")
+    try:
+        with zipfile.ZipFile(path) as archive, path.open("rb") as file:
+            names = [info.filename[:-4] for info in archive.infolist() if info.filename.endswith(".npy")]
+            time, q, wrench = _chosen(path, request, names)
+            members = {name: _member(archive, file, name, path) for name in (*time, *q, *wrench)}
+    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, struct.error) as error:
+        raise RecordingError(f"{path}: is not an archive of NumPy arrays ({error})") from error
+    for group, width, what in ((time, 1, "time"), (q, request.dof, "q"), (wrench, 6, "wrench")):
+        _check_shapes(path, [members[name] for name in group], width, what)
+    lengths = {name: member.shape[0] for name, member in members.items()}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise RecordingError(f"{path}: the arrays differ in length ({shown}); which rows belong together is not known")
+    layout = Layout(time[0] if time else None, _column_names(q, request.dof), _column_names(wrench, 6))
+    rows = next(iter(lengths.values()))
+    # A compressed array can be read only from its beginning.
+    step = PARTITION_ROWS if all(member.stored for member in members.values()) else max(rows, 1)
+    ordered = tuple(members[name] for name in (*time, *q, *wrench))
+    partitions = (NpzPartition(path, ordered, start, min(start + step, rows)) for start in range(0, rows, step))
+    return Recording(path, layout, tuple(partitions))
+
+
+def _chosen(path: Path, request: Request, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Names of the arrays with time, q and wrench: one of two dimensions, or one for each column."""
+    q = request.q or (("q",) if "q" in names else tuple(f"q_{i}" for i in range(request.dof)))
+    wrench = request.wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(6)))
+    time = (("time",) if "time" in names else ()) if request.time is None else (request.time,) * bool(request.time)
+    for option, given, width in (("--q-columns", q, request.dof), ("--wrench-columns", wrench, 6)):
+        if len(given) not in (1, width):
+            raise RecordingError(f"{option}: name one array (N, {width}), or {width} arrays (N,)")
+    absent = [name for name in (*time, *q, *wrench) if name not in names]
+    if absent:
+        raise RecordingError(
+            f"{path}: has no array {listed(absent)}; it has {listed(names, 40)}. "
+            "Name others with --q-columns, --wrench-columns and --time-column"
+        )
+    return time, q, wrench
+
+
+def _member(archive: zipfile.ZipFile, file: BinaryIO, name: str, path: Path) -> _Member:
+    info = archive.getinfo(f"{name}.npy")
+    if info.flag_bits & 1:
+        raise RecordingError(f"{path}: is encrypted; write it without a password")
+    with archive.open(info) as stream:
+        version = np.lib.format.read_magic(cast(BinaryIO, stream))
+        read = {(1, 0): np.lib.format.read_array_header_1_0}.get(version, np.lib.format.read_array_header_2_0)
+        shape, fortran, dtype = read(cast(BinaryIO, stream))
+        data = stream.tell()
+    if dtype.kind not in "fiu":
+        raise RecordingError(f"{path}: array {name} holds values of type {dtype}, not numbers; convert it first")
+    stored = info.compress_type == zipfile.ZIP_STORED
+    if stored:
+        file.seek(info.header_offset)
+        lengths = struct.unpack_from("<HH", _exactly(file, _LOCAL_HEADER), 26)  # of the name and the extra field
+        data += info.header_offset + _LOCAL_HEADER + sum(lengths)
+    return _Member(name, shape, fortran and len(shape) == 2, dtype.str, data, stored)
+
+
+def _check_shapes(path: Path, members: Sequence[_Member], width: int, what: str) -> None:
+    for member in members:
+        shape = member.shape
+        if shape[1:] == ((width,) if len(members) == 1 and what != "time" else ()) and len(shape) >= 1:
+            continue
+        wanted = "(N,)" if what == "time" or len(members) > 1 else f"(N, {width})"
+        turned = "; transpose it" if len(shape) == 2 and shape[0] == width else ""
+        raise RecordingError(f"{path}: array {member.name} is of shape {shape}, but {what} is {wanted}{turned}")
+
+
+def _column_names(names: tuple[str, ...], width: int) -> tuple[str, ...]:
+    return names if len(names) == width else tuple(f"{names[0]}[{i}]" for i in range(width))

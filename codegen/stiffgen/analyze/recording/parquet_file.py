@@ -1,0 +1,92 @@
+"""Parquet files, through pyarrow: row groups are partitions, read page by page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiffgen.analyze.recording import PARTITION_ROWS, Array, Block, Recording, Request, extra
+from stiffgen.errors import RecordingError
+
+_BUFFER = 1 << 18
+
+
+@dataclass(frozen=True)
+class ParquetPartition:
+    """Consecutive row groups; ``row`` is the number of their first row."""
+
+    path: Path
+    groups: tuple[int, ...]
+    row: int
+    rows: int
+    names: tuple[str, ...]
+
+    @property
+    def work(self) -> float:
+        """Rows."""
+        return float(self.rows)
+
+    def blocks(self, most: int) -> Iterator[Block]:
+        """Blocks of the row groups."""
+        pa = extra("pyarrow", "reading Parquet")
+        row = self.row
+        try:
+            with _opened(self.path) as file:
+                for batch in file.iter_batches(
+                    batch_size=most, row_groups=list(self.groups), columns=list(self.names), use_threads=False
+                ):
+                    columns = [batch.column(name) for name in self.names]
+                    missing = None
+                    if any(column.null_count for column in columns):
+                        missing = np.stack([c.is_null().to_numpy(zero_copy_only=False) for c in columns], axis=1)
+                    values = np.stack([_numbers(column) for column in columns], axis=1)
+                    yield Block(np.arange(row, row + len(values)), values, missing, work=len(values))
+                    row += len(values)
+        except (pa.ArrowException, OSError) as error:
+            raise RecordingError(f"{self.path}: is damaged ({error})") from error
+
+
+def _opened(path: Path) -> Any:
+    # Without pre-buffering and with a buffer of its own, a column is read page by page: a row group of any size.
+    return extra("pyarrow.parquet", "reading Parquet").ParquetFile(path, pre_buffer=False, buffer_size=_BUFFER)
+
+
+def _numbers(column: Any) -> Array:
+    pa = extra("pyarrow", "reading Parquet")
+    if pa.types.is_timestamp(column.type):
+        nanoseconds = column.cast(pa.timestamp("ns", tz=column.type.tz)).cast(pa.int64())
+        seconds: Array = np.asarray(nanoseconds.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)) * 1e-9
+        return seconds
+    numbers: Array = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    return numbers
+
+
+def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
+    """Find the columns in the schema; row groups are joined into partitions of some 10^5 rows."""
+    pa = extra("pyarrow", "reading Parquet")
+    progress(f"reading the footer of {path.name}")
+    try:
+        with _opened(path) as file:
+            schema, metadata = file.schema_arrow, file.metadata
+    except pa.ArrowException as error:
+        raise RecordingError(f"{path}: is not a Parquet file ({error})") from error
+    layout = request.flat_layout(path, schema.names)
+    for name in layout.names:
+        kind = schema.field(name).type
+        number = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+        if not number and not (name == layout.time and pa.types.is_timestamp(kind)):
+            raise RecordingError(f"{path}: column {name} holds values of type {kind}, not numbers; convert it first")
+    partitions: list[ParquetPartition] = []
+    groups: list[int] = []
+    row = rows = 0
+    for group in range(metadata.num_row_groups):
+        groups.append(group)
+        rows += metadata.row_group(group).num_rows
+        if rows >= PARTITION_ROWS or group == metadata.num_row_groups - 1:
+            partitions.append(ParquetPartition(path, tuple(groups), row, rows, layout.names))
+            groups, row, rows = [], row + rows, 0
+    return Recording(path, layout, tuple(partitions))

@@ -1,0 +1,328 @@
+"""Figures and the HTML report of an analysis. Figures have colours for light and for dark pages."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from stiffgen.analyze.measures import (
+    GRID_DECADES,
+    GRID_PER_DECADE,
+    MEASURES,
+    SMALL_MOMENT,
+    Summary,
+    bad_rows,
+    late_rows,
+    stiffness_unit,
+)
+from stiffgen.analyze.recording import Array, Recording
+from stiffgen.robot.chain import Chain
+
+LABELS: Mapping[str, str] = {
+    "singular_value_symmetric": "largest singular value, symmetric part, conventional",
+    "singular_value_antisymmetric": "largest singular value, antisymmetric part, conventional",
+    "corrected_antisymmetric": "largest entry, antisymmetric part, corrected",
+    "eigenvalue_smallest": "smallest eigenvalue, corrected",
+    "eigenvalue_largest": "largest eigenvalue, corrected",
+    "antisymmetric_per_moment": "antisymmetric singular value per moment",
+    "closed_form_difference": "largest entry, antisymmetric part less its closed form",
+    "force": "force",
+    "moment": "moment",
+}
+"""Rows of the table, in order."""
+
+# Colours on a white page, and what takes their place where the reader's system is dark.
+_PAGE, _TEXT, _GRID = "#ffffff", "#333333", "#dddddd"
+_BLUE, _ORANGE, _GREEN = "#0072b2", "#d55e00", "#009e73"
+_DARK = {_PAGE: "#16191d", _TEXT: "#d8dbe0", _GRID: "#3a3f46", _BLUE: "#56b4e9", _ORANGE: "#ff8c42", _GREEN: "#2fc99a"}
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A measure to draw, in one panel."""
+
+    measure: str
+    label: str
+    colour: str
+
+
+@dataclass(frozen=True)
+class _Figure:
+    """A figure over time: panels from top to bottom, each an axis label and its lines."""
+
+    file: str
+    title: str
+    text: str
+    panels: tuple[tuple[str, tuple[_Line, ...]], ...]
+
+
+def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Cells of the measures in LABELS, as TABLE_HEAD names them; "" where there is no number."""
+    rows = []
+    for name, label in LABELS.items():
+        measure = summary["measures"][name]
+        if not measure["count"]:
+            rows.append((label, measure["unit"], *[""] * 7))
+            continue
+        numbers = [measure.get(key) for key in ("least", "mean", "median", "quantile_99", "most")]
+        shown = ["" if number is None else f"{number:.4g}" for number in numbers]
+        rows.append((label, measure["unit"], *shown, measure["least_at"], measure["most_at"]))
+    return rows
+
+
+TABLE_HEAD = ("quantity", "unit", "least", "mean", "median", "99 %", "most", "least at", "most at")
+
+
+def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]) -> list[str]:
+    """What the analysis found, in sentences."""
+    worst = summary["measures"]["singular_value_antisymmetric"]
+    lines = [
+        f"{result.good} of {result.rows} rows analysed.",
+        "The corrected stiffness is symmetric to the last bit at every row."
+        if not result.asymmetric
+        else f"The corrected stiffness is NOT symmetric at {result.asymmetric} rows.",
+        f"The conventional stiffness is asymmetric by up to {worst['most']:.4g} {worst['unit']} ({worst['most_at']}).",
+        f"The corrected stiffness is indefinite at {100 * summary['share_indefinite']:.3g} % of the rows.",
+    ]
+    return lines + list(recording.notes)
+
+
+def warnings(recording: Recording, result: Summary) -> list[str]:
+    """What the reader must know before trusting the numbers; empty if all is well."""
+    lines = []
+    if result.bad:
+        head, *rest = bad_rows(recording, result)
+        lines.append(f"{sum(result.bad.values())} of {result.rows} rows left out ({head}): " + "; ".join(rest))
+    late = late_rows(recording, result)
+    return [*lines, late] if late else lines
+
+
+def write_report(folder: Path, recording: Recording, chain: Chain, result: Summary, summary: Mapping[str, Any]) -> None:
+    """Write ``report.html`` and the SVG figures beside it.
+
+    Args:
+        folder: where to write.
+        recording: what was read.
+        chain: the robot.
+        result: what was found.
+        summary: the contents of ``summary.json``.
+
+    """
+    figures = _figures(chain, result)
+    x, x_label = _abscissa(result)
+    for figure in figures:
+        (folder / figure.file).write_text(_over_time(figure, result, x, x_label), encoding="utf-8")
+    shown = [(figure.file, figure.title, figure.text) for figure in figures]
+    if summary["measures"]["antisymmetric_per_moment"]["count"]:
+        text = (
+            f"Rows by moment and antisymmetric part, darker (on a dark page: brighter) where there are more; "
+            f"rows below {SMALL_MOMENT} N m are left out of the ratio. The lines have the least and the largest ratio."
+        )
+        if summary["representation"] != "hybrid":
+            text += (
+                " In this representation a force, too, makes the stiffness asymmetric: the points need not lie between."
+            )
+        (folder / "moment.svg").write_text(_moment_figure(chain, result, summary), encoding="utf-8")
+        shown.append(("moment.svg", "Antisymmetric part against the moment", text))
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("stiffgen.analyze"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    page = environment.get_template("report.html.j2").render(
+        summary=summary,
+        statements=statements(recording, result, summary),
+        warnings=warnings(recording, result),
+        head=TABLE_HEAD,
+        table=table_rows(summary),
+        figures=shown,
+        envelope=result.envelope is not None and result.envelope.shift > 0,
+        bin_rows=1 << result.envelope.shift if result.envelope else 1,
+        dark=_DARK,
+        page=_PAGE,
+        text=_TEXT,
+        grid=_GRID,
+        orange=_ORANGE,
+        blue=_BLUE,
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _figures(chain: Chain, result: Summary) -> tuple[_Figure, ...]:
+    unit = stiffness_unit(chain)
+    symmetric = "corrected: 0 at every row" if not result.asymmetric else "corrected (largest entry)"
+    share = 100 * result.indefinite / result.good
+    axes = (("x", _BLUE), ("y", _ORANGE), ("z", _GREEN))
+    return (
+        _Figure(
+            "stiffness.svg",
+            "Largest singular values of the joint stiffness",
+            "Symmetric part (K + K^T)/2 and antisymmetric part (K - K^T)/2 of the conventional stiffness; "
+            "antisymmetric part of the corrected one.",
+            (
+                (
+                    f"symmetric part [{unit}]",
+                    (_Line("singular_value_symmetric", "conventional", _ORANGE),),
+                ),
+                (
+                    f"antisymmetric part [{unit}]",
+                    (
+                        _Line("singular_value_antisymmetric", "conventional", _ORANGE),
+                        _Line("corrected_antisymmetric", symmetric, _BLUE),
+                    ),
+                ),
+            ),
+        ),
+        _Figure(
+            "eigenvalues.svg",
+            "Eigenvalues of the corrected joint stiffness",
+            f"Where the smallest one is negative the stiffness is indefinite: {share:.3g} % of the rows.",
+            (
+                (f"largest [{unit}]", (_Line("eigenvalue_largest", "largest eigenvalue", _BLUE),)),
+                (f"smallest [{unit}]", (_Line("eigenvalue_smallest", "smallest eigenvalue", _ORANGE),)),
+            ),
+        ),
+        _Figure(
+            "wrench.svg",
+            "Wrench of the environment on the robot",
+            "As analysed, in the representation named above.",
+            tuple(
+                (f"{part} [{unit}]", tuple(_Line(f"{part}_{axis}", axis, colour) for axis, colour in axes))
+                for part, unit in (("force", "N"), ("moment", "N m"))
+            ),
+        ),
+    )
+
+
+def _abscissa(result: Summary) -> tuple[Array, str]:
+    """Where bins stand: time since the first row, or row numbers where there is no time to draw over."""
+    envelope = result.envelope
+    assert envelope is not None
+    if result.times is not None and not result.backwards:
+        span = result.times[1] - result.times[0]
+        # One pause longer than the rest is a broken clock rather than a recording.
+        if span > 0 and (result.longest_step <= span / 2 or result.good < 4):
+            middle = np.full(len(envelope.start), np.nan)
+            some = envelope.start <= envelope.stop
+            middle[some] = (envelope.start[some] + envelope.stop[some]) / 2
+            scale, unit = next(
+                (s, u) for s, u, least in ((3600, "h", 7200), (60, "min", 600), (1, "s", 0)) if span >= least
+            )
+            return np.asarray((middle - result.times[0]) / scale, dtype=float), f"time since the first row [{unit}]"
+    bins = np.arange(len(envelope.start)) + envelope.first + 0.5
+    return np.asarray(bins * 2.0**envelope.shift - 0.5, dtype=float), "row, counted from 0"
+
+
+def _pyplot() -> Any:
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def _style() -> dict[str, Any]:
+    return {
+        "svg.hashsalt": "stiffgen",  # the same bytes every time
+        "font.size": 9,
+        "figure.facecolor": _PAGE,
+        "axes.facecolor": "none",
+        "axes.grid": True,
+        "grid.color": _GRID,
+        "grid.linewidth": 0.6,
+        "legend.frameon": False,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+    } | dict.fromkeys(
+        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "axes.titlecolor"), _TEXT
+    )
+
+
+def _over_time(figure: _Figure, result: Summary, x: Array, x_label: str) -> str:
+    envelope = result.envelope
+    assert envelope is not None
+    plt = _pyplot()
+    with plt.rc_context(_style()):
+        drawing, axes = plt.subplots(len(figure.panels), 1, figsize=(8.4, 4.8), sharex=True, layout="constrained")
+        for panel, (label, lines) in zip(axes, figure.panels, strict=True):
+            for line in lines:
+                index = MEASURES.index(line.measure)
+                some = envelope.count[:, index] > 0
+                mean, least, most = (np.full(len(x), np.nan) for _ in range(3))
+                mean[some] = envelope.total[some, index] / envelope.count[some, index]
+                least[some], most[some] = envelope.least[some, index], envelope.most[some, index]
+                if envelope.shift:
+                    panel.fill_between(x, least, most, color=line.colour, alpha=0.25, linewidth=0)
+                marker = "o" if some.sum() < 3 else None  # a single point has no line
+                panel.plot(x, mean, color=line.colour, linewidth=1.0, label=line.label, marker=marker, markersize=3)
+            if any(line.measure == "eigenvalue_smallest" for line in lines):
+                panel.axhline(0, color=_TEXT, linewidth=0.8)
+            panel.set_ylabel(label)
+            panel.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, ncols=3)
+        axes[-1].set_xlabel(x_label)
+        return _svg(plt, drawing)
+
+
+def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) -> str:
+    assert result.grid is not None
+    plt = _pyplot()
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import ListedColormap, LogNorm, to_rgba
+    from matplotlib.ticker import NullFormatter
+
+    edges = 10 ** (GRID_DECADES[0] + np.arange(result.grid.shape[0] - 1) / GRID_PER_DECADE)
+    counts = result.grid[1:-1, 1:-1].T
+    ratio = summary["measures"]["antisymmetric_per_moment"]
+    with plt.rc_context(_style()):
+        drawing, axes = plt.subplots(figsize=(6.4, 4.8), layout="constrained")
+        shades = ListedColormap([to_rgba(_BLUE, alpha) for alpha in np.linspace(0.2, 1, 10)])
+        top = max(int(counts.max()), 10)
+        filled = np.argwhere(counts > 0)
+        cells = [[(edges[x + i], edges[y + j]) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))] for y, x in filled]
+        mesh = PolyCollection(cells, array=counts[tuple(filled.T)], cmap=shades, norm=LogNorm(1, top), linewidth=0)
+        axes.add_collection(mesh)
+        drawing.colorbar(mesh, ax=axes, label="rows", format="{x:g}").ax.yaxis.set_minor_formatter(NullFormatter())
+        spread = np.array([SMALL_MOMENT, edges[-1]])
+        for value, style, name in ((ratio["least"], "--", "least"), (ratio["most"], "-", "largest")):
+            if value > 0:
+                axes.plot(
+                    spread,
+                    value * spread,
+                    style,
+                    color=_ORANGE,
+                    linewidth=1.2,
+                    label=f"{name} ratio, {value:.3g} per rad",
+                )
+        axes.set(xscale="log", yscale="log", xlabel="moment [N m]")
+        axes.set_ylabel(f"antisymmetric part, conventional [{stiffness_unit(chain)}]")
+        if len(filled):
+            (low_y, low_x), (high_y, high_x) = filled.min(axis=0), filled.max(axis=0)
+            axes.set_xlim(edges[low_x] / 1.5, edges[high_x + 1] * 1.5)
+            axes.set_ylim(edges[low_y] / 1.5, edges[high_y + 1] * 1.5)
+        for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter("{x:g}" if high < 20 * low else NullFormatter())  # few ticks, or decades alone
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, ncols=2)
+        return _svg(plt, drawing)
+
+
+def _svg(plt: Any, drawing: Any) -> str:
+    buffer = io.StringIO()
+    drawing.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    plt.close(drawing)
+    rules = "".join(
+        f'[style*="{kind}: {light}"]{{{kind}:{dark} !important}}'
+        for light, dark in _DARK.items()
+        for kind in ("fill", "stroke")
+    )
+    return buffer.getvalue().replace("</style>", f"\n@media (prefers-color-scheme: dark){{{rules}}}</style>", 1)

@@ -1,0 +1,1 @@
+"""A robot's folder is held against what did not make it."""

@@ -1,0 +1,498 @@
+"""Oracles for the kernels of a generated robot, independent of the code that generated them.
+
+What the kernels compute in closed form is computed here another way, from the chain's joint poses alone:
+
+* pose: a plain product of 4x4 matrices with Rodrigues' formula;
+* Jacobians: CasADi's differentiation of that pose, J = vee(H^-1 dH) and its relatives;
+* dJ^T/dq: CasADi's differentiation of those Jacobians; the kinematic stiffness is its contraction;
+* Gamma F: the matrix forms in cross-product matrices, written down;
+* joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
+  U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
+* mass matrix: the Hessian of the kinetic energy by the joint velocities.
+
+Errors are relative to the largest entry of the reference.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from stiffgen.emit.render import chain_from_manifest
+from stiffgen.errors import OutputError
+from stiffgen.generate import read_manifest
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import casadi_function, folded
+
+Array = NDArray[np.float64]
+Kernels = Mapping[str, Callable[..., Any]]
+"""Functions by qualified name ("hybrid_joint_stiffness"), taking stacks of arguments."""
+
+BOUND = 1e-12
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of the table: what was compared, against what, and the worst relative error over the samples."""
+
+    kernel: str
+    oracle: str
+    error: float
+    bound: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is a number within the bound."""
+        return self.error <= self.bound
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Random states: q within the limits, wrenches, symmetric and general task stiffness, and potential data."""
+
+    q: Array
+    wrench: Array
+    task_stiffness: Array
+    general_stiffness: Array
+    tool_pose: Array
+
+    @staticmethod
+    def draw(chain: Chain, count: int, seed: int) -> Samples:
+        """Uniform postures (unbounded joints: one turn, one metre), wrenches of tens of N and some N m."""
+        random = np.random.default_rng(seed)
+        reach = [math.pi if c.type != "prismatic" else 1.0 for c in chain.coordinates]
+        lower = [max(c.lower, -r) for c, r in zip(chain.coordinates, reach, strict=True)]
+        upper = [min(c.upper, r) for c, r in zip(chain.coordinates, reach, strict=True)]
+        # Limits wholly beyond the reach: sample at the nearer limit.
+        upper = [max(a, b) for a, b in zip(lower, upper, strict=True)]
+        general = random.normal(size=(count, 6, 6)) * 100 + np.diag([700.0, 700, 800, 30, 30, 30])
+        return Samples(
+            q=random.uniform(lower, upper, (count, chain.dof)),
+            wrench=random.normal(size=(count, 6)) * np.array([30.0, 30, 30, 10, 10, 10]),
+            task_stiffness=(general + general.transpose(0, 2, 1)) / 2,
+            general_stiffness=general,
+            tool_pose=_random_poses(random, count),
+        )
+
+
+def _random_poses(random: np.random.Generator, count: int) -> Array:
+    """Orientations from random quaternions, positions of some decimetres."""
+    w, x, y, z = (lambda quaternion: quaternion / np.linalg.norm(quaternion, axis=0))(random.normal(size=(4, count)))
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    poses = np.zeros((count, 4, 4))
+    poses[:, :3, :3] = np.array(rows).transpose(2, 0, 1)
+    poses[:, :3, 3] = random.normal(size=(count, 3)) * 0.2
+    poses[:, 3, 3] = 1
+    return poses
+
+
+def joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
+    """Pose of every joint's frame in the base, by plain 4x4 products."""
+    joints: list[ca.SX] = []
+    for joint in chain.joints:
+        pose = joints[joint.parent] if joint.parent >= 0 else ca.SX.eye(4)
+        position = joint.multiplier * q[joint.coordinate] + joint.offset
+        axis = ca.DM(joint.axis)
+        motion = ca.SX.eye(4)
+        if joint.type == "prismatic":
+            motion[:3, 3] = axis * position
+        else:
+            cross = ca.skew(axis)
+            motion[:3, :3] = ca.DM.eye(3) + ca.sin(position) * cross + (1 - ca.cos(position)) * (cross @ cross)
+        joints.append(pose @ _homogeneous(joint.rotation, joint.translation) @ motion)
+    return joints
+
+
+def product_of_poses(chain: Chain, q: ca.SX) -> ca.SX:
+    """Pose (4x4) of the chain's only tip in the base, by plain 4x4 products."""
+    return joint_poses(chain, q)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+
+
+def _homogeneous(rotation: Any, translation: Any) -> ca.DM:
+    return ca.vertcat(ca.horzcat(ca.DM(rotation), ca.DM(translation)), ca.DM([[0, 0, 0, 1]]))
+
+
+def _vee(matrix: ca.SX) -> ca.SX:
+    return ca.vertcat(matrix[0, 3], matrix[1, 3], matrix[2, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0])
+
+
+def _inverse(pose: ca.SX) -> ca.SX:
+    rotation = pose[:3, :3].T
+    return ca.vertcat(ca.horzcat(rotation, -rotation @ pose[:3, 3]), ca.SX([[0, 0, 0, 1]]))
+
+
+def _jacobian(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
+    """By differentiation of the pose."""
+    columns = []
+    for k in range(q.shape[0]):
+        rate = ca.jacobian(ca.vec(pose), q[k]).reshape((4, 4))
+        body = _vee(_inverse(pose) @ rate)
+        if representation == "body":
+            columns.append(body)
+        elif representation == "spatial":
+            columns.append(_vee(rate @ _inverse(pose)))
+        else:
+            rotation = pose[:3, :3]
+            columns.append(ca.vertcat(rate[:3, 3], rotation @ body[3:]))
+    return ca.horzcat(*columns)
+
+
+def gamma_F(representation: Representation, wrench: Array) -> Array:
+    """Gamma F in cross-product matrices (facts of the paper's appendix), for a stack of wrenches."""
+    force, moment = (_cross_matrices(wrench[..., part]) for part in (slice(0, 3), slice(3, 6)))
+    result = np.zeros((*wrench.shape[:-1], 6, 6))
+    if representation == "hybrid":
+        result[..., 3:, 3:] = np.swapaxes(moment, -1, -2) / 2
+        return result
+    result[..., :3, 3:] = force
+    result[..., 3:, 3:] = moment / 2
+    return result if representation == "body" else np.swapaxes(result, -1, -2)
+
+
+def _cross_matrices(v: Array) -> Array:
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    rows = [np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, -2)
+
+
+class References:
+    """Reference values of the kernels of one tip at random samples.
+
+    Args:
+        chain: the robot, or the branch to one of its tips.
+        count: number of samples.
+        seed: of the random generator.
+        q: postures (count, n) instead of random ones.
+
+    """
+
+    def __init__(self, chain: Chain, count: int, seed: int, q: Array | None = None) -> None:
+        self.chain = chain
+        self.samples = Samples.draw(chain, count, seed)
+        if q is not None:
+            self.samples = replace(self.samples, q=q)
+        symbol, tool = ca.SX.sym("q", chain.dof), ca.SX.sym("T", 16)
+        self._symbols = symbol, tool
+        pose = product_of_poses(chain, symbol)
+        if chain.runtime_tool:
+            pose = pose @ tool.reshape((4, 4)).T
+        self.pose = self._evaluate(pose)
+        self.jacobian: dict[str, Array] = {}
+        self.derivative: dict[str, Array] = {}
+        for representation in REPRESENTATIONS:
+            jacobian = _jacobian(pose, symbol, representation)
+            self.jacobian[representation] = self._evaluate(jacobian)
+            # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
+            derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), symbol))
+            n = chain.dof
+            self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
+        self.potential = self._potential(symbol, pose, seed)
+
+    @property
+    def posture(self) -> tuple[Array, ...]:
+        """What the kernels take before everything else: q, and the tool's pose if it is an argument."""
+        return (self.samples.q, self.samples.tool_pose) if self.chain.runtime_tool else (self.samples.q,)
+
+    def _evaluate(self, expression: ca.SX) -> Array:
+        count = len(self.samples.q)
+        function = ca.Function("f", list(self._symbols), [ca.densify(expression)], {"cse": True})
+        rows, columns = expression.shape
+        mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
+        return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
+
+    def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:
+        """(F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
+        random = np.random.default_rng(seed + 1)
+        stiff = random.normal(size=(3, 3)) * 100
+        stiff, centre = stiff @ stiff.T / 100, random.normal(size=3)
+        turning, mixed = random.normal(size=(3, 3)) * 30, random.normal(size=(3, 9)) * 20
+
+        def potential(position: ca.SX, rotation: ca.SX) -> ca.SX:
+            away = position - centre
+            linear = ca.dot(ca.DM(turning), rotation)
+            return away.T @ ca.DM(stiff) @ away / 2 + linear + away.T @ ca.DM(mixed) @ ca.vec(rotation)
+
+        x = ca.SX.sym("x", 6)
+        turn = ca.skew(x[3:])
+        position, rotation = pose[:3, 3], pose[:3, :3]
+        # exp([w]) to second order: its first two derivatives at zero are exact.
+        moved = potential(position + rotation @ x[:3], rotation @ (ca.DM.eye(3) + turn + turn @ turn / 2))
+        hessian, gradient = ca.hessian(moved, x)
+        wrench, covariant = (ca.substitute(e, x, ca.DM.zeros(6)) for e in (gradient, hessian))
+        joint_hessian, _ = ca.hessian(potential(position, rotation), q)
+        return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
+
+    def kinematic_stiffness(self, representation: Representation) -> Array:
+        """Column i is dJ^T/dq_i F."""
+        contracted: Array = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples.wrench)
+        return contracted
+
+    def joint_stiffness(self, representation: Representation, *, corrected: bool) -> Array:
+        """The formula, term by term."""
+        J = self.jacobian[representation]
+        if corrected:
+            matrix = self.samples.task_stiffness + gamma_F(representation, self.samples.wrench)
+        else:
+            matrix = self.samples.general_stiffness
+        stiffness: Array = self.kinematic_stiffness(representation) + np.swapaxes(J, 1, 2) @ matrix @ J
+        return stiffness
+
+
+def kinetic_hessian(chain: Chain, q: Array) -> Array:
+    """Mass matrices at postures (count, n): Hessian of the kinetic energy of all bodies by the joint velocities."""
+    symbol = ca.SX.sym("q", chain.dof)
+    total = ca.SX(chain.dof, chain.dof)
+    for joint, pose in zip(chain.joints, joint_poses(chain, symbol), strict=True):
+        xx, xy, xz, yy, yz, zz = joint.body.tensor
+        tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        moment = ca.skew(ca.DM(joint.body.moment))
+        # Kinetic energy 1/2 (m v.v + 2 v.(w x mc) + w.I w) as a 6x6 form on the frame's body twist.
+        form = ca.vertcat(ca.horzcat(joint.body.mass * ca.DM.eye(3), -moment), ca.horzcat(moment, tensor))
+        jacobian = _jacobian(pose, symbol, "body")
+        total += jacobian.T @ form @ jacobian
+    function = ca.Function("M", [symbol], [ca.densify(total)], {"cse": True})
+    return np.stack([np.asarray(function(each)) for each in q])
+
+
+def relative_error(value: Any, reference: Array) -> float:
+    """Largest difference of any sample over the largest entry of that sample's reference; NaN if any is NaN."""
+    difference = np.abs(np.asarray(value, dtype=float) - reference).reshape(len(reference), -1).max(axis=1)
+    scale = np.abs(reference).reshape(len(reference), -1).max(axis=1)
+    scale[scale == 0] = 1.0
+    return float((difference / scale).max())
+
+
+def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
+    """Compare the kernels of one tip with every oracle but the CasADi functions they came from.
+
+    ``prefix`` is what stands before the kernels' names where a robot has several tips ("left_hand_").
+    """
+    samples, posture = references.samples, references.posture
+    wrench = samples.wrench
+    checks = []
+
+    def add(name: str, oracle: str, reference: Array, *arguments: Array) -> None:
+        checks.append(_check(prefix + name, oracle, kernels[prefix + name](*arguments), reference))
+
+    add("forward_kinematics", "product of poses", references.pose, *posture)
+    if references.chain.masses and not prefix:
+        add("mass_matrix", "Hessian of the kinetic energy", kinetic_hessian(references.chain, samples.q), samples.q)
+    for rep in REPRESENTATIONS:
+        derivative, kinematic = references.derivative[rep], references.kinematic_stiffness(rep)
+        add(f"{rep}_jacobian", "differentiated pose", references.jacobian[rep], *posture)
+        add(f"{rep}_jacobian_transpose_derivative", "differentiated Jacobian", derivative, *posture)
+        add(f"{rep}_kinematic_stiffness", "differentiated Jacobian . F", kinematic, *posture, wrench)
+        add(f"{rep}_connection_correction", "cross-product matrices", gamma_F(rep, wrench), wrench)
+        for corrected, name, K in (
+            (True, "joint_stiffness", samples.task_stiffness),
+            (False, "joint_stiffness_uncorrected", samples.general_stiffness),
+        ):
+            reference = references.joint_stiffness(rep, corrected=corrected)
+            add(f"{rep}_{name}", "formula on differentiated Jacobian", reference, *posture, wrench, K)
+        Kq = kernels[f"{prefix}{rep}_joint_stiffness"](*posture, wrench, samples.task_stiffness)
+        checks.append(_symmetry(f"{prefix}{rep}_joint_stiffness", Kq))
+    return checks + _potential_checks(kernels, references, prefix)
+
+
+def _symmetry(kernel: str, value: Any) -> Check:
+    matrices = np.asarray(value)
+    return Check(kernel, "bitwise symmetry", float(np.abs(matrices - np.swapaxes(matrices, 1, 2)).max()), 0.0)
+
+
+def _check(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
+    return Check(kernel, oracle, relative_error(value, reference), BOUND)
+
+
+def _potential_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
+    samples, posture = references.samples, references.posture
+    body_kernel, hybrid_kernel = (f"{prefix}{rep}_joint_stiffness" for rep in ("body", "hybrid"))
+    wrench, covariant, hessian = references.potential
+    rotation = references.pose[:, :3, :3]
+    turn = np.zeros((len(rotation), 6, 6))
+    turn[:, :3, :3] = turn[:, 3:, 3:] = rotation
+    back = np.swapaxes(turn, 1, 2)
+
+    def turned(vector: Array) -> Array:
+        result: Array = np.einsum("sij,sj->si", turn, vector)
+        return result
+
+    body = kernels[body_kernel](*posture, wrench, covariant)
+    hybrid = kernels[hybrid_kernel](*posture, turned(wrench), turn @ covariant @ back)
+    in_body = np.einsum("sji,sj->si", turn, samples.wrench)
+    stiffness_in_body = back @ samples.task_stiffness @ turn
+    as_body = np.asarray(kernels[body_kernel](*posture, in_body, stiffness_in_body), dtype=float)
+    as_hybrid = kernels[hybrid_kernel](*posture, samples.wrench, samples.task_stiffness)
+    return [
+        _check(body_kernel, "Hessian of a potential", body, hessian),
+        _check(hybrid_kernel, "Hessian of a potential", hybrid, hessian),
+        _check(hybrid_kernel, "body form, turned", as_hybrid, as_body),
+    ]
+
+
+def check_robot(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+    """Compare all kernels of a robot with every oracle but the CasADi functions they came from."""
+    if len(chain.tips) == 1:
+        return check_kernels(kernels, References(chain, count, seed))
+    q = Samples.draw(chain, count, seed).q
+    tips = [References(chain.branch(tip), count, seed + index, q) for index, tip in enumerate(chain.tips)]
+    checks = []
+    if chain.masses:
+        reference = kinetic_hessian(chain, q)
+        checks.append(_check("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), reference))
+    for tip, references in zip(chain.tips, tips, strict=True):
+        checks += check_kernels(kernels, references, f"{tip.name}_")
+    stacked = [np.stack(each, axis=1) for each in zip(*map(_contact, tips), strict=True)]
+    for rep in REPRESENTATIONS:
+        name = f"{rep}_joint_stiffness_total"
+        total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
+        value = kernels[name](q, *stacked)
+        checks += [_check(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
+    return checks
+
+
+def _contact(references: References) -> tuple[Array, ...]:
+    samples = references.samples
+    return (*references.posture[1:], samples.wrench, samples.task_stiffness)
+
+
+def argument_samples(chain: Chain, count: int, seed: int) -> dict[str, Array]:
+    """A stack of ``count`` random values for every argument that kernels take, by name."""
+    drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
+    first = drawn[0]
+    return {
+        "q": first.q,
+        "wrench": first.wrench,
+        "tool_pose": first.tool_pose,
+        "task_stiffness": first.task_stiffness,
+        "wrenches": np.stack([samples.wrench for samples in drawn], axis=1),
+        "tool_poses": np.stack([samples.tool_pose for samples in drawn], axis=1),
+        "task_stiffnesses": np.stack([samples.task_stiffness for samples in drawn], axis=1),
+    }
+
+
+def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+    """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
+    pool = argument_samples(chain, count, seed)
+    pool["task_stiffness"] = Samples.draw(chain, count, seed).general_stiffness
+    checks = []
+    for kernel in chain_kernels(chain):
+        arguments = [pool[argument.name] for argument in kernel.arguments]
+        function = casadi_function(chain, kernel)
+        shape = kernel.result.array(chain).shape
+        folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+        reference = np.stack(
+            [
+                np.asarray(function(*(a.reshape(f) for a, f in zip(each, folds, strict=True)))).reshape(shape)
+                for each in zip(*arguments, strict=True)
+            ]
+        )
+        value = kernels[kernel.qualified_name](*arguments)
+        checks.append(_check(kernel.qualified_name, "closed form in CasADi", value, reference))
+    return checks
+
+
+def _one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    def call(*stacks: Array) -> Any:
+        return np.stack([kernel(*each) for each in zip(*stacks, strict=True)])
+
+    return call
+
+
+def check_batches(kernels: Kernels, single: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+    """Compare batch functions with single calls; the last block of a batch is not full."""
+    pool = argument_samples(chain, count, seed)
+    checks = []
+    for kernel in chain_kernels(chain):
+        if kernel.batch:
+            arguments = [pool[argument.name] for argument in kernel.arguments]
+            name = kernel.qualified_name
+            checks.append(_check(f"{name}_batch", "single calls", kernels[name](*arguments), single[name](*arguments)))
+    return checks
+
+
+def import_robot(folder: Path) -> ModuleType:
+    """Import a generated folder as a package, wherever it lies.
+
+    Raises:
+        OutputError: the folder is none of stiffgen's, or its C module is not built for this Python.
+
+    """
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise OutputError(f"{folder}: no folder of stiffgen (it has no manifest)")
+    name = f"_stiffgen_robot_{abs(hash(folder.resolve()))}"
+    spec = importlib.util.spec_from_file_location(
+        name, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    if spec is None or spec.loader is None:
+        raise OutputError(f"{folder}: has no __init__.py; generate it again")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except ImportError as error:
+        del sys.modules[name]
+        raise OutputError(f"{folder}: {error}") from error
+    return module
+
+
+def kernels_of(module: ModuleType, chain: Chain) -> dict[str, Callable[..., Any]]:
+    """The ufuncs of a generated module by qualified name."""
+    ufuncs = {}
+    for kernel in chain_kernels(chain):
+        owner: Any = module
+        for name in filter(None, (kernel.tip.name if kernel.tip else None, kernel.representation)):
+            owner = getattr(owner, name)
+        ufuncs[kernel.qualified_name] = getattr(owner, kernel.name)
+    return ufuncs
+
+
+def verify(
+    folder: str | Path, *, count: int = 200, seed: int = 0, progress: Callable[[str], None] = lambda step: None
+) -> list[Check]:
+    """Run every oracle on the compiled kernels of a robot's folder.
+
+    Args:
+        folder: what ``stiffgen generate`` wrote.
+        count: number of random postures within the limits.
+        seed: of the random generator.
+        progress: called with a few words before each step.
+
+    Returns:
+        One record a comparison.
+
+    Raises:
+        OutputError: the folder is none of stiffgen's or is not compiled.
+
+    """
+    folder = Path(folder)
+    module = import_robot(folder)
+    manifest = read_manifest(folder)
+    assert manifest is not None
+    chain = chain_from_manifest(manifest)
+    kernels = kernels_of(module, chain)
+    # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
+    single = {name: _one_by_one(kernel) for name, kernel in kernels.items()}
+    progress("differentiating and comparing")
+    checks = check_robot(single, chain, count, seed)
+    progress("comparing with CasADi")
+    checks += check_against_casadi(single, chain, count, seed)
+    progress("comparing batches")
+    return checks + check_batches(kernels, single, chain, count, seed)

@@ -1,0 +1,1 @@
+"""A chain becomes the kernel table."""

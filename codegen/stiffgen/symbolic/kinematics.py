@@ -1,0 +1,248 @@
+"""CasADi expressions of a chain's kinematics: pose, Jacobian columns, and the bracket form of dJ/dq.
+
+The pose recursions name what they compute section by section (:class:`Section`), so that the printed C can be
+read against the robot's drawing.
+
+Units: metres, radians. A Jacobian column is the twist (v, w), linear first, of a unit rate of its joint:
+body     v = velocity of the tip's origin, w, both in tip axes                  (Pinocchio: LOCAL)
+spatial  v = velocity of the point passing the base's origin, w, in base axes   (Pinocchio: WORLD)
+hybrid   v = velocity of the tip's origin, w, both in base axes                 (Pinocchio: LOCAL_WORLD_ALIGNED)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain, Joint
+from stiffgen.robot.geometry import Matrix, Vector, aligning_rotation
+from stiffgen.symbolic.connection import Representation
+
+_IDENTITY = ca.SX.eye(3)
+
+
+@dataclass
+class Section:
+    """A titled group of named intermediate matrices of a pose recursion, in order of computation."""
+
+    title: str
+    values: dict[str, ca.SX] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Expressions:
+    """A result together with the sections that lead to it."""
+
+    result: ca.SX
+    sections: tuple[Section, ...]
+
+
+def _constant(matrix: Matrix | Vector) -> ca.SX:
+    # Exact zeros become structural ones, so that products with them vanish from the graph.
+    return ca.SX(ca.sparsify(ca.DM(matrix)))
+
+
+def cross(a: ca.SX, b: ca.SX) -> ca.SX:
+    """A x b of two 3-vectors."""
+    return ca.cross(ca.densify(a), ca.densify(b))
+
+
+def bracket(x: ca.SX, y: ca.SX) -> ca.SX:
+    """[x, y] of two twists (6), linear first: the Lie bracket of se(3)."""
+    return ca.vertcat(cross(x[3:], y[:3]) + cross(x[:3], y[3:]), cross(x[3:], y[3:]))
+
+
+def jacobian_column_derivative(
+    representation: Representation, column: ca.SX, by: ca.SX, *, by_is_outward: bool
+) -> ca.SX:
+    """d(column)/d(joint position of ``by``) of two Jacobian columns (6), in closed form.
+
+    Args:
+        representation: that of both columns.
+        column: the column that is differentiated.
+        by: the column of the joint that moves.
+        by_is_outward: whether the moving joint lies farther out (towards the tip) than the column's own.
+
+    A joint that moves takes everything beyond it along. Seen from the tip (body), only the joints nearer the base
+    move; seen from the base (spatial), only those nearer the tip; hybrid mixes both (facts as in Selig, Geometric
+    Fundamentals of Robotics, and Bruyninckx and De Schutter 1996).
+
+    """
+    if representation == "body":
+        return bracket(column, by) if by_is_outward else ca.SX.zeros(6)
+    if representation == "spatial":
+        return ca.SX.zeros(6) if by_is_outward else bracket(by, column)
+    if by_is_outward:
+        return ca.vertcat(cross(column[3:], by[:3]), ca.SX.zeros(3))
+    return ca.vertcat(cross(by[3:], column[:3]), cross(by[3:], column[3:]))
+
+
+def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
+    """Position of a joint [rad or m] from the chain's coordinates."""
+    return joint.multiplier * q[joint.coordinate] + joint.offset
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """How a joint enters the recursion: its motion about a coordinate axis of an auxiliary frame."""
+
+    index: int  # 0, 1, 2: x, y, z
+    sign: int
+    align: Matrix | None  # rotation of the auxiliary frame in the joint's frame, None if they agree
+
+    @staticmethod
+    def of(joint: Joint) -> _Axis:
+        for index in range(3):
+            if abs(joint.axis[index]) == 1.0:
+                return _Axis(index, int(joint.axis[index]), None)
+        return _Axis(2, 1, aligning_rotation(joint.axis))
+
+    def rotation(self, c: ca.SX, s: ca.SX) -> ca.SX:
+        turned = ca.SX(3, 3)
+        i, j, k = self.index, (self.index + 1) % 3, (self.index + 2) % 3
+        turned[i, i] = 1
+        turned[j, j] = turned[k, k] = c
+        turned[k, j], turned[j, k] = (s, -s) if self.sign > 0 else (-s, s)
+        return turned
+
+
+class PoseRecursion:
+    """Shared by both directions: the joint angles' sines and cosines, and named frames."""
+
+    def __init__(self, chain: Chain, q: ca.SX) -> None:
+        self.chain = chain
+        self.positions = [joint_position(chain, joint, q) for joint in chain.joints]
+        self.axes = [_Axis.of(joint) for joint in chain.joints]
+        self.sections: list[Section] = []
+        trig = Section("sine and cosine of each joint angle")
+        self.rotations: list[ca.SX | None] = []
+        for index, joint in enumerate(chain.joints):
+            if joint.prismatic:
+                self.rotations.append(None)
+                continue
+            s, c = ca.sin(self.positions[index]), ca.cos(self.positions[index])
+            trig.values[f"s{index}"], trig.values[f"c{index}"] = s, c
+            self.rotations.append(self.axes[index].rotation(c, s))
+        if trig.values:
+            self.sections.append(trig)
+
+    def frame(self, title: str, tag: str, rotation: ca.SX, translation: ca.SX) -> None:
+        """Name a frame's entries R<tag>_ij and p<tag>_i."""
+        self.sections.append(Section(title, {f"R{tag}_": ca.densify(rotation), f"p{tag}_": ca.densify(translation)}))
+
+    def local(self, index: int) -> ca.SX:
+        """Rotation of joint ``index``'s auxiliary frame at zero, in the frame before it."""
+        joint, align = self.chain.joints[index], self.axes[index].align
+        rotation = _constant(joint.rotation)
+        return rotation if align is None else rotation @ _constant(align)
+
+    def after(self, index: int) -> ca.SX:
+        """Constant rotation from joint ``index``'s auxiliary frame back to its URDF frame."""
+        align = self.axes[index].align
+        return _IDENTITY if align is None else _constant(align).T
+
+    def axis(self, index: int, rotation: ca.SX) -> ca.SX:
+        """Joint ``index``'s axis, given the rotation of its auxiliary frame."""
+        return ca.densify(self.axes[index].sign * rotation[:, self.axes[index].index])
+
+
+Frame = tuple[ca.SX, ca.SX, ca.SX]
+"""Of a moving joint, in base axes: rotation of its URDF frame (3x3), a point on its axis [m], its axis."""
+
+
+def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[Frame]]:
+    """Frames of all moving joints, from the base outwards."""
+    r = PoseRecursion(chain, q)
+    frames: list[Frame] = []
+    for index, joint in enumerate(chain.joints):
+        rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (_IDENTITY, ca.SX.zeros(3), None)
+        origin = origin + rotation @ _constant(joint.translation)
+        auxiliary = rotation @ r.local(index)
+        axis = r.axis(index, auxiliary)
+        turn = r.rotations[index]
+        if turn is None:
+            origin = origin + axis * r.positions[index]
+        else:
+            auxiliary = auxiliary @ turn
+        r.frame(_title(chain, index) + ", in base axes", str(index), auxiliary, origin)
+        frames.append((auxiliary @ r.after(index), origin, axis))
+    return r, frames
+
+
+def _tip_in_joint(chain: Chain, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
+    """Rotation and origin of the tip, or of the tool at it, in the last joint's frame."""
+    rotation, origin = _constant(chain.tip_rotation), _constant(chain.tip_translation)
+    if tool_pose is None:
+        return rotation, origin
+    return rotation @ tool_pose[:3, :3], origin + rotation @ tool_pose[:3, 3]
+
+
+def _tip_in_base(chain: Chain, frames: list[Frame], tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
+    rotation, origin, _ = frames[-1]
+    tip_rotation, tip_origin = _tip_in_joint(chain, tool_pose)
+    return ca.densify(rotation @ tip_rotation), ca.densify(origin + rotation @ tip_origin)
+
+
+def _title(chain: Chain, index: int) -> str:
+    joint = chain.joints[index]
+    return f"frame of joint {joint.name}: rotation R{index}, origin p{index}"
+
+
+def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
+    """Twist (6) of a unit rate of a joint whose axis passes ``origin``, taken at the origin of the same frame."""
+    if joint.prismatic:
+        return ca.vertcat(axis, ca.SX.zeros(3))
+    return ca.vertcat(cross(origin, axis), axis)
+
+
+def forward_kinematics(chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None) -> Expressions:
+    """Pose (4x4, metres) of the tip in the base frame, or of a tool whose pose in the tip's frame is given."""
+    r, frames = outward_frames(chain, q)
+    rotation, tip = _tip_in_base(chain, frames, tool_pose)
+    pose = ca.vertcat(ca.horzcat(rotation, tip), ca.SX([[0, 0, 0, 1]]))
+    return Expressions(ca.densify(pose), tuple(r.sections))
+
+
+def joint_jacobian(
+    chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None, *, representation: Representation
+) -> Expressions:
+    """Jacobian (6 x number of joints), one column a moving joint of the chain (mimic joints their own)."""
+    if representation == "body":
+        return _body_jacobian(chain, q, tool_pose)
+    r, frames = outward_frames(chain, q)
+    _, tip = _tip_in_base(chain, frames, tool_pose)
+    if representation == "hybrid":
+        r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
+    columns = []
+    for joint, (_, origin, axis) in zip(chain.joints, frames, strict=True):
+        if representation == "spatial":
+            columns.append(spatial_column(joint, origin, axis))
+        elif joint.prismatic:
+            columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
+        else:
+            columns.append(ca.vertcat(cross(axis, tip - origin), axis))
+    return Expressions(ca.densify(ca.horzcat(*columns)), tuple(r.sections))
+
+
+def _body_jacobian(chain: Chain, q: ca.SX, tool_pose: ca.SX | None) -> Expressions:
+    """From tip to base: (rotation, origin) is the pose of the link's frame seen in the tip frame."""
+    r = PoseRecursion(chain, q)
+    tip_rotation, tip_origin = _tip_in_joint(chain, tool_pose)
+    rotation = tip_rotation.T
+    origin = -(rotation @ tip_origin)
+    columns: list[ca.SX] = []
+    for index in reversed(range(len(chain.joints))):
+        joint = chain.joints[index]
+        auxiliary = rotation @ r.after(index).T
+        axis = r.axis(index, auxiliary)
+        r.frame(_title(chain, index) + ", in tip axes", str(index), auxiliary, origin)
+        columns.append(spatial_column(joint, origin, axis))  # the tip frame plays the base's part
+        turn = r.rotations[index]
+        if turn is None:
+            origin = origin - axis * r.positions[index]
+        else:
+            auxiliary = auxiliary @ turn.T
+        rotation = auxiliary @ r.local(index).T
+        origin = origin - rotation @ _constant(joint.translation)
+    return Expressions(ca.densify(ca.horzcat(*reversed(columns))), tuple(r.sections))

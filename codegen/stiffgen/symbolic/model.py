@@ -1,0 +1,60 @@
+"""``casadi.Function`` objects of a chain's kernels, for optimal control and for checking."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.program import as_operand, evaluate
+
+
+class StiffnessModel:
+    """The kernels of a chain as dense ``casadi.Function`` objects under their names.
+
+    ``model.forward_kinematics``, ``model.mass_matrix`` (unless the chain's masses were left out), and for each
+    representation ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``,
+    ``hybrid``); with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
+    Arguments and results have the shapes of the kernel table, except that what has more dimensions than CasADi comes
+    folded: ``jacobian_transpose_derivative`` (n, n, 6) as (n*n, 6), row i*n + b holding dJ[:, b]/dq_i.
+
+    Args:
+        chain: from :func:`stiffgen.load_chain`.
+
+    """
+
+    forward_kinematics: ca.Function
+    mass_matrix: ca.Function
+    body: SimpleNamespace
+    spatial: SimpleNamespace
+    hybrid: SimpleNamespace
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+        for kernel in chain_kernels(chain):
+            owner: object = self
+            for name in filter(None, (kernel.tip.name if kernel.tip else None, kernel.representation)):
+                if not hasattr(owner, name):
+                    setattr(owner, name, SimpleNamespace())
+                owner = getattr(owner, name)
+            setattr(owner, kernel.name, casadi_function(chain, kernel))
+
+
+def casadi_function(chain: Chain, kernel: Kernel) -> ca.Function:
+    """One kernel as a dense ``casadi.Function``, inputs and output named as in the kernel table."""
+    symbols: dict[str, ca.SX] = {}
+    for argument in kernel.arguments:
+        shape = argument.array(chain).shape
+        symbols[argument.name] = ca.SX.sym(argument.name, *folded(shape))
+    result = kernel.result.array(chain)
+    entries = evaluate(kernel.scope(chain), kernel.steps(chain), symbols)[result.name]
+    dense = ca.densify(as_operand(folded(result.shape), entries))
+    return ca.Function(kernel.qualified_name, list(symbols.values()), [dense], list(symbols), [kernel.result.name])
+
+
+def folded(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """A shape in at most two dimensions, rows of the last one kept together."""
+    return shape if len(shape) <= 2 else (math.prod(shape[:-1]), shape[-1])

@@ -1,0 +1,244 @@
+"""A kernel as a short program of CasADi expressions over joints and pairs of joints.
+
+The quadratic part of every kernel is one small expression repeated over joints. Keeping the repetition as a
+:class:`Map` lets two readers share one definition: :func:`evaluate` unrolls it into a flat CasADi expression (the
+``casadi.Function`` of :class:`stiffgen.StiffnessModel`), the C printer makes it a loop. Arrays are row-major;
+``m`` is the number of moving joints, ``n`` that of coordinates (they differ where joints mimic).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kinematics import Expressions
+
+Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j"]
+"""What a map runs over: nothing (once), every joint j, or the pairs (i, j) of joints that satisfy the relation (of
+their numbers; the last one: i is j or a joint between the base and j)."""
+
+
+@dataclass(frozen=True)
+class Array:
+    """A named array of doubles, row-major. ``shape`` has one to three dimensions."""
+
+    name: str
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        size = 1
+        for extent in self.shape:
+            size *= extent
+        return size
+
+
+@dataclass(frozen=True)
+class Operand:
+    """What a map's body reads or writes of an array: all of it (""), column i or j, or the element(s) [i, j]."""
+
+    array: Array
+    at: Literal["", "i", "j", "ij"]
+
+    @property
+    def count(self) -> int:
+        """Entries that one evaluation of the body touches."""
+        if self.at == "":
+            return self.array.size
+        if self.at == "ij":
+            return self.array.size // (self.array.shape[0] * self.array.shape[1])
+        return self.array.shape[0]
+
+    def entry(self, k: int, i: int, j: int) -> int:
+        """Flat position in the array of the k-th entry touched."""
+        if self.at == "":
+            return k
+        if self.at == "ij":
+            return (i * self.array.shape[1] + j) * self.count + k
+        return k * self.array.shape[1] + (i if self.at == "i" else j)
+
+
+@dataclass(frozen=True)
+class Recursion:
+    """Run a pose recursion: the rows of ``expressions(chain, *arguments)`` fill the ``targets`` one after the other.
+
+    A recursion that several kernels use has a ``name``, under which C code holds it as a function of its own;
+    without a name it is part of its kernel. ``heading`` is the comment over the statements that fill the targets.
+    """
+
+    targets: tuple[Array, ...]
+    expressions: Callable[..., Expressions]
+    arguments: tuple[Array, ...]
+    name: str = ""
+    heading: str = "result"
+
+
+@dataclass(frozen=True)
+class Map:
+    """``target = body(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
+
+    comment: str
+    over: Over
+    target: Operand
+    operands: tuple[Operand, ...]
+    body: Callable[..., ca.SX]
+    mirror: bool = False
+
+    def indices(self, chain: Chain) -> Iterator[tuple[int, int]]:
+        """The (i, j) that the map runs over, in the order of the printed loops."""
+        m = len(chain.joints)
+        if self.over in ("", "j"):
+            yield from ((0, j) for j in range(m if self.over else 1))
+        elif self.over == "i on the way to j":
+            for j in range(m):
+                i = j
+                while i >= 0:
+                    yield i, j
+                    i = chain.joints[i].parent
+        else:
+            holds = {"i<=j": int.__le__, "i>=j": int.__ge__, "i<j": int.__lt__, "i>j": int.__gt__}[self.over]
+            yield from ((i, j) for i in range(m) for j in range(m) if holds(i, j))
+
+
+@dataclass(frozen=True)
+class Gather:
+    """Sum joints into coordinates: joint k counts ``multiplier`` times for its coordinate, in every joint index.
+
+    The source is (6, m) (``columns``), (m, m) or (m, m, depth); with ``mirror``, the upper triangle of the (n, n)
+    result is copied to the lower one, since sums in another order need not agree to the last bit.
+    """
+
+    source: Array
+    target: Array
+    columns: bool = False
+    mirror: bool = False
+
+
+@dataclass(frozen=True)
+class Part:
+    """Block ``index`` of an argument that holds one block a tip, or (None) the whole argument."""
+
+    array: Array
+    index: int | None
+
+
+@dataclass(frozen=True)
+class Sum:
+    """``target`` = sum of the arrays ``terms_result`` that other kernels give, each with its parts of the arguments."""
+
+    target: Array
+    terms_result: str
+    terms: tuple[Term, ...]
+
+
+@dataclass(frozen=True)
+class Term:
+    """A kernel of another chain (a branch), its program, and the parts of the arguments that it takes, by name."""
+
+    function: str
+    chain: Chain
+    program: Program
+    arguments: tuple[tuple[Array, Part], ...]
+
+
+Step = Recursion | Map | Gather | Sum
+Program = tuple[Step, ...]
+
+
+def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dict[str, list[ca.SX]]:
+    """Unroll a program into scalar expressions.
+
+    Args:
+        chain: the robot.
+        program: the steps.
+        arguments: one SX per argument array, vectors (k) or matrices.
+
+    Returns:
+        The row-major entries of every array that the program wrote, by name.
+
+    """
+    arrays = {name: _entries(value) for name, value in arguments.items()}
+    for step in program:
+        if isinstance(step, Recursion):
+            given = [arguments[array.name] for array in step.arguments]
+            entries = _entries(step.expressions(chain, *given).result)
+            for target in step.targets:
+                arrays[target.name], entries = entries[: target.size], entries[target.size :]
+        elif isinstance(step, Gather):
+            arrays[step.target.name] = _gather(chain, step, arrays[step.source.name])
+        elif isinstance(step, Sum):
+            arrays[step.target.name] = _sum(step, arguments)
+        else:
+            _run_map(step, chain, arrays)
+    return arrays
+
+
+def _entries(value: ca.SX) -> list[ca.SX]:
+    dense = ca.densify(value)
+    return [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
+
+
+def as_operand(shape: tuple[int, ...], entries: list[ca.SX]) -> ca.SX:
+    """Entries as the column vector or (for two dimensions) matrix that a map's body takes."""
+    if len(shape) != 2:
+        return ca.vertcat(*entries)
+    rows = [ca.horzcat(*entries[r * shape[1] : (r + 1) * shape[1]]) for r in range(shape[0])]
+    return ca.vertcat(*rows)
+
+
+def operand_shape(operand: Operand) -> tuple[int, ...]:
+    """Shape in which a body takes an operand: the array's own, or a column."""
+    return operand.array.shape if operand.at == "" else (operand.count,)
+
+
+def _sum(step: Sum, arguments: dict[str, ca.SX]) -> list[ca.SX]:
+    total = [ca.SX(0)] * step.target.size
+    for term in step.terms:
+        given = {}
+        for array, part in term.arguments:
+            start = 0 if part.index is None else part.index * array.size
+            entries = _entries(arguments[part.array.name])[start : start + array.size]
+            given[array.name] = as_operand(array.shape, entries)
+        results = evaluate(term.chain, term.program, given)[step.terms_result]
+        total = [a + b for a, b in zip(total, results, strict=True)]
+    return total
+
+
+def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
+    written = arrays.setdefault(step.target.array.name, [ca.SX(0)] * step.target.array.size)
+    for i, j in step.indices(chain):
+        taken = [
+            as_operand(operand_shape(o), [arrays[o.array.name][o.entry(k, i, j)] for k in range(o.count)])
+            for o in step.operands
+        ]
+        result = _entries(step.body(*taken))
+        for k in range(step.target.count):
+            written[step.target.entry(k, i, j)] = result[k]
+            if step.mirror:
+                written[step.target.entry(k, j, i)] = result[k]
+
+
+def _gather(chain: Chain, step: Gather, source: list[ca.SX]) -> list[ca.SX]:
+    m, n = len(chain.joints), chain.dof
+    target = [ca.SX(0)] * step.target.size
+    if step.columns:
+        for row in range(step.source.shape[0]):
+            for a, joint in enumerate(chain.joints):
+                target[row * n + joint.coordinate] += joint.multiplier * source[row * m + a]
+        return target
+    depth = step.source.size // (m * m)
+    for a, outer in enumerate(chain.joints):
+        for b, inner in enumerate(chain.joints):
+            for k in range(depth):
+                into = (outer.coordinate * n + inner.coordinate) * depth + k
+                target[into] += outer.multiplier * inner.multiplier * source[(a * m + b) * depth + k]
+    if step.mirror:
+        for i in range(n):
+            for j in range(i):
+                target[i * n + j] = target[j * n + i]
+    return target

@@ -1,0 +1,68 @@
+"""CasADi expressions of the stiffness: what one joint and one pair of joints contribute.
+
+Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025, central equation). Everything here takes
+Jacobian columns J_i (6), so it holds for any chain and any joint type; :mod:`stiffgen.kernels` runs it over
+joints and pairs of joints.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from stiffgen.symbolic import connection
+from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.kinematics import jacobian_column_derivative
+
+
+def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
+    """(Gamma F)_ij = sum_k Gamma^k_ij F_k (6x6), from the exact coefficients of :mod:`stiffgen.connection`."""
+    coefficients = connection.connection_coefficients(representation)
+    result = ca.SX(6, 6)
+    for i in range(6):
+        for j in range(6):
+            for k in range(6):
+                if coefficients[k, i, j] != 0:
+                    result[i, j] += float(coefficients[k, i, j]) * wrench[k]
+    return result
+
+
+def symmetric_from_upper(matrix: ca.SX) -> ca.SX:
+    """The symmetric 6x6 matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
+    return ca.triu2symm(ca.triu(matrix))
+
+
+def kinematic_covector(representation: Representation, column: ca.SX, wrench: ca.SX, *, outward: bool) -> ca.SX:
+    """z_j (6) with (dJ_i/dq_j)^T F = J_i . z_j, for every joint i nearer the base than j (``outward``) or not.
+
+    dJ_i/dq_j is linear in J_i, so z_j is the gradient of the contraction by J_i.
+    """
+    other = ca.SX.sym("J_i", 6)
+    derivative = jacobian_column_derivative(representation, other, column, by_is_outward=outward)
+    return ca.densify(ca.jacobian(ca.dot(derivative, wrench), other).T)
+
+
+def diagonal_is_outward(representation: Representation) -> bool:
+    """Whether the pair (j, j) is counted with the joints beyond j; chosen so that a vanishing derivative is 0.0."""
+    return representation != "body"
+
+
+def corrected_task_stiffness(representation: Representation, wrench: ca.SX, task_stiffness: ca.SX) -> ca.SX:
+    """K + Gamma F (6x6); of K the upper triangle alone is read."""
+    return ca.densify(symmetric_from_upper(task_stiffness) + gamma_F(representation, wrench))
+
+
+def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca.SX, corrected: ca.SX) -> ca.SX:
+    """u_j (6) with Kq_ij = J_i . u_j for i <= j, or for i >= j in body form, where dJ_i/dq_j vanishes.
+
+    u_j = (K + Gamma F) J_j + z_j, with ``corrected`` the matrix K + Gamma F.
+    """
+    return uncorrected_covector(
+        representation, column, wrench, corrected @ column, outward=diagonal_is_outward(representation)
+    )
+
+
+def uncorrected_covector(
+    representation: Representation, column: ca.SX, wrench: ca.SX, product: ca.SX, *, outward: bool
+) -> ca.SX:
+    """u_j (6) = K J_j + z_j, with ``product`` the vector K J_j."""
+    return ca.densify(product + kinematic_covector(representation, column, wrench, outward=outward))

@@ -1,0 +1,202 @@
+"""The contract of the generated C: warnings, symbols, threads, bitwise symmetry, and use from other builds."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.check.verify import Samples
+from stiffgen.symbolic.kernels import KERNELS
+from support.c_program import STRICT, language_flags, run_kernels
+from support.chains import chain_urdf
+from support.project import compilers, require_compiler
+
+# libm, and what compilers insert for copies and runs of zeros.
+ALLOWED = {"sin", "cos", "sincos", "memcpy", "memset", "memmove"}
+
+
+@pytest.mark.parametrize("compiler", compilers())
+@pytest.mark.parametrize("language", ["c99", "c11", "c++11", "c++20"])
+@pytest.mark.parametrize("optimisation", ["-O0", "-O2", "-O3"])
+def test_compiles_without_a_warning(compiler, language, optimisation, robot_folder, tmp_path):
+    command = [require_compiler(compiler), *language_flags(language), optimisation, *STRICT]
+    subprocess.run([*command, "-c", str(robot_folder / "iiwa14.c"), "-o", str(tmp_path / "o")], check=True)
+
+
+@pytest.mark.parametrize("compiler", compilers())
+def test_other_chains_compile_without_a_warning(compiler, tmp_path):
+    """Sliding and mimic joints."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(chain_urdf("rprmrr"))
+    folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False)
+    command = [require_compiler(compiler), "-std=c99", "-O1", *STRICT]
+    subprocess.run([*command, "-c", str(folder / "arm.c"), "-o", str(tmp_path / "o")], check=True)
+
+
+def test_compiles_alone(robot_folder, tmp_path):
+    """The README's line, in a folder with nothing but the two files."""
+    for file in ("iiwa14.c", "iiwa14.h"):
+        (tmp_path / file).write_bytes((robot_folder / file).read_bytes())
+    subprocess.run(["cc", "-std=c99", "-c", "iiwa14.c"], check=True, cwd=tmp_path)
+    assert (tmp_path / "iiwa14.o").exists()
+
+
+@pytest.mark.parametrize("compiler", compilers())
+@pytest.mark.parametrize("optimisation", ["-O0", "-O3"])
+def test_symbols(compiler, optimisation, robot_folder, tmp_path):
+    """Nothing is called but libm; nothing is exported but the header's names; no data can be written to."""
+    out = tmp_path / "o"
+    source = robot_folder / "iiwa14.c"
+    flags = ["-std=c99", optimisation, "-fno-stack-protector"]
+    subprocess.run([require_compiler(compiler), *flags, "-c", str(source), "-o", str(out)], check=True)
+    lines = subprocess.run(["nm", str(out)], check=True, capture_output=True, text=True).stdout.split("\n")
+    symbols = [line.split()[-2:] for line in lines if line]
+    assert {name for kind, name in symbols if kind == "U"} <= ALLOWED
+    assert not [name for kind, name in symbols if kind in "bBC"]
+    exported = {name for kind, name in symbols if kind.isupper() and kind != "U"}
+    functions = {f"iiwa14_{kernel.qualified_name}" for kernel in KERNELS}
+    functions |= {f"iiwa14_{kernel.qualified_name}_batch" for kernel in KERNELS if kernel.batch}
+    assert exported == functions | {f"iiwa14_{c}" for c in ("joints", "lower", "upper", "velocity", "effort")}
+
+
+def test_fast_math_is_refused(robot_folder, tmp_path):
+    command = ["cc", "-std=c99", "-ffast-math", "-c", str(robot_folder / "iiwa14.c"), "-o", str(tmp_path / "o")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "NaN contract" in done.stderr
+
+
+THREADS = r"""
+#include "iiwa14.h"
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { THREADS = 8, CALLS = 2000 };
+
+static double q[THREADS][7], wrench[THREADS][6], stiffness[36], expected[THREADS][49];
+static int wrong[THREADS];
+
+static void *work(void *argument)
+{
+    const int t = *(const int *)argument;
+    for (int c = 0; c < CALLS; ++c) {
+        double found[49];
+        iiwa14_hybrid_joint_stiffness(q[t], wrench[t], stiffness, found);
+        wrong[t] += memcmp(found, expected[t], sizeof found) != 0;
+    }
+    return NULL;
+}
+
+int main(void)
+{
+    pthread_t threads[THREADS];
+    int number[THREADS], total = 0;
+    for (int k = 0; k < 6; ++k) { stiffness[7 * k] = 100.0 * (k + 1); }
+    for (int t = 0; t < THREADS; ++t) {
+        number[t] = t;
+        for (int k = 0; k < 7; ++k) { q[t][k] = 0.1 * (t + 1) * (k - 3); }
+        for (int k = 0; k < 6; ++k) { wrench[t][k] = t - k; }
+        iiwa14_hybrid_joint_stiffness(q[t], wrench[t], stiffness, expected[t]);
+    }
+    for (int t = 0; t < THREADS; ++t) { pthread_create(&threads[t], NULL, work, &number[t]); }
+    for (int t = 0; t < THREADS; ++t) { pthread_join(threads[t], NULL); total += wrong[t]; }
+    printf("%d\n", total);
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("flags", [[], ["-fsanitize=thread"]], ids=["plain", "thread-sanitizer"])
+def test_eight_threads(flags, robot_folder, tmp_path):
+    main = tmp_path / "main.c"
+    main.write_text(THREADS)
+    program = tmp_path / "program"
+    sources = [str(main), str(robot_folder / "iiwa14.c")]
+    command = ["gcc", "-std=c99", "-O2", "-pthread", *flags, f"-I{robot_folder}", *sources, "-o", str(program), "-lm"]
+    subprocess.run(command, check=True)
+    # setarch -R: the sanitizer cannot place its shadow memory under some kernels' address randomisation.
+    run = ["setarch", os.uname().machine, "-R", str(program)] if flags else [str(program)]
+    done = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, "0"), done.stderr
+
+
+def test_no_undefined_behaviour(golden, robot_folder, tmp_path):
+    """Address and undefined-behaviour sanitizers over every kernel."""
+    sample = golden[0]
+    pool = {"q": sample.q, "wrench": sample.wrench, "task_stiffness": sample.task_stiffness}
+    sizes = {
+        "forward_kinematics": 16,
+        "jacobian": 42,
+        "jacobian_transpose_derivative": 294,
+        "connection_correction": 36,
+    }
+    calls = [(k.qualified_name, [pool[a.name] for a in k.arguments], sizes.get(k.name, 49)) for k in KERNELS]
+    flags = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    assert len(run_kernels(robot_folder, "iiwa14", calls, "gcc", "c99", flags, tmp_path)) == len(KERNELS)
+
+
+def test_bitwise_symmetric(chain, robot):
+    samples = Samples.draw(chain, 2000, seed=7)
+    for rep in ("body", "spatial", "hybrid"):
+        Kq = getattr(robot, rep).joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
+        assert np.array_equal(Kq, Kq.transpose(0, 2, 1))
+    M = robot.mass_matrix(samples.q)
+    assert np.array_equal(M, M.transpose(0, 2, 1))
+    assert (np.linalg.eigvalsh(M) > 0).all()
+
+
+def test_lower_triangle_of_the_task_stiffness_is_not_read(golden, robot):
+    sample = golden[0]
+    spoiled = sample.task_stiffness.copy()
+    spoiled[np.tril_indices(6, -1)] = np.nan
+    for rep in ("body", "spatial", "hybrid"):
+        kernel = getattr(robot, rep).joint_stiffness
+        expected = kernel(sample.q, sample.wrench, sample.task_stiffness)
+        assert np.array_equal(kernel(sample.q, sample.wrench, spoiled), expected)
+
+
+CONSUMER = {
+    "CMakeLists.txt": """
+cmake_minimum_required(VERSION 3.18)
+project(consumer LANGUAGES C)
+find_package(iiwa14 REQUIRED)
+add_executable(consumer main.c)
+target_link_libraries(consumer PRIVATE iiwa14::iiwa14)
+""",
+    "main.c": """
+#include <iiwa14.h>
+#include <stdio.h>
+int main(void)
+{
+    const double q[IIWA14_DOF] = {0};
+    double pose[16];
+    iiwa14_forward_kinematics(q, pose);
+    printf("%s %.4f %.0f", iiwa14_joints[6], pose[11], iiwa14_effort[0]);
+    return 0;
+}
+""",
+}
+
+
+def test_cmake_package(robot_folder, tmp_path):
+    """Install, find_package, link, run."""
+
+    def cmake(*arguments):
+        subprocess.run(["cmake", *map(str, arguments)], check=True, cwd=tmp_path, capture_output=True)
+
+    cmake("-S", robot_folder, "-B", "build", f"-DCMAKE_INSTALL_PREFIX={tmp_path / 'prefix'}")
+    cmake("--build", "build")
+    cmake("--install", "build")
+    consumer = tmp_path / "consumer"
+    consumer.mkdir()
+    for file, text in CONSUMER.items():
+        (consumer / file).write_text(text)
+    cmake("-S", consumer, "-B", "out", f"-DCMAKE_PREFIX_PATH={tmp_path / 'prefix'}")
+    cmake("--build", "out")
+    done = subprocess.run([str(tmp_path / "out" / "consumer")], capture_output=True, text=True, check=True)
+    assert done.stdout == "A7 1.3060 320"

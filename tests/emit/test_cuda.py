@@ -1,0 +1,239 @@
+"""NAME.cu, compiled for the host: values, layout and contract; and by nvcc where it is installed.
+
+No test needs a GPU. On one, ``make bench-cuda`` checks the values before it times anything.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.check.verify import Samples, kernels_of
+from stiffgen.cli import main
+from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
+from stiffgen.symbolic.model import casadi_function, folded
+from support.c_program import STRICT
+from support.chains import chain_urdf
+from support.cuda_host import NOTHING, HostCuda
+from support.project import ROOT, URDF, assert_close, compilers, require_compiler
+
+DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
+SHARED = ("task_stiffness", "tool_pose")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return stiffgen.generate(URDF, output=tmp_path_factory.mktemp("cuda"), build=False, cuda=True)
+
+
+@pytest.fixture(scope="module")
+def host(folder, chain, tmp_path_factory):
+    return HostCuda(folder / "iiwa14.cu", "iiwa14", chain, tmp_path_factory.mktemp("host"))
+
+
+def arguments(kernel, samples):
+    """Vectors in stacks, matrices of the first sample for all."""
+    values = {name: getattr(samples, name) for name in ("q", "wrench", *SHARED)}
+    return [values[a.name][0] if a.name in SHARED else values[a.name] for a in kernel.arguments]
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_golden_values(rep, golden, host):
+    for sample in golden:
+        q, wrench = sample.q[None], sample.wrench[None]
+        assert_close(host(f"{rep}_jacobian", q)[0], sample.by[rep]["jacobian"])
+        Kq = host(f"{rep}_joint_stiffness", q, wrench, sample.task_stiffness)[0]
+        assert_close(Kq, sample.by[rep]["joint_stiffness"])
+
+
+@pytest.mark.parametrize(("count", "spare"), [(1, 0), (37, 0), (131, 6)])
+def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
+    """Also with a stride beyond the count: nothing outside is read (NaN lies there) or written."""
+    samples = Samples.draw(chain, count, seed=4)
+    ufuncs = kernels_of(robot, chain)
+    assert len(host.kernels) == 7
+    for name, kernel in host.kernels.items():
+        given = arguments(kernel, samples)
+        for found, expected in zip(host(name, *given, spare=spare), ufuncs[name](*given), strict=True):
+            assert_close(found, expected)
+
+
+@pytest.mark.parametrize("case", ["slides and mimics", "two tips, tool at run time"])
+@pytest.mark.parametrize("compiler", compilers())
+def test_other_chains(case, compiler, tmp_path):
+    if case == "slides and mimics":
+        urdf = tmp_path / "arm.urdf"
+        urdf.write_text(chain_urdf("rprmrr"))
+        options = {}
+    else:
+        urdf, options = DUAL, {"tip": ["left hand", "right-hand"], "runtime_tool": True}
+    folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True, **options)
+    chain = stiffgen.load_chain(urdf, **options)
+    host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
+    samples = Samples.draw(chain, 5, seed=9)
+    assert len(host.kernels) == (7 if case == "slides and mimics" else 13)
+    for kernel in chain_kernels(chain):
+        if not kernel.batch:
+            continue
+        given = arguments(kernel, samples)
+        function = casadi_function(chain, kernel)
+        shape = kernel.result.array(chain).shape
+        found = host(kernel.qualified_name, *given, spare=2)
+        for c in range(5):
+            one = [g if a.name in SHARED else g[c] for a, g in zip(kernel.arguments, given, strict=True)]
+            folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+            expected = function(*(a.reshape(f) for a, f in zip(one, folds, strict=True)))
+            assert_close(found[c], np.asarray(expected).reshape(shape))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_nan_and_infinity(value, host, chain, robot):
+    """As in the C code, entry by entry; and they stay in their configuration."""
+    samples = Samples.draw(chain, 5, seed=2)
+    ufuncs = kernels_of(robot, chain)
+    for name, kernel in host.kernels.items():
+        given = arguments(kernel, samples)
+        for index, argument in enumerate(kernel.arguments):
+            for entry in range(given[index][0].size if argument.name not in SHARED else 36):
+                spoiled = [g.copy() for g in given]
+                spoiled[index].flat[entry] = value  # of the first configuration, or shared
+                with np.errstate(invalid="ignore"):
+                    found, expected = host(name, *spoiled), ufuncs[name](*spoiled)
+                assert np.array_equal(np.isnan(found), np.isnan(expected)), (name, argument.name, entry)
+                assert not np.isinf(found).any()
+    q = samples.q.copy()
+    q[3, 1] = value
+    found = host("hybrid_joint_stiffness", q, samples.wrench, samples.task_stiffness[0])
+    assert np.isnan(found[3]).all() and np.isfinite(np.delete(found, 3, axis=0)).all()
+
+
+def test_slides(tmp_path):
+    """A sliding joint's coordinate enters linearly, where an infinity would otherwise stay one; it needs no sine."""
+    for types in ("pp", "pr"):
+        urdf = tmp_path / f"{types}.urdf"
+        urdf.write_text(chain_urdf(types))
+        folder = stiffgen.generate(urdf, output=tmp_path, name=types, build=False, cuda=True)
+        assert ("sine_cosine" in (folder / f"{types}.cu").read_text()) == ("r" in types)
+        host = HostCuda(folder / f"{types}.cu", types, stiffgen.load_chain(urdf), tmp_path)
+        found = host("spatial_jacobian", np.array([[0.1, 0.2], [np.inf, 0.2]]))
+        assert np.isfinite(found[0]).all() and not np.isinf(found[1]).any()
+        assert np.isnan(found[1, :3, 1]).any() == ("r" in types)
+
+
+def test_nothing_to_do_and_refusals(host):
+    kernel = host.kernels["hybrid_joint_stiffness"]
+    out = np.full((28, 4), NOTHING)
+    q, wrench, K = np.zeros((7, 4)), np.zeros((6, 4)), np.eye(6)
+    assert host.launch(kernel, 0, 0, None, None, None, None) == 0
+    assert host.launch(kernel, 0, 4, q, wrench, K, out) == 0
+    assert host.launch(kernel, 4, 3, q, wrench, K, out) == 1
+    assert (out == NOTHING).all()
+    assert host.launch(kernel, 4, 4, q, wrench, K, out) == 0
+    assert (out != NOTHING).all()
+
+
+def test_files(folder, chain):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert {"iiwa14.cu", "iiwa14_cuda.h"} <= set(manifest["files"])
+    header = (folder / "iiwa14_cuda.h").read_text()
+    assert "Moves 41 doubles a configuration." in header  # 7 of q, 6 of the wrench, 28 of the result
+    for file in ("README.md", "CMakeLists.txt", "iiwa14.cu", "iiwa14_cuda.h"):
+        assert "http" not in (folder / file).read_text()
+
+
+def test_cuda_files_go_when_not_asked_for(tmp_path):
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True)
+    assert "IIWA14_CUDA" in (folder / "CMakeLists.txt").read_text()
+    assert main(["generate", str(URDF), "--no-build", "--output", str(tmp_path)]) == 0
+    assert list(folder.glob("*cu*")) == []
+    assert "CUDA" not in (folder / "CMakeLists.txt").read_text() + (folder / "README.md").read_text()
+
+
+def test_a_chain_too_long_is_refused(tmp_path, capsys):
+    urdf = tmp_path / "long.urdf"
+    urdf.write_text(chain_urdf("r" * (MAX_BATCH_JOINTS + 1)))
+    assert main(["generate", str(urdf), "--cuda", "--output", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.startswith("stiffgen: --cuda: the chain has 25 moving joints") and "at most 24" in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_c_header(folder, tmp_path):
+    (tmp_path / "main.c").write_text('#include "iiwa14_cuda.h"\nint main(void) { return 0; }\n')
+    command = [
+        require_compiler("gcc"),
+        "-std=c99",
+        *STRICT,
+        f"-I{folder}",
+        "-c",
+        str(tmp_path / "main.c"),
+        "-o",
+        str(tmp_path / "o"),
+    ]
+    subprocess.run(command, check=True)
+
+
+def test_fast_math_is_refused(folder, tmp_path):
+    command = [
+        require_compiler("g++"),
+        "-x",
+        "c++",
+        "-ffast-math",
+        "-c",
+        str(folder / "iiwa14.cu"),
+        "-o",
+        str(tmp_path / "o"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0 and "NaN contract" in done.stderr
+
+
+def require_nvcc():
+    if shutil.which("nvcc") is None:
+        pytest.skip("nvcc is not installed (NVIDIA's CUDA toolkit)")
+
+
+def nvcc(*arguments):
+    require_nvcc()
+    warnings = ["-Werror", "all-warnings", "-Xcompiler", "-Wall,-Wextra,-Wconversion,-Wshadow,-Werror"]
+    command = ["nvcc", "-arch=sm_80", *warnings, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def test_nvcc(folder, tmp_path):
+    """No warning, and the stiffness of the iiwa 14 fits into registers."""
+    resources = nvcc("-Xptxas", "-v", "-c", folder / "iiwa14.cu", "-o", tmp_path / "o")
+    entry = resources[resources.index("hybrid_joint_stiffness_kernel") :]
+    assert " 0 bytes spill stores, 0 bytes spill loads" in entry.split("Used")[0]
+
+
+def test_cmake(folder, tmp_path):
+    """The option, in a project that calls a launch function from C (with a stride that is refused)."""
+    require_nvcc()
+    (tmp_path / "main.c").write_text(
+        '#include "iiwa14_cuda.h"\nint main(void) { return iiwa14_hybrid_jacobian_cuda(1, 0, 0, 0, 0) == 1 ? 0 : 1; }\n'
+    )
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.18)\nproject(app LANGUAGES C CUDA)\n"
+        f"set(IIWA14_CUDA ON)\nadd_subdirectory({folder} iiwa14)\nadd_executable(app main.c)\n"
+        "target_link_libraries(app PRIVATE iiwa14_cuda)\n"
+    )
+    for arguments in (("-S", ".", "-B", "build", "-DCMAKE_CUDA_ARCHITECTURES=80"), ("--build", "build")):
+        subprocess.run(["cmake", *arguments], check=True, cwd=tmp_path, capture_output=True)
+    subprocess.run([tmp_path / "build" / "app"], check=True)
+
+
+def test_nvcc_takes_mimic_joints_and_the_benchmark(folder, tmp_path):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(chain_urdf("rprmrr"))
+    arm = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True)
+    nvcc("-c", arm / "arm.cu", "-o", tmp_path / "o")
+    nvcc("-c", f"-I{folder}", ROOT / "benchmarks" / "cuda_stiffness.cu", "-o", tmp_path / "b")

@@ -1,0 +1,85 @@
+"""Chains whose rows fill lanes partly, exactly or several times over, in builds with every width of lanes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.check.verify import import_robot, verify
+from support.chains import chain_urdf
+
+FLAGS = {
+    "native": "-O3",
+    "AVX2": "-O2 -mno-avx512f",
+    "SSE2": "-O2 -mno-avx",
+    "no vectors": "-O1 -DSTIFFGEN_NO_VECTORS",
+}
+
+
+@pytest.mark.parametrize("types", ["p", "rprmrr", "rrprrrrrr", "rrrpmrrrrrrrrrrrr"])
+@pytest.mark.parametrize("flags", FLAGS)
+def test_every_oracle(types, flags, tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(chain_urdf(types))
+    # Names of their own: an extension module is loaded once a process.
+    folder = stiffgen.generate(urdf, output=tmp_path, name=f"chain_{types}_{list(FLAGS).index(flags)}")
+    assert [check for check in verify(folder, count=11) if not check.passed] == []
+
+
+def test_batches_of_every_length(robot, chain):
+    """Shared and own wrenches, backwards and spread arguments, and nothing written beyond the end."""
+    from stiffgen.check.verify import Samples
+
+    samples = Samples.draw(chain, 21, seed=3)
+    kernel = robot.hybrid.joint_stiffness
+    everything = kernel(samples.q, samples.wrench, samples.task_stiffness)
+    for count in range(22):
+        out = np.full((count + 1, 7, 7), -1.0)
+        kernel(samples.q[:count], samples.wrench[:count], samples.task_stiffness[:count], out=out[:count])
+        assert (out[count] == -1).all()
+        if count != 1:  # a single call
+            assert np.array_equal(out[:count], everything[:count])
+    shared = kernel(samples.q, samples.wrench[3], samples.task_stiffness)
+    assert np.array_equal(shared[3], everything[3])
+    assert np.array_equal(kernel(samples.q[::-2], samples.wrench[::-2], samples.task_stiffness[::-2]), everything[::-2])
+
+
+def test_a_nan_stays_in_its_configuration(robot, chain):
+    from stiffgen.check.verify import Samples
+
+    samples = Samples.draw(chain, 19, seed=5)
+    expected = robot.hybrid.joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
+    for array, at in ((samples.q, (4, 2)), (samples.wrench, (4, 1)), (samples.task_stiffness, (4, 0, 3))):
+        for value in (np.nan, np.inf):
+            kept, array[at] = array[at], value
+            with np.errstate(invalid="ignore"):
+                found = robot.hybrid.joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
+            array[at] = kept
+            assert np.isnan(found[4]).all()
+            others = np.arange(19) != 4
+            assert np.array_equal(found[others], expected[others])
+
+
+def test_ten_thousand_at_once_need_no_memory_but_the_result(robot):
+    """Strided arguments go through a buffer of constant size."""
+    import tracemalloc
+
+    q = np.zeros((10_000, 14))[:, ::2]
+    out = np.empty((10_000, 6, 7))
+    robot.hybrid.jacobian(q[:2], out=out[:2])
+    tracemalloc.start()
+    robot.hybrid.jacobian(q, out=out)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 200_000
+    assert robot.BASE == "link_0"
+
+
+def test_a_robot_of_slides_alone_has_no_sine(tmp_path):
+    urdf = tmp_path / "slides.urdf"
+    urdf.write_text(chain_urdf("pp"))
+    folder = stiffgen.generate(urdf, output=tmp_path, name="slides")
+    assert "sine_cosine" not in (folder / "slides.c").read_text()
+    assert np.isfinite(import_robot(folder).hybrid.jacobian([0.1, 0.2])).all()

@@ -1,0 +1,46 @@
+"""Forty joints with nothing aligned: the size of the C source, and its values."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.check.verify import argument_samples, check_against_casadi, import_robot, kernels_of
+from stiffgen.symbolic.kernels import chain_kernels
+from support.c_program import STRICT
+from support.project import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from generation import long_chain
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    work = tmp_path_factory.mktemp("long")
+    urdf = work / "chain.urdf"
+    urdf.write_text(long_chain(40))
+    return stiffgen.generate(urdf, output=work / "generated")
+
+
+def test_size_and_warnings(folder, tmp_path):
+    source = folder / "chain.c"
+    assert source.stat().st_size < 1_000_000
+    assert "_batch(" not in (folder / "chain.h").read_text()
+    subprocess.run(["gcc", "-std=c99", "-O1", *STRICT, "-c", str(source), "-o", str(tmp_path / "o")], check=True)
+
+
+def test_values(folder):
+    chain = stiffgen.load_chain(folder.parent.parent / "chain.urdf")
+    robot = import_robot(folder)
+    checks = check_against_casadi(kernels_of(robot, chain), chain, 2, 0)
+    assert [check for check in checks if not check.passed] == []
+    pool = argument_samples(chain, 3, 1)
+    for kernel in chain_kernels(chain):
+        if kernel.name == "joint_stiffness":
+            Kq = kernels_of(robot, chain)[kernel.qualified_name](*(pool[a.name] for a in kernel.arguments))
+            assert np.array_equal(Kq, Kq.transpose(0, 2, 1))

@@ -1,0 +1,253 @@
+"""Every single entry of dJ^T/dq matters, and every sign of the generated code: falsify each one and see checks fail.
+
+The checks are those of ``stiffgen verify`` (:func:`stiffgen.check.verify.check_kernels`), run on the compiled kernels
+with one entry of the derivative falsified, and all that is made from it: the contraction, and the joint stiffness
+put together the way the generated code does it, one half computed and mirrored. It stays symmetric throughout.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import re
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.check.verify import BOUND, References, check_kernels, gamma_F, kernels_of, kinetic_hessian, relative_error
+from stiffgen.emit.render import render
+from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.kernels import chain_kernels
+from support.chains import chain_urdf
+from support.cuda_host import HostCuda
+from support.runtime import compile_c
+
+PERTURBATION = 1e-6
+
+
+@pytest.fixture(scope="module")
+def references(chain):
+    return References(chain, count=2, seed=11)
+
+
+def memoised(kernels):
+    """The unfalsified kernels see the same inputs 294 times over."""
+    cache = {}
+
+    def wrap(name, function):
+        def call(*arguments):
+            key = (name, *(np.asarray(a).tobytes() for a in arguments))
+            if key not in cache:
+                cache[key] = function(*arguments)
+            return cache[key]
+
+        return call
+
+    return {name: wrap(name, function) for name, function in kernels.items()}
+
+
+def falsified(kernels, rep, entry):
+    """The kernels with dJ^T/dq off at one entry (i, b, k)."""
+    i, b, k = entry
+    derivative, jacobian = kernels[f"{rep}_jacobian_transpose_derivative"], kernels[f"{rep}_jacobian"]
+
+    def wrong_derivative(q):
+        value = np.array(derivative(q))
+        value[..., i, b, k] += PERTURBATION
+        return value
+
+    def kinematic(q, wrench):
+        return np.einsum("sibk,sk->sbi", wrong_derivative(q), wrench)
+
+    def uncorrected(q, wrench, K):
+        J = jacobian(q)
+        return kinematic(q, wrench) + np.swapaxes(J, 1, 2) @ K @ J
+
+    def stiffness(q, wrench, K):
+        full = uncorrected(q, wrench, K + gamma_F(rep, wrench))
+        half = np.triu(full) if rep != "body" else np.tril(full)
+        return half + np.swapaxes(half, 1, 2) - np.eye(full.shape[-1]) * full
+
+    return kernels | {
+        f"{rep}_jacobian_transpose_derivative": wrong_derivative,
+        f"{rep}_kinematic_stiffness": kinematic,
+        f"{rep}_joint_stiffness_uncorrected": uncorrected,
+        f"{rep}_joint_stiffness": stiffness,
+    }
+
+
+def failures(checks):
+    return {(check.kernel, check.oracle) for check in checks if not check.passed}
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
+    kernels = memoised(kernels_of(robot, chain))
+    assert failures(check_kernels(kernels, references)) == set()
+    n, missed, blind = chain.dof, [], 0
+    for entry in itertools.product(range(n), range(n), range(6)):
+        found = failures(check_kernels(falsified(kernels, rep, entry), references))
+        i, b, _ = entry
+        expected = {
+            (f"{rep}_jacobian_transpose_derivative", "differentiated Jacobian"),
+            (f"{rep}_kinematic_stiffness", "differentiated Jacobian . F"),
+            (f"{rep}_joint_stiffness_uncorrected", "formula on differentiated Jacobian"),
+        }
+        read = b <= i if rep != "body" else b >= i  # entry [b, i] of the stiffness: the half that is computed
+        if read:
+            expected.add((f"{rep}_joint_stiffness", "formula on differentiated Jacobian"))
+            if rep != "spatial":
+                expected.add((f"{rep}_joint_stiffness", "Hessian of a potential"))
+        if not expected <= found:
+            missed.append((entry, expected - found))
+        if (f"{rep}_joint_stiffness", "bitwise symmetry") not in found:
+            blind += 1
+    assert missed == []
+    assert blind == n * n * 6  # symmetry alone would have caught none of them
+
+
+SIGN = re.compile(r" [-+] |(?<== )-|(?<=, )-|(?<=\()-")  # between two terms, or before one
+FUNCTION = re.compile(r"(?:static |DEVICE )?void (\w+)\(")
+WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
+
+
+def with_switches(source, left_out):
+    """The source with ``flip[k]``, 1 or -1, at the k-th sign of every printed body, and the lines they are in."""
+    lines, places, body, section = [], [], "", ""
+
+    def switch(match):
+        before = match.string[: match.start()]
+        if before.count("[") > before.count("]"):
+            return match[0]  # of an index
+        places.append(f"{body}: {section} {match.string.strip()}")
+        return f"{match[0]}flip[{len(places) - 1}] * "
+
+    for line in source.splitlines():
+        heading = FUNCTION.match(line)
+        if heading:
+            printed = heading[1] not in WRITTEN_BY_HAND and not heading[1].endswith("_batch")
+            body = heading[1] if printed and not any(name in heading[1] for name in left_out) else ""
+        elif line.startswith("}"):
+            body = ""
+        elif line.lstrip().startswith("/*"):
+            section = line.strip()
+        elif body and not line.lstrip().startswith("for"):
+            line = SIGN.sub(switch, line)
+        lines.append(line)
+    return "\n".join([f"double flip[{len(places)}];", *lines, ""]), places
+
+
+def expected_values(references):
+    """Arguments (stacks) and results of every kernel, from the oracles of ``stiffgen verify``."""
+    samples = references.samples
+    q, wrench = samples.q, samples.wrench
+    wanted = {
+        "forward_kinematics": ((q,), references.pose),
+        "mass_matrix": ((q,), kinetic_hessian(references.chain, q)),
+    }
+    for rep in REPRESENTATIONS:
+        derivative, correction = references.derivative[rep], gamma_F(rep, wrench)
+        for name, arguments, result in (
+            ("jacobian", (q,), references.jacobian[rep]),
+            ("jacobian_transpose_derivative", (q,), derivative),
+            ("kinematic_stiffness", (q, wrench), references.kinematic_stiffness(rep)),
+            ("connection_correction", (wrench,), correction),
+            ("joint_stiffness", (q, wrench, samples.task_stiffness), references.joint_stiffness(rep, corrected=True)),
+            (
+                "joint_stiffness_uncorrected",
+                (q, wrench, samples.general_stiffness),
+                references.joint_stiffness(rep, corrected=False),
+            ),
+        ):
+            wanted[f"{rep}_{name}"] = arguments, result
+    return wanted
+
+
+def single_call(function):
+    def call(arguments, out):
+        for c in range(len(out)):
+            function(*(pointer(a[c]) for a in arguments), pointer(out[c]))
+
+    return call
+
+
+def batch_call(function):
+    def call(arguments, out):
+        steps = ((pointer(a), ctypes.c_ssize_t(a[0].size)) for a in arguments)
+        function(ctypes.c_size_t(len(out)), *itertools.chain(*steps), pointer(out))
+
+    return call
+
+
+def cuda_call(host, name):
+    def call(arguments, out):
+        for c in range(len(out)):
+            out[c] = host(name, *(a[c : c + 1] if a.ndim == 2 else a[c] for a in arguments))[0]
+
+    return call
+
+
+def pointer(array):
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+@pytest.fixture(scope="module", params=["iiwa14", "skew"])
+def mutated(request, chain, references, tmp_path_factory):
+    """A chain, its references, and bodies to leave out.
+
+    Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chain, with a sliding and a
+    mimic joint and nothing aligned, are not.
+    """
+    if request.param == "iiwa14":
+        return chain, references, ("mass_matrix",)
+    urdf = tmp_path_factory.mktemp("skew") / "skew.urdf"
+    urdf.write_text(chain_urdf("rrpmr").replace('"0 0 1"', '"0.48 0.6 0.64"'))
+    skew = stiffgen.load_chain(urdf)
+    return skew, References(skew, count=2, seed=11), ()
+
+
+@pytest.mark.parametrize("vehicle", ["C", "CUDA on the host"])
+def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
+    """Exchange one sign of the printed bodies at a time: single calls and batches, or CUDA."""
+    chain, references, left_out = mutated
+    texts = render(chain, "robot", cuda=True)
+    file = "robot.c" if vehicle == "C" else "robot.cu"
+    texts[file], places = with_switches(texts[file], left_out)
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    batches = {kernel.qualified_name: kernel.batch for kernel in chain_kernels(chain)}
+    if vehicle == "C":
+        flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
+        library = ctypes.CDLL(str(compile_c(tmp_path / "robot.so", *flags, tmp_path / "robot.c", "-lm")))
+        calls = [(name, single_call(library[f"robot_{name}"])) for name in batches]
+        calls += [(name, batch_call(library[f"robot_{name}_batch"])) for name, batch in batches.items() if batch]
+    else:
+        host = HostCuda(tmp_path / "robot.cu", "robot", chain, tmp_path, level="-O0")
+        library = host.library
+        calls = [(name, cuda_call(host, name)) for name, batch in batches.items() if batch]
+    flip = (ctypes.c_double * len(places)).in_dll(library, "flip")
+    flip[:] = [1.0] * len(places)
+    wanted = expected_values(references)
+    results = {name: np.empty(expected.shape) for name, (_, expected) in wanted.items()}
+
+    def agrees(name, call):
+        arguments, expected = wanted[name]
+        call(arguments, results[name])
+        return relative_error(results[name], expected) <= BOUND
+
+    assert all(agrees(name, call) for name, call in calls)
+    missed = []
+    for k, place in enumerate(places):
+        flip[k] = -1.0
+        if all(agrees(name, call) for name, call in calls):
+            missed.append(place)
+        flip[k] = 1.0
+    # The mass matrix does not depend on the first joint's position: there, whole terms cancel.
+    cancelling = [place for place in missed if "/* from joint j0 outwards" in place]
+    assert set(missed) == set(cancelling)
+    assert len(cancelling) < 0.02 * len(places)
+    bodies = {place.split(":")[0] for place in places}
+    suffixes = ("", "_lanes") if vehicle == "C" else ("",)
+    assert {f"{rep}_columns{suffix}" for rep in REPRESENTATIONS for suffix in suffixes} < bodies
+    assert len(places) > 200

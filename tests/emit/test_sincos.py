@@ -1,0 +1,164 @@
+"""The generated code's own sine and cosine: at most 1.5 ulp up to 1e4, libm beyond, NaN for what is not finite."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+
+from support.project import ROOT, require_compiler
+
+BOUND = 1.5
+FAR = 1e4
+
+BUILDS = [
+    ("gcc", "-O0"),
+    ("gcc", "-O2"),
+    ("gcc", "-O3 -march=native"),
+    ("gcc", "-O3 -march=native -ffp-contract=off"),
+    ("gcc", "-O3 -mavx2 -mfma"),
+    ("gcc", "-O3 -DSTIFFGEN_NO_VECTORS"),
+    ("clang", "-O0"),
+    ("clang", "-O3 -march=native"),
+    ("clang", "-O2 -DSTIFFGEN_NO_VECTORS"),
+]
+
+# 8 angles at a time from standard input, their sines and cosines to standard output.
+MAIN = r"""
+#include "iiwa14.c"
+#include <stdio.h>
+
+int main(void)
+{
+    double x[8];
+    while (fread(x, sizeof(double), 8, stdin) == 8) {
+        lanes angle[8 / LANES], sine[8 / LANES], cosine[8 / LANES];
+        memcpy(angle, x, sizeof x);
+        sine_cosine(angle, sine, cosine, 8 / LANES);
+        fwrite(sine, sizeof(double), 8, stdout);
+        fwrite(cosine, sizeof(double), 8, stdout);
+    }
+    return 0;
+}
+"""
+
+
+def runnable(flags: str) -> bool:
+    """Whether this machine has the instructions that the flags ask for."""
+    return "-mavx2" not in flags or " avx2 " in Path("/proc/cpuinfo").read_text()
+
+
+@pytest.fixture(scope="module", params=BUILDS, ids=lambda build: " ".join(build))
+def sine_cosine(request, robot_folder, tmp_path_factory):
+    compiler, flags = request.param
+    if not runnable(flags):
+        pytest.skip("this machine has no AVX2")
+    work = tmp_path_factory.mktemp("sincos")
+    (work / "main.c").write_text(MAIN)
+    program = work / "program"
+    command = [require_compiler(compiler), "-std=gnu99", *flags.split(), f"-I{robot_folder}", str(work / "main.c")]
+    subprocess.run([*command, "-o", str(program), "-lm"], check=True)
+
+    def call(x):
+        padded = np.concatenate([x, np.zeros(-len(x) % 8)])
+        out = subprocess.run([str(program)], input=padded.tobytes(), capture_output=True, check=True).stdout
+        both = np.frombuffer(out).reshape(-1, 2, 8).transpose(1, 0, 2).reshape(2, -1)
+        return both[0, : len(x)], both[1, : len(x)]
+
+    return call
+
+
+def hard_angles(random, count):
+    """Doubles next to multiples of pi/4, where the range reduction loses most or the quadrant changes."""
+    multiples = random.integers(-int(FAR / (np.pi / 4)), int(FAR / (np.pi / 4)) + 1, count)
+    angles = multiples * (np.pi / 4)
+    angles += random.integers(-30, 31, count) * np.spacing(angles)
+    return angles[np.abs(angles) <= FAR]
+
+
+def ulps(found, exact):
+    """Largest error in units in the last place of the exact value, an array of longdouble."""
+    return float((np.abs(found.astype(np.longdouble) - exact) / np.spacing(np.abs(exact.astype(float)))).max())
+
+
+def by_mpmath(angles):
+    with mpmath.workprec(160):
+        values = [(mpmath.sin(x), mpmath.cos(x)) for x in map(mpmath.mpf, angles.tolist())]
+
+        def extended(value):
+            leading = float(value)
+            return np.longdouble(leading) + np.longdouble(float(value - leading))
+
+        return tuple(np.array([extended(pair[k]) for pair in values]) for k in (0, 1))
+
+
+def test_against_mpmath(sine_cosine):
+    random = np.random.default_rng(1)
+    angles = np.concatenate([hard_angles(random, 6000), random.uniform(-FAR, FAR, 2000), random.uniform(-4, 4, 2000)])
+    for found, exact in zip(sine_cosine(angles), by_mpmath(angles), strict=True):
+        assert ulps(found, exact) <= BOUND
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).nmant < 63, reason="long double has no more digits than double here")
+def test_against_long_double(sine_cosine):
+    """Many more points, held against the C library's long double functions."""
+    random = np.random.default_rng(2)
+    tiny = 10.0 ** random.uniform(-300, 0, 20_000)
+    angles = np.concatenate(
+        [hard_angles(random, 100_000), random.uniform(-FAR, FAR, 100_000), random.uniform(-4, 4, 100_000), tiny, -tiny]
+    )
+    wide = angles.astype(np.longdouble)
+    for found, exact in zip(sine_cosine(angles), (np.sin(wide), np.cos(wide)), strict=True):
+        assert ulps(found, exact) <= BOUND
+
+
+def test_far_angles_are_libms_and_leave_the_others_alone(sine_cosine):
+    near = np.random.default_rng(3).uniform(-4, 4, 8)
+    alone = sine_cosine(near)
+    for far in (FAR * (1 + 1e-15), 12345.678, -1e5, 1e15, -1e22, 1.7e308):
+        for lane in range(8):
+            angles = near.copy()
+            angles[lane] = far
+            for found, before, exact in zip(sine_cosine(angles), alone, by_mpmath_far(far), strict=True):
+                assert abs(found[lane] - exact) <= 1.5 * np.spacing(abs(exact))
+                others = np.arange(8) != lane
+                assert np.array_equal(found[others], before[others])
+
+
+def by_mpmath_far(angle):
+    with mpmath.workprec(1200):
+        return float(mpmath.sin(mpmath.mpf(angle))), float(mpmath.cos(mpmath.mpf(angle)))
+
+
+def test_what_is_not_finite_is_nan_and_leaves_the_others_alone(sine_cosine):
+    near = np.random.default_rng(4).uniform(-4, 4, 8)
+    alone = sine_cosine(near)
+    for value in (np.nan, np.inf, -np.inf):
+        for lane in range(8):
+            angles = near.copy()
+            angles[lane] = value
+            for found, before in zip(sine_cosine(angles), alone, strict=True):
+                assert np.isnan(found[lane])
+                others = np.arange(8) != lane
+                assert np.array_equal(found[others], before[others])
+
+
+def test_coefficients_are_the_derived_ones(robot_folder):
+    """Every number that benchmarks/sine_cosine.py derives stands in the C code."""
+    script = ROOT / "benchmarks" / "sine_cosine.py"
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    numbers = re.findall(r"(?<![\^\d.])-?(\d\.\d{6,}(?:e-\d+)?)", done.stdout)
+    assert len(numbers) == 15
+    source = (robot_folder / "iiwa14.c").read_text()
+    assert [number for number in numbers if number not in source] == []
+
+
+def test_exact_at_zero(sine_cosine):
+    sine, cosine = sine_cosine(np.array([0.0, -0.0, 5e-324, -5e-324]))
+    assert sine.tolist() == [0.0, 0.0, 5e-324, -5e-324]
+    assert cosine.tolist() == [1.0] * 4

@@ -1,0 +1,203 @@
+"""The Python module: generalised ufuncs with everything NumPy's users expect of them."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import dask.array as da
+import numpy as np
+import pytest
+
+from stiffgen.check.verify import Samples, kernels_of, relative_error
+from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.kernels import KERNELS
+
+
+@pytest.fixture(scope="module")
+def samples(chain):
+    return Samples.draw(chain, 12, seed=21)
+
+
+def arguments(kernel, samples):
+    pool = {"q": samples.q, "wrench": samples.wrench, "task_stiffness": samples.general_stiffness}
+    return [pool[argument.name] for argument in kernel.arguments]
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
+def test_signature_and_documentation(kernel, chain, robot):
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    assert isinstance(ufunc, np.ufunc)
+    assert ufunc.signature == kernel.signature(chain)
+    assert kernel.summary in ufunc.__doc__
+    assert kernel.equation.split(" (")[0].split(",")[0] in ufunc.__doc__
+    for argument in (*kernel.arguments, kernel.result):
+        assert f"[{argument.unit}]" in ufunc.__doc__
+    assert pickle.loads(pickle.dumps(ufunc)) is ufunc
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
+def test_broadcasting_and_strides(kernel, chain, robot, samples):
+    """Broadcasts, non-contiguous, Fortran-ordered, reversed and float32 inputs agree with stacks and single calls.
+
+    Stacks go through the batch functions where there are any, single calls do not: there the last digits may differ.
+    """
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    stacks = arguments(kernel, samples)
+    single = np.stack([ufunc(*each) for each in zip(*stacks, strict=True)])
+    assert relative_error(ufunc(*stacks), single) <= (2e-15 if kernel.batch else 0)
+    single = ufunc(*stacks)
+    grid = ufunc(*[s.reshape(3, 4, *s.shape[1:]) for s in stacks])
+    assert np.array_equal(grid, single.reshape(3, 4, *single.shape[1:]))
+    first = ufunc(*[stacks[0], *(s[0] for s in stacks[1:])])
+    fifth = ufunc(stacks[0][5], *(s[0] for s in stacks[1:]))
+    assert relative_error(first[5:6], fifth[None]) <= (2e-15 if kernel.batch else 0)
+    spread = [np.repeat(np.repeat(s, 2, axis=0), 3, axis=-1)[::2, ..., ::3] for s in stacks]
+    assert not spread[0].flags.c_contiguous
+    assert np.array_equal(ufunc(*spread), single)
+    assert np.array_equal(ufunc(*[np.asfortranarray(s) for s in stacks]), single)
+    assert np.array_equal(ufunc(*[s[::-1] for s in stacks]), single[::-1])
+    backwards = [np.ascontiguousarray(s[..., ::-1])[..., ::-1] for s in stacks]
+    assert np.array_equal(ufunc(*backwards), single)
+    narrow = [s.astype(np.float32) for s in stacks]
+    assert np.array_equal(ufunc(*narrow), ufunc(*[s.astype(np.float64) for s in narrow]))
+    assert ufunc(*narrow).dtype == np.float64
+    assert ufunc(*[s[:0] for s in stacks]).shape == (0, *single.shape[1:])
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
+def test_out(kernel, chain, robot, samples):
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    stacks = arguments(kernel, samples)
+    expected = ufunc(*stacks)
+    out = np.empty_like(expected)
+    assert ufunc(*stacks, out=out) is out
+    assert np.array_equal(out, expected)
+    wide = np.zeros((*expected.shape[:-1], 2 * expected.shape[-1]))
+    ufunc(*stacks, out=wide[..., ::2])
+    assert np.array_equal(wide[..., ::2], expected)
+    assert not wide[..., 1::2].any()
+    fortran = np.asfortranarray(np.empty_like(expected))
+    ufunc(*stacks, out=fortran)
+    assert np.array_equal(fortran, expected)
+
+
+def test_out_may_overlap_an_input(robot, samples):
+    stiffness = samples.task_stiffness.copy()
+    expected = robot.hybrid.connection_correction(samples.wrench)
+    buffer = np.zeros((12, 6, 6))
+    buffer[:, 0, :] = samples.wrench
+    robot.hybrid.connection_correction(buffer[:, 0, :], out=buffer)
+    assert np.array_equal(buffer, expected)
+    assert np.array_equal(stiffness, samples.task_stiffness)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "operand"),
+    [(((6,), (6,), (6, 6)), 0), (((7,), (7,), (6, 6)), 1), (((7,), (6,), (6, 7)), 2), (((7,), (6,), (36,)), 2)],
+)
+def test_wrong_shapes_name_the_signature(shapes, operand, robot):
+    with pytest.raises(ValueError, match=r"hybrid_joint_stiffness.*\(7\),\(6\),\(6,6\)->\(7,7\)|dimension") as caught:
+        robot.hybrid.joint_stiffness(*(np.zeros(shape) for shape in shapes))
+    assert "hybrid_joint_stiffness" in str(caught.value)
+    assert "(7),(6),(6,6)->(7,7)" in str(caught.value)
+    assert f"operand {operand}" in str(caught.value)
+
+
+def test_wrong_types_are_refused(robot):
+    with pytest.raises(TypeError):
+        robot.hybrid.jacobian(np.zeros(7, dtype=complex))
+    with pytest.raises(TypeError):
+        robot.hybrid.jacobian(["a"] * 7)
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_matrix_order(rep, robot, golden):
+    """Row-major in and out: the transposed result, or the transposed argument, is far off."""
+    sample = golden[1]
+    owner, values = getattr(robot, rep), sample.by[rep]
+    J = values["jacobian"]
+    general = np.arange(36.0).reshape(6, 6) ** 2
+    derivative = owner.jacobian_transpose_derivative(sample.q)
+    step = 1e-6
+    for i in range(7):
+        shift = step * np.eye(7)[i]
+        difference = (owner.jacobian(sample.q + shift) - owner.jacobian(sample.q - shift)).T / (2 * step)
+        assert np.allclose(derivative[i], difference, rtol=0, atol=1e-8)
+    cases = [
+        (owner.kinematic_stiffness(sample.q, sample.wrench), values["kinematic_stiffness"]),
+        (owner.connection_correction(sample.wrench), values["gamma_F"]),
+        (
+            owner.joint_stiffness_uncorrected(sample.q, sample.wrench, general),
+            values["kinematic_stiffness"] + J.T @ general @ J,
+        ),
+    ]
+    for found, expected in cases:
+        assert np.allclose(found, expected, rtol=1e-12, atol=1e-12 * abs(expected).max())
+        assert abs(found.T - expected).max() > 1e-2 * abs(expected).max()
+    assert np.allclose(owner.jacobian(sample.q), J, rtol=0, atol=1e-13)
+    assert np.allclose(robot.forward_kinematics(sample.q)[3], [0, 0, 0, 1])
+
+
+def test_the_gil_is_released(robot, samples):
+    """Another thread counts on while one call is under way."""
+    q = np.tile(samples.q, (20_000, 1))
+    out = np.empty((len(q), 7, 7, 6))
+    started, done, seen = threading.Event(), threading.Event(), []
+
+    def work():
+        started.set()
+        robot.hybrid.jacobian_transpose_derivative(q, out=out)
+        done.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    started.wait()
+    while not done.is_set():
+        seen.append(None)
+    thread.join()
+    # With the GIL held, this thread could run only before the call and after it.
+    assert len(seen) > 1000
+
+
+def test_threads_agree(robot, samples):
+    expected = robot.hybrid.joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
+    with ThreadPoolExecutor(8) as pool:
+        calls = [
+            pool.submit(robot.hybrid.joint_stiffness, samples.q, samples.wrench, samples.task_stiffness)
+            for _ in range(200)
+        ]
+    assert all(np.array_equal(call.result(), expected) for call in calls)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
+def test_dask_arrays(kernel, chain, robot, samples):
+    """Through apply_gufunc with type and sizes named, as docs/analyze.md says."""
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    stacks = arguments(kernel, samples)
+    chunked = [da.from_array(stack, chunks=(5,) + (-1,) * (stack.ndim - 1)) for stack in stacks]
+    sizes = {"4": 4, "6": 6}
+    lazy = da.apply_gufunc(ufunc, ufunc.signature, *chunked, output_dtypes=float, output_sizes=sizes)
+    assert np.array_equal(lazy.compute(scheduler="threads"), ufunc(*stacks))
+    with pytest.raises(ValueError):
+        short = [chunked[0][:, :-1], *chunked[1:]]
+        da.apply_gufunc(ufunc, ufunc.signature, *short, output_dtypes=float, output_sizes=sizes).compute()
+
+
+def test_dask_cannot_call_them_as_they_are(robot, samples):
+    """dask guesses the type on arrays of one entry. Once this fails, dask is better: simplify docs/analyze.md."""
+    q = da.from_array(samples.q, chunks=(5, -1))
+    with pytest.raises(ValueError, match="size 1 is different from 7"):
+        robot.hybrid.jacobian(q)
+
+
+def test_constants(robot, chain):
+    assert robot.DOF == 7
+    assert robot.JOINTS == ("A1", "A2", "A3", "A4", "A5", "A6", "A7")
+    assert (robot.BASE, robot.TIP) == ("link_0", "link_ee")
+    for name in ("lower", "upper", "velocity", "effort"):
+        values = getattr(robot, name.upper())
+        assert values.tolist() == [getattr(c, name) for c in chain.coordinates]
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0

@@ -1,0 +1,1090 @@
+"""The FRI client and its open library: the wire held against an independent codec, hostile traffic, the controller.
+
+The robot's messages come from examples/fri_robot/messages.py (protobuf, a schema of its own), so that the two codecs
+check each other. With an installed KUKA SDK (environment variables FRI_SDK_ROOT and, if its headers do not tell,
+FRI_SDK_VERSION) the tests that do not need the open library's robustness run against it too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import socket
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from filelock import FileLock
+
+from support.project import ROOT
+
+sys.path.insert(0, str(ROOT))
+
+from examples.fri_robot.messages import IODirection, IOType, IOValue, Protocol
+from examples.fri_robot.replay import read_client_log, replayed_torque
+from support.fri_session import (
+    POSTURE,
+    SANITIZERS,
+    TIMEOUT,
+    TRAJECTORY,
+    RobotScript,
+    build,
+    button,
+    require_tools,
+    run_harness,
+    sdk_options,
+    write_session,
+)
+
+VERSIONS = ("1.15", "2.5", "2.7")
+IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE = range(5)
+
+
+class Programs:
+    """A folder with the test programs, and the version that they speak."""
+
+    def __init__(self, folder: Path, version: str) -> None:
+        self.folder = folder
+        self.version = version
+
+    def script(self, period: int = 5) -> RobotScript:
+        return RobotScript(self.version, period)
+
+    def probe(self, script: RobotScript) -> list[dict[str, Any]]:
+        return run_harness(self.folder, script.datagrams, "probe")
+
+
+def _programs(factory: pytest.TempPathFactory, worker: str, name: str, version: str, **how: Any) -> Programs:
+    missing = require_tools()
+    if missing:
+        if os.environ.get("CI"):
+            pytest.fail(missing)
+        pytest.skip(missing)
+    base = factory.getbasetemp()
+    folder = (base if worker == "master" else base.parent) / f"fri_{name}"
+    with FileLock(f"{folder}.lock"):
+        if not (folder / "built").exists():
+            build(folder, **how)
+            (folder / "built").touch()
+    return Programs(folder, version)
+
+
+@pytest.fixture(scope="session", params=[*VERSIONS, "sdk"])
+def programs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Programs:
+    """The client against the open library in each version, and against an installed SDK."""
+    how: dict[str, Any] = {"compiler": "gcc", "flags": "-O1"}
+    if request.param == "sdk":
+        options = sdk_options()
+        if options is None:
+            pytest.skip("no KUKA SDK: FRI_SDK_ROOT is not set")
+        made = _programs(tmp_path_factory, worker_id, "sdk", "", options=options, **how)
+        said = subprocess.run([made.folder / "harness", "version"], capture_output=True, text=True, check=True).stdout
+        return Programs(made.folder, said.split()[-1])
+    options = [f"-DOPEN_FRI_VERSION={request.param}"]
+    return _programs(tmp_path_factory, worker_id, request.param, request.param, options=options, **how)
+
+
+@pytest.fixture(scope="session", params=VERSIONS)
+def open_programs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Programs:
+    """The client against the open library in each version."""
+    options = [f"-DOPEN_FRI_VERSION={request.param}"]
+    return _programs(tmp_path_factory, worker_id, request.param, request.param, options=options, compiler="gcc",
+                     flags="-O1")  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def sanitized(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Programs:
+    """The client under the address and undefined-behaviour sanitizers, with the fuzz target."""
+    return _programs(tmp_path_factory, worker_id, "sanitized", "2.7", options=["-DOPEN_FRI_VERSION=2.7"],
+                     compiler="clang", flags=SANITIZERS.replace("-O2", "-O1"), fuzzer=True)  # fmt: skip
+
+
+def counters(line: str) -> bytes:
+    """Bytes of a hexadecimal string with spaces."""
+    return bytes.fromhex(line.replace(" ", ""))
+
+
+# ---- building ------------------------------------------------------------------------------------------------------
+
+
+def test_clang_takes_the_sources_without_a_warning(open_programs: Programs) -> None:
+    folder, client = open_programs.folder, ROOT / "examples" / "fri_client"
+    sources = [
+        *client.glob("*.cpp"),
+        *(client / "open_fri").glob("*.cpp"),
+        ROOT / "tests" / "support" / "fri" / "harness.cpp",
+    ]
+    includes = [client, client / "open_fri", ROOT / "generated" / "iiwa14", folder / "client"]
+    number = {"1.15": 115, "2.5": 205, "2.7": 207}[open_programs.version]
+    command = ["clang++", "-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow",
+               "-Werror", f"-DFRI_VERSION={number}", "-DOPEN_FRI", *(f"-I{i}" for i in includes),
+               f"-isystem{folder / 'client' / 'open_fri'}", *map(str, sources)]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+def installed_library(programs: Programs, root: Path) -> Path:
+    """The open library in the place of an installed SDK: its headers, and libFRIClient with nanopb in it."""
+    (root / "include").mkdir(parents=True)
+    (root / "lib").mkdir()
+    for header in (ROOT / "examples" / "fri_client" / "open_fri").glob("*.h"):
+        shutil.copy(header, root / "include")
+    cache = (programs.folder / "CMakeCache.txt").read_text()
+    nanopb = re.search(r"^NANOPB_LIBRARY:\w+=(.*)$", cache, re.MULTILINE)
+    assert nanopb
+    parts = [programs.folder / "client" / "open_fri" / "libopen_fri.a", nanopb[1]]
+    script = "\n".join([f"create {root}/lib/libFRIClient.a", *(f"addlib {part}" for part in parts), "save", "end", ""])
+    subprocess.run(["ar", "-M"], input=script, text=True, check=True)
+    return root
+
+
+def test_installed_library_is_linked_in_place_of_the_open_one(one: Programs, tmp_path: Path) -> None:
+    """The way to an SDK, tried without one."""
+    root = installed_library(one, tmp_path / "sdk")
+    options = [f"-DFRI_SDK_ROOT={root}", "-DFRI_SDK_VERSION=2.7"]
+    linked = Programs(build(tmp_path / "build", options, compiler="gcc", flags="-O0"), "2.7")
+    script = linked.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 20)
+    script.add(IDLE)
+    code, out, errors = over_udp(linked, script)
+    assert (code, errors) == (0, "") and "KUKA SDK 2.7" in out and "datagram" not in out
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        (["-DFRI_SDK_ROOT=/nowhere"], "no friLBRClient.h or no libFRIClient there"),
+        (["-DOPEN_FRI_VERSION=3.0"], "'3.0' is no version of the FRI"),
+        (["-DROBOT_NAME=nobody"], "has no nobody_impedance.h"),
+    ],
+)
+def test_wrong_build_option_is_refused_with_the_remedy(options: list[str], wanted: str, tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=re.escape(wanted)):
+        build(tmp_path, options, compiler="gcc", flags="")
+
+
+# ---- the wire ------------------------------------------------------------------------------------------------------
+
+
+def test_torque_command_is_byte_for_byte_what_was_seen_on_the_wire(programs: Programs) -> None:
+    script = programs.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 200 - script.sequence - 1)
+    torque = np.array([1.0, -2.0, 0.5, 1e-300, -0.0, 320.0, 1 / 3])
+    script.add(COMMANDING_ACTIVE, external_torque=torque, position=POSTURE)
+    steps = programs.probe(script)[:-1]
+    values = [b"".join(b"\x09" + struct.pack("<d", x) for x in array) for array in (POSTURE, torque)]
+    body = counters("0a0a 0881800d 10c701 18c801 128201 0a3f") + values[0] + counters("1a3f") + values[1]
+    assert len(body) == 145
+    framed = struct.pack("<I", 145) + body + struct.pack("<I", zlib.crc32(body))
+    expected = framed if programs.version == "2.7" else body
+    assert steps[-1]["sent"] == expected.hex()
+    assert len(expected) == (153 if programs.version == "2.7" else 145)
+
+
+def random_fields(rng: np.random.Generator) -> dict[str, Any]:
+    arrays = ("position", "torque", "commanded_position", "commanded_torque", "external_torque", "ipo")
+    quaternion = rng.normal(size=4)
+    return {
+        **{name: rng.normal(size=7) for name in arrays},
+        "external_force": rng.normal(size=6),
+        "pose": np.concatenate([rng.normal(size=3) * 1e3, quaternion / np.linalg.norm(quaternion)]),
+        "redundancy": rng.normal(),
+        "quality": int(rng.integers(4)),
+        "safety": int(rng.integers(4)),
+        "drive": int(rng.integers(3)),
+        "operation": int(rng.integers(3)),
+        "control": int(rng.integers(4)),
+        "overlay": int(rng.integers(3)),
+        "tracking": rng.uniform(),
+        "ios": [
+            IOValue("Group.Lamp", IOType.BOOLEAN, IODirection.OUTPUT, bool(rng.integers(2))),
+            IOValue("Group.Word", IOType.DIGITAL, IODirection.OUTPUT, int(rng.integers(2**63)) * 2 + 1),
+            IOValue("Group.Level", IOType.ANALOG, IODirection.OUTPUT, rng.normal()),
+        ],
+    }
+
+
+def rotation(quaternion: np.ndarray) -> np.ndarray:
+    w, v = quaternion[0], quaternion[1:]
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def repack(datagram: bytes, protocol: Protocol) -> bytes:
+    """The same message with every array of numbers in the other encoding, fields reversed, and an unknown field."""
+    message = protocol.decode_monitoring(datagram)
+
+    def key(number: int, wire: int) -> bytes:
+        return varint(number << 3 | wire)
+
+    def varint(value: int) -> bytes:
+        out = b""
+        while value > 127:
+            out += bytes([value & 127 | 128])
+            value >>= 7
+        return out + bytes([value])
+
+    def encode(m: Any) -> bytes:
+        fields = []
+        for descriptor, value in m.ListFields():
+            number, repeated = descriptor.number, hasattr(value, "append")
+            if descriptor.message_type is not None:
+                for part in value if repeated else [value]:
+                    inside = encode(part)
+                    fields.append(key(number, 2) + varint(len(inside)) + inside)
+            elif descriptor.type == descriptor.TYPE_STRING:
+                fields.append(key(number, 2) + varint(len(value.encode())) + value.encode())
+            elif descriptor.type != descriptor.TYPE_DOUBLE and repeated:
+                inside = b"".join(map(varint, value))
+                fields.append(key(number, 2) + varint(len(inside)) + inside)
+            elif descriptor.type != descriptor.TYPE_DOUBLE:
+                fields.append(key(number, 0) + varint(value))
+            elif m.DESCRIPTOR.name == "JointValues":
+                fields.append(key(number, 2) + varint(8 * len(value)) + struct.pack(f"<{len(value)}d", *value))
+            else:  # the last first, since all fields are turned round below
+                fields += [key(number, 1) + struct.pack("<d", x) for x in (value if repeated else [value])][::-1]
+        fields.append(key(77, 2) + varint(5) + b"hello")
+        return b"".join(reversed(fields))
+
+    return protocol.frame(encode(message))
+
+
+def assert_seen(seen: dict[str, Any], sent: dict[str, Any], script: RobotScript, version: str) -> None:
+    for name in ("position", "torque", "commanded_torque", "external_torque", "ipo"):
+        np.testing.assert_array_equal(seen[name], sent[name], err_msg=name)
+    for name in ("quality", "safety", "drive", "operation", "control", "overlay", "tracking"):
+        assert seen[name] == sent[name], name
+    assert (seen["state"], seen["mode"], seen["sample_time"]) == (COMMANDING_WAIT, 3, 0.005)
+    assert (seen["seconds"], seen["nanoseconds"]) == divmod(script.clock, 10**9)
+    lamp, word, level = (io.value for io in sent["ios"])
+    assert (seen["lamp"], int(seen["word"]), seen["level"]) == (lamp, word, level)
+    assert "lamp_as_analog" not in seen  # another type: refused
+    if version == "1.15":
+        np.testing.assert_array_equal(seen["commanded_position"], sent["commanded_position"])
+    else:
+        np.testing.assert_array_equal(seen["pose"], sent["pose"])
+        matrix = np.reshape(seen["matrix"], (3, 4))
+        np.testing.assert_allclose(matrix[:, :3], rotation(sent["pose"][3:]), atol=1e-14)
+        np.testing.assert_array_equal(matrix[:, 3], sent["pose"][:3])
+        assert seen["redundancy"] == [sent["redundancy"]]
+    if version == "2.7":
+        np.testing.assert_array_equal(seen["external_force"], sent["external_force"])
+
+
+def test_every_getter_gives_what_an_independent_codec_sent(programs: Programs) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        script, fields = programs.script(), random_fields(rng)
+        script.add(COMMANDING_WAIT, **fields)
+        seen = programs.probe(script)[0]
+        assert seen["callback"] == "waitForCommand"
+        assert_seen(seen, fields, script, programs.version)
+
+
+def test_arrays_in_either_encoding_unknown_fields_and_any_order(programs: Programs) -> None:
+    script, fields = programs.script(), random_fields(np.random.default_rng(4))
+    script.datagrams.append(repack(script.message(COMMANDING_WAIT, **fields), script.protocol))
+    assert_seen(programs.probe(script)[0], fields, script, programs.version)
+
+
+def test_commands_are_read_by_an_independent_codec(programs: Programs) -> None:
+    rng = np.random.default_rng(5)
+    script = programs.script()
+    sent = [random_fields(rng) for _ in range(5)]
+    for fields in sent:
+        script.add(COMMANDING_ACTIVE, **fields)
+    for k, (step, fields) in enumerate(zip(programs.probe(script), sent, strict=False)):
+        command = script.protocol.decode_command(bytes.fromhex(step["sent"]))
+        assert (command.sequence, command.reflected) == (k, k + 1)
+        np.testing.assert_array_equal(command.position, fields["position"])
+        np.testing.assert_array_equal(command.torque, fields["external_torque"])
+        assert [(io.name, io.type, io.value) for io in command.ios] == [
+            ("Group.Lamp", IOType.BOOLEAN, True),
+            ("Group.Word", IOType.DIGITAL, 0xFEDCBA9876543210),
+            ("Group.Level", IOType.ANALOG, -0.25),
+        ]
+
+
+# ---- the cycle -----------------------------------------------------------------------------------------------------
+
+
+def test_states_callbacks_and_idle(programs: Programs) -> None:
+    script = programs.script()
+    for state in (IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE, MONITORING_READY, IDLE):
+        script.add(state, 2)
+    steps = programs.probe(script)[:-1]
+    assert all(step["step"] for step in steps)
+    changes = [step["change"] for step in steps if "change" in step]
+    assert changes == [[0, 1], [1, 2], [2, 3], [3, 4], [4, 2], [2, 0]]
+    names = [None, "monitor", "monitor", "waitForCommand", "command", "monitor", None]
+    assert [step.get("callback") for step in steps] == [name for name in names for _ in range(2)]
+    assert [bool(step["sent"]) for step in steps] == [name is not None for name in names for _ in range(2)]
+
+
+def test_setters_out_of_place_are_refused_from_2_7_on(programs: Programs) -> None:
+    script = programs.script()
+    script.add(MONITORING_READY)
+    step = programs.probe(script)[0]
+    assert step["refusals"] == (2 if programs.version == "2.7" else 0)
+    command = script.protocol.decode_command(bytes.fromhex(step["sent"]))
+    assert (command.torque is None) == (programs.version == "2.7")
+
+
+def test_every_nth_message_is_answered(programs: Programs) -> None:
+    script = programs.script()
+    script.begin(3, 3)
+    script.add(COMMANDING_ACTIVE, 12, receive_multiplier=3)
+    steps = programs.probe(script)[:-1]
+    assert [bool(step["sent"]) for step in steps[9:]] == 4 * [False, False, True]
+    assert all(step["callback"] == "command" for step in steps[9:])
+    answers = [script.protocol.decode_command(bytes.fromhex(step["sent"])) for step in steps if step["sent"]]
+    assert [answer.sequence for answer in answers] == list(range(len(answers)))
+    assert [answer.reflected for answer in answers[-4:]] == [12, 15, 18, 21]
+
+
+def test_command_is_cleared_each_cycle(programs: Programs) -> None:
+    script = programs.script()
+    script.begin(1, 1)
+    script.add(COMMANDING_ACTIVE, ios=[IOValue("Group.Lamp", IOType.BOOLEAN, IODirection.OUTPUT, False)])
+    script.add(MONITORING_WAIT)
+    last = script.protocol.decode_command(bytes.fromhex(programs.probe(script)[-2]["sent"]))
+    assert last.ios == ()
+    assert last.position is None or programs.version != "2.7"
+
+
+# ---- hostile traffic -----------------------------------------------------------------------------------------------
+
+
+def _six(message: Any) -> None:
+    message.monitorData.measuredJointPosition.value.pop()
+
+
+def _eight(message: Any) -> None:
+    message.monitorData.externalTorque.value.append(1.0)
+
+
+def _six_drives(message: Any) -> None:
+    message.robotInfo.driveState.pop()
+
+
+def _eleven_ios(message: Any) -> None:
+    for _ in range(11):
+        message.monitorData.readIORequest.add(name="x", type=0, direction=0)
+
+
+CHANGES: dict[str, tuple[str, Callable[[Any], object]]] = {
+    "identifier": ("identifier", lambda m: setattr(m.header, "messageIdentifier", 0x34001)),
+    "six values": ("joint_count", _six),
+    "eight values": ("decode", _eight),
+    "six drives": ("joint_count", _six_drives),
+    "six joints": ("joint_count", lambda m: setattr(m.robotInfo, "numberOfJoints", 6)),
+    "no values": ("joint_count", lambda m: m.monitorData.measuredTorque.ClearField("value")),
+    "unknown state": ("range", lambda m: setattr(m.connectionInfo, "sessionState", 5)),
+    "unknown quality": ("range", lambda m: setattr(m.connectionInfo, "quality", 4)),
+    "unknown mode": ("range", lambda m: setattr(m.ipoData, "clientCommandMode", 9)),
+    "negative state": ("decode", lambda m: setattr(m.connectionInfo, "sessionState", -1)),
+    "no header": ("decode", lambda m: m.ClearField("header")),
+    "no identifier": ("decode", lambda m: m.header.ClearField("messageIdentifier")),
+    "no state": ("decode", lambda m: m.connectionInfo.ClearField("sessionState")),
+    "long name": ("decode", lambda m: m.monitorData.readIORequest.add(name="x" * 64, type=0, direction=0)),
+    "eleven IOs": ("decode", _eleven_ios),
+    "unknown IO type": ("range", lambda m: m.monitorData.readIORequest.add(name="x", type=3, direction=0)),
+    "nanoseconds": ("range", lambda m: setattr(m.monitorData.timestamp, "nanosec", 10**9)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_bad_message_is_counted_skipped_and_refused_as_a_whole(name: str, open_programs: Programs) -> None:
+    fault, change = CHANGES[name]
+    script = open_programs.script()
+    script.add(COMMANDING_WAIT, position=np.arange(7.0))
+    script.add(COMMANDING_WAIT, change=change, position=np.arange(7.0) + 100, ipo=np.zeros(7))
+    script.add(COMMANDING_WAIT, position=np.arange(7.0) + 200)
+    first, bad, after, statistics = open_programs.probe(script)
+    assert bad["step"] and not bad["sent"] and "callback" not in bad
+    assert statistics[fault] == 1 and sum(statistics[k] for k in statistics if k in FAULTS) == 1
+    assert first["position"] == list(range(7))
+    assert after["position"] == [200.0 + k for k in range(7)]  # in its own order, unmixed
+    assert statistics["lost_messages"] == 1 and statistics["messages"] == 2
+
+
+FAULTS = ("empty", "too_long", "frame", "checksum", "decode", "identifier", "joint_count", "range", "duplicate",
+          "out_of_order")  # fmt: skip
+
+
+def test_bad_datagrams_of_every_kind_end_no_session(open_programs: Programs) -> None:
+    framed = open_programs.version == "2.7"
+    script = open_programs.script()
+    script.begin()
+    sound = script.message(COMMANDING_ACTIVE)
+    garbage = bytes(range(1, 256))
+    bad = {"empty": b"", "too_long": sound + 1500 * b"\x00", ("frame" if framed else "decode"): garbage}
+    if framed:
+        broken = bytearray(sound)
+        broken[100] ^= 1
+        bad["checksum"] = bytes(broken)
+    script.datagrams += bad.values()
+    script.datagrams += [sound, sound]
+    bad["duplicate"] = sound
+    old = script.message(COMMANDING_ACTIVE)
+    script.add(COMMANDING_ACTIVE)
+    script.datagrams.append(old)
+    bad["out_of_order"] = old
+    script.add(COMMANDING_ACTIVE, 2)
+    *steps, statistics = open_programs.probe(script)
+    assert all(step["step"] for step in steps)
+    assert {k: statistics[k] for k in FAULTS if statistics[k]} == dict.fromkeys(bad, 1)
+    assert statistics["answers"] == statistics["messages"] == len(steps) - len(bad)
+
+
+@pytest.mark.parametrize("length", [0, 1, 7, 8, 2**31, 2**32 - 1, 2**32 - 8])
+def test_length_in_front_is_not_trusted(length: int, sanitized: Programs) -> None:
+    script = sanitized.script()
+    sound = script.message(MONITORING_WAIT)
+    script.datagrams += [struct.pack("<I", length) + sound[4:], sound[:7], sound]
+    *steps, statistics = sanitized.probe(script)
+    assert [bool(step["sent"]) for step in steps] == [False, False, True]
+    assert statistics["frame"] == 2
+
+
+def test_every_truncation_of_a_message_is_survived(sanitized: Programs) -> None:
+    script = sanitized.script()
+    body = script.protocol.unframe(script.message(COMMANDING_ACTIVE, **random_fields(np.random.default_rng(6))))
+    script.datagrams += [script.protocol.frame(body[:k]) for k in range(len(body))]
+    script.add(COMMANDING_ACTIVE)
+    *steps, statistics = sanitized.probe(script)
+    assert all(step["step"] for step in steps) and steps[-1]["sent"]
+    # Only whole fields at the top can be cut without being seen: the message is then one with fields left out.
+    assert statistics["messages"] + statistics["duplicate"] <= 6
+    assert statistics["decode"] >= len(body) - 6
+
+
+def test_missing_fields_are_not_a_number_and_never_old(open_programs: Programs) -> None:
+    script = open_programs.script()
+    script.add(COMMANDING_WAIT, position=np.ones(7))
+    for field in ("measuredJointPosition", "measuredTorque", "commandedTorque", "externalTorque", "timestamp"):
+        script.add(COMMANDING_WAIT, change=lambda m, f=field: m.monitorData.ClearField(f))
+    script.add(MONITORING_READY, change=lambda m: m.ClearField("monitorData"))
+    steps = open_programs.probe(script)
+    for step, name in zip(steps[1:], ("position", "torque", "commanded_torque", "external_torque"), strict=False):
+        assert step[name] == 7 * [None]
+    assert (steps[5]["seconds"], steps[5]["nanoseconds"]) == (0, 0)
+    assert steps[6]["position"] == 7 * [None] and steps[6]["ipo"] is None
+
+
+def test_message_without_connection_info_is_idle(programs: Programs) -> None:
+    script = programs.script()
+    script.add(MONITORING_READY)
+    script.add(MONITORING_READY, change=lambda m: m.ClearField("connectionInfo"))
+    steps = programs.probe(script)
+    assert steps[1]["change"] == [2, 0] and not steps[1]["sent"] and steps[1]["step"]
+
+
+def test_sequence_counter_tells_lost_messages_lost_answers_and_restarts(open_programs: Programs) -> None:
+    script = open_programs.script()
+    script.add(MONITORING_WAIT, 1)
+    script.lose(4)
+    script.add(MONITORING_WAIT, 1, reflected=0)  # answers 0 and, now, 1
+    script.add(MONITORING_WAIT, 1, reflected=0)  # our answer 1 has not arrived
+    script.add(MONITORING_WAIT, 1, reflected=2)  # it never did: lost
+    script.datagrams.append(TIMEOUT)
+    script.sequence = 0  # counts anew after silence
+    script.add(MONITORING_WAIT, 1, reflected=3)
+    script.datagrams.append(TIMEOUT)
+    script.sequence = 2**32 - 2
+    script.add(MONITORING_WAIT, 1, reflected=4)
+    script.sequence = -1  # wraps round
+    script.add(MONITORING_WAIT, 1, reflected=5)
+    *steps, statistics = open_programs.probe(script)
+    assert [step["step"] for step in steps] == [True] * 4 + [False, True, False, True, True]
+    assert statistics["lost_messages"] == 4
+    assert statistics["lost_answers"] == 1
+    assert statistics["late_answers"] == 1
+    assert statistics["timeouts"] == 2
+    assert statistics["messages"] == statistics["answers"] == 7
+
+
+def test_fuzzed_datagrams_under_the_sanitizers(sanitized: Programs, tmp_path: Path) -> None:
+    """A short run with a fixed seed; make fri-fuzz does a million in each version."""
+    environment = {**os.environ, **write_session(tmp_path, "2.7")}
+    command = [sanitized.folder / "fri_fuzz", tmp_path / "corpus", "-max_len=1700", "-runs=3000", "-seed=1",
+               f"-artifact_prefix={tmp_path}/"]  # fmt: skip
+    done = subprocess.run([str(part) for part in command], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "Done 3000 runs" in done.stderr
+
+
+# ---- the wiping client ---------------------------------------------------------------------------------------------
+
+
+class Wiped:
+    """A session of the wiping client: its steps, log and summary."""
+
+    def __init__(self, programs: Programs, script: RobotScript, folder: Path, *options: str) -> None:
+        files = (folder / "log.csv", folder / "summary.json")
+        arguments = ("wiping", *files, "--trajectory", TRAJECTORY, *options)
+        self.steps = run_harness(programs.folder, script.datagrams, *arguments)
+        self.summary = json.loads(files[1].read_text())
+        self.faults = self.summary["faults"]
+        self.log = read_client_log(*files)
+        self.commands = [
+            script.protocol.decode_command(bytes.fromhex(step["sent"])) if step["sent"] else None for step in self.steps
+        ]
+
+
+def minimum_jerk(time: float, duration: float, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    s = min(time / duration, 1.0)
+    place, rate = 10 * s**3 - 15 * s**4 + 6 * s**5, (30 * s**2 - 60 * s**3 + 30 * s**4) / duration
+    return start + place * (end - start), rate * (end - start)
+
+
+def moving(robot: ModuleType, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A motion of the arm near the start: position, a wrench of the environment, and the joint torque it makes."""
+    q = POSTURE + 0.05 * np.sin(2 * np.pi * (0.3 + 0.1 * np.arange(7)) * time)
+    wrench = np.array([5.0, -10.0, 15.0, 4.0, -3.0, 8.0]) * np.sin(2 * np.pi * 0.7 * time)
+    return q, wrench, robot.hybrid.jacobian(q).T @ wrench
+
+
+def moving_script(programs: Programs, robot: ModuleType, cycles: int) -> RobotScript:
+    script = programs.script()
+    script.begin()
+    for k in range(cycles):
+        q, _, torque = moving(robot, k * 0.005)
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+    return script
+
+
+def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_said(
+    programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    """Everything anew in Python: velocity filter, wrench, reference; not from the client's log."""
+    cycles = 1500  # the move, and half a second into the trajectory
+    wiped = Wiped(programs, moving_script(programs, robot, cycles), tmp_path)
+    trajectory = np.loadtxt(TRAJECTORY, delimiter=",").T
+    controller = robot.Impedance(sample_time=0.005)
+    velocity, last = np.zeros(7), None
+    K = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+    weight = 1 - np.exp(-0.005 / 0.004)
+    worst = 0.0
+    for k in range(cycles):
+        q, wrench, torque = moving(robot, k * 0.005)
+        before = POSTURE if last is None else last
+        velocity = velocity + weight * ((q - before) / 0.005 - velocity)
+        last = q
+        J = robot.hybrid.jacobian(q)
+        measured = np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), J @ torque)
+        assert np.linalg.norm(measured - wrench) <= 0.02 * np.linalg.norm(wrench) + 1e-12  # the damping's share
+        t = k * 0.005
+        if t < 5.0:
+            q0, dq0 = minimum_jerk(t, 5.0, moving(robot, 0.0)[0], trajectory[0])
+        else:
+            s = round((t - 5.0) / 0.005)
+            width = max(min(s, 10), 0)
+            n = np.arange(1, width + 1)
+            rise = (n[:, None] * (trajectory[s + n] - trajectory[s - n])).sum(0)
+            q0, dq0 = trajectory[s], rise / (0.005 * 2 * (n**2).sum()) if width else np.zeros(7)
+        out = controller.step(q=q, dq=velocity, q0=q0, dq0=dq0, wrench=measured, task_stiffness=K)
+        command = wiped.commands[9 + k]
+        assert command is not None
+        worst = np.maximum(worst, np.abs(command.torque - out.torque).max())  # max() would lose a NaN
+    assert worst <= 1e-9
+    np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=1e-12)
+    assert wiped.summary["cycles"] == cycles + 9 and wiped.summary["commanding_cycles"] == cycles
+    assert not {k: v for k, v in wiped.faults.items() if v and k not in ("saturated", "rate_limited", "late_answers")}
+    assert wiped.summary["antisymmetric_norm"] == 0.0
+
+
+def test_position_follows_the_measured_one_without_a_transient(
+    programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    wiped = Wiped(programs, moving_script(programs, robot, 400), tmp_path)
+    y = x = POSTURE
+    for command in wiped.commands[6:9]:  # waiting: the interpolator's position, and torque
+        assert command is not None and np.array_equal(command.position, POSTURE) and not command.torque.any()
+    for k in range(400):
+        q, _, _ = moving(robot, k * 0.005)
+        y, x = 0.8816 * y + 0.0592 * (q + x), q
+        command = wiped.commands[9 + k]
+        assert command is not None
+        np.testing.assert_allclose(command.position, y, rtol=0, atol=1e-12)
+
+
+def test_conventional_stiffness_is_asymmetric(open_programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    wiped = Wiped(open_programs, moving_script(open_programs, robot, 100), tmp_path, "--conventional")
+    assert wiped.summary["antisymmetric_norm"] > 1.0
+    np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=1e-12)
+
+
+def assert_safe(wiped: Wiped, robot: ModuleType) -> None:
+    """Every torque sent is finite, within the limits, and no further from the last than the rate limit allows."""
+    last = np.zeros(7)
+    for command in wiped.commands:
+        if command is None or command.torque is None:
+            continue
+        assert np.isfinite(command.torque).all() and np.isfinite(command.position).all()
+        assert (np.abs(command.torque) <= robot.EFFORT).all()
+        if not command.torque.any():  # waiting: a new start
+            last = np.zeros(7)
+        assert (np.abs(command.torque - last) <= 10 * robot.EFFORT * 0.005 * (1 + 1e-8)).all()
+        last = command.torque
+
+
+def test_lost_messages_are_missed_samples(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    script = moving_script(programs, robot, 100)
+    del script.datagrams[40:42]
+    wiped = Wiped(programs, script, tmp_path)
+    assert wiped.faults["lost_cycles"] == 2 and wiped.faults["fallbacks"] == 0
+    assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [31, 32]
+    dq, weight = wiped.log["dq"], 1 - np.exp(-0.015 / 0.004)
+    mean = (moving(robot, 33 * 0.005)[0] - moving(robot, 30 * 0.005)[0]) / 0.015
+    np.testing.assert_allclose(dq[33], dq[30] + weight * (mean - dq[30]), atol=1e-12)
+    np.testing.assert_allclose(np.diff(wiped.log["time"]), 0.005, atol=1e-9)
+    assert_safe(wiped, robot)
+
+
+def test_silence_leads_to_the_fallback_and_back(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    script = moving_script(programs, robot, 400)
+    del script.datagrams[109:149]  # 200 ms in the middle
+    wiped = Wiped(programs, script, tmp_path)
+    assert wiped.faults["lost_cycles"] == wiped.faults["lost_cycles_commanding"] == 40
+    assert wiped.faults["fallbacks"] == 1
+    status = wiped.log["status"].astype(int)
+    missed = np.flatnonzero(wiped.log["sample_valid"] == 0)
+    assert list(missed) == [100, 101, 102]  # the watchdog's limit; the rest changes nothing
+    assert status[102] & robot.Status.FALLBACK and not status[-1] & (robot.Status.FALLBACK | robot.Status.RETURNING)
+    assert_safe(wiped, robot)
+    np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=1e-12)
+
+
+def test_hostile_session_never_makes_an_unsafe_torque(
+    open_programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    """Losses, duplicates, garbage, missing fields, wild values, state drops; each fault of a kind is counted."""
+    rng = np.random.default_rng(8)
+    script = open_programs.script()
+    script.begin()
+    wild = [np.nan, np.inf, -np.inf, 1e308, -1e6, 5e-324]
+    missing = ("measuredJointPosition", "externalTorque", "timestamp")
+    put = dict.fromkeys(("lose", "garbage", "duplicate", "missing", "wild", "mode"), 0)
+    for k in range(3000):
+        q, _, torque = moving(robot, k * 0.005)
+        if k % 1000 == 999:  # the motion is broken off and started again
+            script.begin(3, 10)
+        kind = rng.choice([*put, "sound"], p=[0.02] * len(put) + [1 - 0.02 * len(put)])
+        if kind == "lose":
+            script.lose(int(rng.integers(1, 50)))
+        elif kind == "garbage":
+            script.datagrams.append(rng.bytes(int(rng.integers(1, 1500))))
+        elif kind == "duplicate":
+            script.datagrams.append(script.datagrams[-1])
+        elif kind == "missing":
+            field = missing[int(rng.integers(3))]
+            script.add(COMMANDING_ACTIVE, change=lambda m, f=field: m.monitorData.ClearField(f), position=q,
+                       external_torque=torque)  # fmt: skip
+        elif kind == "wild":
+            q, torque = q.copy(), torque.copy()
+            (q if rng.integers(2) else torque)[int(rng.integers(7))] = wild[int(rng.integers(len(wild)))]
+            script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+        elif kind == "mode":
+            script.add(COMMANDING_ACTIVE, change=lambda m: m.ClearField("ipoData"), position=q, external_torque=torque)
+        else:
+            script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+        put[str(kind)] = put.get(str(kind), 0) + 1
+    wiped = Wiped(open_programs, script, tmp_path)
+    assert all(step["step"] for step in wiped.steps)
+    assert_safe(wiped, robot)
+    assert wiped.faults["bad_datagrams"] == put["garbage"] + put["duplicate"]
+    assert wiped.faults["no_torque_mode"] == put["mode"]
+    assert wiped.faults["state_drops"] == 3
+    assert wiped.faults["fallbacks"] > 10
+    np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("field", ["measuredJointPosition", "externalTorque", "timestamp"])
+def test_missing_field_is_counted_and_holds_the_torque(
+    field: str, open_programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    script = open_programs.script()
+    script.begin()
+    for k in range(100):
+        q, _, torque = moving(robot, k * 0.005)
+        change = (lambda m: m.monitorData.ClearField(field)) if k == 60 else None
+        script.add(COMMANDING_ACTIVE, change=change, position=q, external_torque=torque)
+    wiped = Wiped(open_programs, script, tmp_path)
+    before, at = wiped.commands[68], wiped.commands[69]
+    assert before is not None and at is not None
+    if field == "timestamp":
+        assert wiped.faults["bad_timestamps"] == 1 and wiped.log["sample_valid"].all()
+    else:
+        assert wiped.faults["missing_fields"] == 1
+        assert np.array_equal(before.torque, at.torque)
+        assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [60]
+    assert wiped.faults["lost_cycles"] == wiped.faults["fallbacks"] == 0
+
+
+@pytest.mark.parametrize("value", [1e308, -4.0])
+def test_wild_position_does_not_stay_in_the_filters(
+    value: float, open_programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    script = open_programs.script()
+    script.begin()
+    for k in range(100):
+        q, _, torque = moving(robot, k * 0.005)
+        if k == 60:
+            q = q + value * np.eye(7)[2]
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+    wiped = Wiped(open_programs, script, tmp_path)
+    assert wiped.faults["implausible_positions"] == 1 and wiped.faults["fallbacks"] == 0
+    for k in range(60, 100):
+        command = wiped.commands[9 + k]
+        assert command is not None
+        np.testing.assert_allclose(command.position, moving(robot, k * 0.005)[0], atol=0.02)
+    assert np.abs(wiped.log["dq"][61:]).max() < 1.0
+    assert_safe(wiped, robot)
+
+
+def test_button_holds_the_trajectory_and_need_not_exist(programs: Programs, tmp_path: Path) -> None:
+    script = programs.script()
+    for state, count in ((MONITORING_READY, 3), (COMMANDING_WAIT, 3), (COMMANDING_ACTIVE, 200)):
+        script.add(state, count, ios=[button(False)])
+    script.add(COMMANDING_ACTIVE, 200, ios=[button(True)])
+    script.add(COMMANDING_ACTIVE, 200, ios=[button(False)])
+    wiped = Wiped(programs, script, tmp_path)
+    q0, dq0 = wiped.log["q0"], wiped.log["dq0"]
+    assert np.ptp(q0[260:400], axis=0).max() == 0.0 and not dq0[260:400].any()
+    assert np.abs(np.diff(dq0, axis=0)).max() < 0.01  # comes to a stand and goes on smoothly
+    assert np.abs(q0[599] - q0[400]).max() > 0.01
+    assert (wiped.log["events"][200:400].astype(int) & 1 << 8).all()
+    assert wiped.faults["missing_fields"] == wiped.faults["exceptions"] == 0
+
+
+def test_external_torque_of_the_other_sign(open_programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    script = moving_script(open_programs, robot, 60)
+    plain = Wiped(open_programs, script, tmp_path)
+    turned = Wiped(open_programs, script, tmp_path, "--external-torque-sign", "-1")
+    assert np.abs(plain.log["wrench"]).max() > 1.0
+    np.testing.assert_array_equal(plain.log["wrench"], -turned.log["wrench"])
+
+
+def test_dry_run_sends_zero(open_programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    wiped = Wiped(open_programs, moving_script(open_programs, robot, 60), tmp_path, "--dry-run")
+    assert np.abs(wiped.log["torque"]).max() > 0.5
+    assert all(not command.torque.any() for command in wiped.commands[9:] if command is not None)
+
+
+def test_quality_drop_is_counted(open_programs: Programs, tmp_path: Path) -> None:
+    script = open_programs.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 5)
+    script.add(COMMANDING_ACTIVE, 5, quality=1)
+    wiped = Wiped(open_programs, script, tmp_path)
+    assert wiped.faults["quality_drops"] == 1
+    assert wiped.log["events"].astype(int).tolist() == 5 * [0] + [1 << 3] + 4 * [0]
+
+
+def test_message_with_an_old_clock_is_a_missed_sample(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """What an SDK without a look at the counter hands on: here with a sound counter and an old clock."""
+    script = programs.script()
+    script.begin()
+    for k in range(60):
+        q, _, torque = moving(robot, k * 0.005)
+        script.clock -= 10_000_000 if k == 40 else 0
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
+        script.clock += 10_000_000 if k == 40 else 0
+    wiped = Wiped(programs, script, tmp_path)
+    assert wiped.faults["bad_timestamps"] == 1 and wiped.faults["lost_cycles"] == 0
+    assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [40]
+    np.testing.assert_allclose(wiped.log["dq"][41], wiped.log["dq"][39], atol=0.02)  # over two periods, not one
+    held, command = wiped.commands[48], wiped.commands[49]
+    assert held is not None and command is not None and np.array_equal(held.torque, command.torque)
+
+
+def test_clock_that_was_set_costs_no_cycles(open_programs: Programs, tmp_path: Path) -> None:
+    script = open_programs.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 5)
+    script.clock += 3600 * 10**9
+    script.add(COMMANDING_ACTIVE, 5)
+    script.clock -= 7200 * 10**9
+    script.add(COMMANDING_ACTIVE, 5)
+    wiped = Wiped(open_programs, script, tmp_path)
+    assert wiped.faults["lost_cycles"] == 0 and wiped.faults["bad_timestamps"] == 2
+    assert wiped.log["sample_valid"].all()
+    np.testing.assert_allclose(np.diff(wiped.log["time"]), 0.005, atol=1e-9)
+
+
+# ---- the program ---------------------------------------------------------------------------------------------------
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def fri_wiping(programs: Programs, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [programs.folder / "client" / "fri_wiping", *arguments]
+    return subprocess.run([str(part) for part in command], capture_output=True, text=True, timeout=60)
+
+
+def over_udp(
+    programs: Programs, script: RobotScript, *arguments: str | Path, environment: dict[str, str] | None = None
+) -> tuple[int, str, str]:
+    """fri_wiping, served with a script's datagrams one after the other; IDLE gets no answer."""
+    port = free_port()
+    command = [programs.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, *arguments]
+    with (
+        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                         env={**os.environ, **(environment or {})}) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot,
+    ):  # fmt: skip
+        assert client.stdout is not None and "waiting" in client.stdout.readline()
+        robot.settimeout(0.2)
+        for datagram in script.datagrams:
+            assert datagram is not None
+            robot.sendto(datagram, ("127.0.0.1", port))
+            state = script.protocol.decode_monitoring(datagram).connectionInfo.sessionState
+            while state != IDLE and client.poll() is None:
+                with contextlib.suppress(TimeoutError):
+                    robot.recv(1500)
+                    break
+        out, errors = client.communicate(timeout=60)
+        return client.returncode, out, errors
+
+
+def test_session_over_udp_ends_with_idle(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    script = moving_script(programs, robot, 200)
+    script.add(MONITORING_READY, 3)
+    script.add(IDLE)
+    summary, log = tmp_path / "summary.json", tmp_path / "log.csv"
+    code, out, errors = over_udp(programs, script, "--summary", summary, "--log", log)
+    assert (code, errors) == (0, "")
+    for line in ("IDLE -> MONITORING_WAIT", "COMMANDING_WAIT -> COMMANDING_ACTIVE", "MONITORING_READY -> IDLE"):
+        assert line in out
+    told = json.loads(summary.read_text())
+    assert (told["cycles"], told["commanding_cycles"], told["log_rows"], told["log_overruns"]) == (212, 200, 200, 0)
+    assert 0 < told["callback_median_us"] <= told["callback_9999_us"] <= told["callback_worst_us"]
+    assert read_client_log(log, summary)["time"].size == 200
+
+
+def test_robot_that_falls_silent_is_a_fault(programs: Programs) -> None:
+    script = programs.script()
+    script.begin()
+    code, _, errors = over_udp(programs, script, "--timeout", "200")
+    assert code == 1 and "silent for 200 ms" in errors
+
+
+def test_no_robot_is_a_fault(programs: Programs) -> None:
+    done = fri_wiping(
+        programs, "--trajectory", TRAJECTORY, "--port", str(free_port()), "--timeout", "50", "--wait", "0.1"
+    )
+    assert done.returncode == 1 and "no robot has sent anything" in done.stderr
+
+
+def _position_mode(message: Any) -> None:
+    message.ipoData.clientCommandMode = 1
+
+
+REFUSALS: dict[str, tuple[Callable[[RobotScript], object], tuple[str, ...], str]] = {
+    "position mode": (lambda s: s.add(COMMANDING_WAIT, 12, change=_position_mode), (), "not in torque mode"),
+    "send period": (lambda s: s.add(COMMANDING_WAIT, 12), ("--sample-time", "0.001"), "send period is 5 ms, 1 ms"),
+    "no send period": (
+        lambda s: s.add(COMMANDING_WAIT, 12, change=lambda m: m.connectionInfo.ClearField("sendPeriod")),
+        (),
+        "send period is 0 ms",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_robot_that_cannot_be_used_is_refused_in_one_line(name: str, programs: Programs) -> None:
+    add, options, text = REFUSALS[name]
+    script = programs.script()
+    add(script)
+    code, _, errors = over_udp(programs, script, *options)
+    assert code == 2
+    assert errors.count("\n") == 1 and text in errors
+
+
+def _file(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[], str]:
+    def text() -> str:
+        values = change(np.loadtxt(TRAJECTORY, delimiter=",", dtype=object))
+        return "\n".join(",".join(map(str, row)) for row in values) + "\n"
+
+    return text
+
+
+def _put(row: int, column: int, value: object) -> Callable[[], str]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[row, column] = value
+        return values
+
+    return _file(change)
+
+
+def _add(row: int, start: int, value: float) -> Callable[[], str]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[row, start:] = [float(x) + value for x in values[row, start:]]
+        return values
+
+    return _file(change)
+
+
+TRAJECTORIES: dict[str, tuple[Callable[[], str], str]] = {
+    "six rows": (_file(lambda v: v[:6]), "6 rows of 2793 columns"),
+    "empty": (lambda: "", "0 rows"),
+    "ragged": (lambda: "1,2,3\n" * 6 + "1,2\n", "row 7 has 2 columns, row 1 has 3"),
+    "word": (_put(2, 4, "abc"), "row 3, column 5: 'abc' is not a finite number"),
+    "header": (lambda: "q_0,q_1\n1,2\n", "row 1, column 1: 'q_0'"),
+    "nan": (_put(0, 0, "nan"), "row 1, column 1: 'nan'"),
+    "infinite": (_put(6, 9, "1e999"), "row 7, column 10: '1e999'"),
+    "blank": (_put(1, 1, ""), "row 2, column 2: ''"),
+    "jump": (_add(3, 1000, 0.1), "joint A4 jumps by 0.1"),
+    "jump at the beginning": (_add(0, 1, 0.005), "joint A1 starts at 1 rad/s"),
+    "jump at the end": (_add(0, 2792, 0.005), "joint A1 ends at 1 rad/s"),
+    "limit": (_add(1, 0, 1.0), "joint A2 is at"),
+    "short": (lambda: "\n".join(["0,0"] * 7), "2 samples; it takes at least 3"),
+}
+
+
+@pytest.fixture(scope="session")
+def one(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Programs:
+    """One version, for what does not depend on it."""
+    return _programs(tmp_path_factory, worker_id, "2.7", "2.7", options=["-DOPEN_FRI_VERSION=2.7"], compiler="gcc",
+                     flags="-O1")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_bad_trajectory_is_refused_in_one_line(name: str, one: Programs, tmp_path: Path) -> None:
+    text, wanted = TRAJECTORIES[name]
+    file = tmp_path / "trajectory.csv"
+    file.write_text(text())
+    done = fri_wiping(one, "--trajectory", file)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.count("\n") == 1 and wanted in done.stderr and str(file) in done.stderr
+
+
+def test_trajectory_with_a_column_a_joint_is_the_same(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    turned = tmp_path / "columns.csv"
+    turned.write_text(_file(lambda v: v.T)())
+    script = moving_script(one, robot, 50)
+    rows = Wiped(one, script, tmp_path)
+    columns = Wiped(one, script, tmp_path, "--trajectory", str(turned))
+    np.testing.assert_array_equal(rows.log["torque"], columns.log["torque"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "wanted"),
+    [
+        ([], "no trajectory; name a file with --trajectory"),
+        (["--trajectory", "missing.csv"], "missing.csv: No such file or directory"),
+        (["--trajectory"], "--trajectory: its value is missing"),
+        (["--port", "0"], "--port 0: it takes a number from 1 to 65535"),
+        (["--port", "30200.5"], "--port 30200.5: it takes a whole number"),
+        (["--stiffness", "1,2,3"], "--stiffness 1,2,3: it takes six numbers"),
+        (["--stiffness", "1,2,3,4,5,-6"], "--stiffness -6: it takes a number from 0"),
+        (["--wrench", "guess"], "--wrench guess: it takes external-torque or sensor"),
+        (["--external-torque-sign", "0"], "it takes 1 or -1"),
+        (["--effort-share", "nan"], "--effort-share nan"),
+        (["--speed", "3"], "--speed: no such option"),
+        (["extra"], "extra: not an option"),
+        (["--trajectory", TRAJECTORY, "--log", "/nowhere/log.csv"], "log /nowhere/log.csv"),
+        (["--trajectory", TRAJECTORY, "--host", "robot.example"], "host robot.example"),
+    ],
+)
+def test_bad_option_is_refused_in_one_line(arguments: list[str | Path], wanted: str, one: Programs) -> None:
+    done = fri_wiping(one, *arguments)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and wanted in done.stderr
+
+
+def test_port_in_use_is_refused(one: Programs) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("0.0.0.0", 0))
+        port = taken.getsockname()[1]
+        done = fri_wiping(one, "--trajectory", TRAJECTORY, "--port", str(port))
+    assert done.returncode == 2 and f"port {port}: cannot be opened" in done.stderr
+
+
+def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """Six doubles in tip axes over UDP, base axes in the log; a sensor that falls silent is a missed sample."""
+    port, sensor_port = free_port(), free_port()
+    log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 100)
+    script.add(IDLE)
+    told = np.array([1.0, -2.0, 3.0, 0.4, -0.5, 0.6])
+    command = [one.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, "--wrench", "sensor",
+               "--sensor-port", sensor_port, "--log", log, "--summary", summary]  # fmt: skip
+    with (
+        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, text=True) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        assert client.stdout is not None and "waiting" in client.stdout.readline()
+        sender.settimeout(10)
+        for k, datagram in enumerate(script.datagrams):
+            if k < 60:
+                sender.sendto(struct.pack("<6d", *told), ("127.0.0.1", sensor_port))
+            sender.sendto(b"short", ("127.0.0.1", sensor_port))
+            time.sleep(0.002)  # the sensor's thread is not in lockstep
+            sender.sendto(datagram, ("127.0.0.1", port))
+            if k < len(script.datagrams) - 1:
+                sender.recv(1500)
+        client.communicate(timeout=30)
+        assert client.returncode == 0
+    steps = read_client_log(log, summary)
+    valid = steps["sample_valid"].astype(bool)
+    rotation_matrix = robot.forward_kinematics(POSTURE)[:3, :3]
+    expected = np.concatenate([rotation_matrix @ told[:3], rotation_matrix @ told[3:]])
+    np.testing.assert_allclose(steps["wrench"][10:50], np.tile(expected, (40, 1)), atol=1e-12)
+    assert valid[10:50].all() and not valid[70:].any()
+    assert steps.summary["faults"]["sensor_silent"] > 20
+
+
+def test_nothing_is_allocated_after_the_first_datagram(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """In no thread, the log's among them, up to the end of the session; with an interposed allocator."""
+    script = programs.script()
+    for state, count in ((MONITORING_WAIT, 3), (MONITORING_READY, 3), (COMMANDING_WAIT, 3)):
+        script.add(state, count, ios=[button(False)])
+    for k in range(300):
+        q, _, torque = moving(robot, k * 0.005)
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque, ios=[button(k > 200)])
+    script.add(IDLE)
+    result = tmp_path / "allocations"
+    environment = {"LD_PRELOAD": str(programs.folder / "liballocations.so"), "FRI_ALLOCATIONS": str(result)}
+    code, _, _ = over_udp(programs, script, "--log", tmp_path / "log.csv", environment=environment)
+    assert code == 0
+    allocations, datagrams = map(int, result.read_text().split())
+    assert datagrams == len(script.datagrams)
+    assert allocations == 0
+
+
+def test_lockstep_sessions_are_bit_identical(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    script = moving_script(one, robot, 300)
+    first, second = (Wiped(one, script, tmp_path) for _ in range(2))
+    assert [step["sent"] for step in first.steps] == [step["sent"] for step in second.steps]
+
+
+def test_sanitizers_find_nothing_in_a_hostile_session(sanitized: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    script = moving_script(sanitized, robot, 200)
+    script.datagrams += [b"", b"\xff" * 1600, *[os.urandom(200) for _ in range(20)]]
+    script.add(COMMANDING_ACTIVE, 5, change=lambda m: m.ClearField("monitorData"))
+    script.add(MONITORING_WAIT, 5)
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 50)
+    script.add(IDLE)
+    wiped = Wiped(sanitized, script, tmp_path)
+    assert_safe(wiped, robot)

@@ -1,0 +1,290 @@
+"""The C++ client against the simulated robot, in lockstep over UDP: determinism, the torque on the wire, and faults."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import socket
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from filelock import FileLock
+
+from examples.fri_robot import demo
+from examples.fri_robot.__main__ import RefusedError
+from examples.fri_robot.messages import VERSIONS, SessionState
+from examples.fri_robot.replay import ClientLog, check_commands, compare, read_client_log
+from support.fri_python_client import Outcome, emulate, free_port
+from support.project import ROOT
+
+CLIENT = ROOT / "examples" / "fri_client"
+TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
+LOCKSTEP = ("--lockstep", "--bowl", "--send-period", 5)
+TOLERANT = ("--thresholds", 0.6, 0.5, 0.3)
+"""Quality that lets a session go on at a tenth of its datagrams lost each way."""
+
+
+@dataclass
+class Run:
+    """A session seen from both sides."""
+
+    robot: Outcome
+    client: ClientLog | None
+    code: int
+    error: str
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """What the client counted."""
+        assert self.client is not None
+        return dict(self.client.summary["faults"])
+
+    def check(self, robot: ModuleType) -> None:
+        """What was sent is finite, within limits and rate, and what the controller makes of its inputs."""
+        assert self.client is not None
+        commands = check_commands(self.robot.log, self.client.summary)
+        assert (commands.not_finite, commands.beyond_limit) == (0, 0)
+        assert commands.worst_rate <= 1 + 1e-9
+        found = compare(robot, self.client, self.robot.log)
+        assert found.compared > 0
+        assert max(found.worst, found.worst_step, found.worst_guarded) <= 1e-12
+
+
+@pytest.fixture(scope="session")
+def client_program(
+    tmp_path_factory: pytest.TempPathFactory, worker_id: str, plate_folder: Path
+) -> Callable[[str], Path]:
+    """The client of an FRI version, built once for all workers, with the machine's instructions as the NumPy module."""
+    tools = ("cmake", "g++", "protoc")
+    missing = [tool for tool in tools if shutil.which(tool) is None]
+    if not shutil.which("nanopb_generator") and not shutil.which("nanopb_generator.py"):
+        missing.append("nanopb")
+    if missing:
+        text = f"{', '.join(missing)} missing (Debian: apt-get install g++ nanopb libnanopb-dev protobuf-compiler)"
+        if os.environ.get("CI"):
+            pytest.fail(f"{text}; .ci/run installs them")
+        pytest.skip(text)
+    base = tmp_path_factory.getbasetemp()
+    output = (base if worker_id == "master" else base.parent) / "fri-client"
+
+    def build(version: str) -> Path:
+        folder = output / version
+        output.mkdir(exist_ok=True)
+        with FileLock(str(folder) + ".lock"):
+            if not (folder / "fri_wiping").exists():
+                options = [f"-DOPEN_FRI_VERSION={version}", f"-DROBOT_DIR={plate_folder}", "-DROBOT_NAME=iiwa14_plate"]
+                options += ["-DIIWA14_PLATE_NATIVE=ON"]
+                for command in (["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"]):
+                    done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
+                    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+        return folder / "fri_wiping"
+
+    return build
+
+
+@pytest.fixture
+def session(tmp_path: Path, plate_folder: Path, client_program: Callable[[str], Path]) -> Callable[..., Run]:
+    def run(version: str, *options: object, client: Sequence[object] = ("--approach", 0.5)) -> Run:
+        port = free_port()
+        files = [tmp_path / f"client-{port}.csv", tmp_path / f"client-{port}.json"]
+        command = [client_program(version), "--trajectory", TRAJECTORY, "--port", port, "--timeout", 5000]
+        command += ["--log", files[0], "--summary", files[1], *client]
+        process = subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        try:
+            robot = emulate(tmp_path, plate_folder, version, port, "--answer-timeout", 10, *options)
+            error = process.communicate(timeout=20)[1]
+        finally:
+            process.kill()
+            process.communicate()
+        log = read_client_log(*files) if files[1].exists() else None
+        return Run(robot, log, process.returncode, error)
+
+    return run
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_repeated_sessions_are_equal_and_the_torque_is_the_controllers(
+    session: Callable[..., Run], plate: ModuleType, version: str
+) -> None:
+    first, second = (session(version, *LOCKSTEP, "--duration", 1.5) for _ in range(2))
+    for run in (first, second):
+        assert (run.robot.code, run.code, run.error) == (0, 0, "")
+        assert run.robot.summary["missing_answers"] == 0
+        assert run.faults["lost_cycles"] == run.faults["bad_datagrams"] == 0
+    assert first.robot.summary["digest"] == second.robot.summary["digest"]
+    first.check(plate)
+    assert first.client is not None
+    assert len(first.client) == 300
+    assert np.ptp(first.robot.log["command_torque"][first.robot.log["has_torque"]]) > 5.0  # N m
+
+
+def test_the_stiffness_without_correction_is_another_session(session: Callable[..., Run], plate: ModuleType) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 1.0, client=("--approach", 0.5, "--conventional"))
+    assert run.code == 0
+    run.check(plate)
+
+
+def test_receive_multiplier(session: Callable[..., Run]) -> None:
+    run = session("2.5", "--lockstep", "--send-period", 1, "--receive-multiplier", 3, "--duration", 0.3)
+    assert (run.robot.code, run.code) == (0, 0)
+    assert run.robot.summary["accepted"] == run.robot.summary["sent"] // 3
+    assert run.robot.summary["missing_answers"] == 0
+
+
+# What the robot puts in, against the client's names for what it meets. Each row is one session.
+COUNTED = [
+    {"garbage": "datagram_frame", "empty": "datagram_empty", "identifier": "datagram_identifier",
+     "missing": "datagram_decode", "crc": "datagram_checksum", "six": "datagram_joint_count"},
+    {"drop": "lost_messages"},
+    {"duplicate": "datagram_duplicate", "reorder": "datagram_out_of_order"},
+    {"delay": "datagram_out_of_order", "nan": "missing_fields"},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kinds", COUNTED, ids=lambda kinds: next(iter(kinds)))
+def test_faults_are_counted_and_harmless(session: Callable[..., Run], plate: ModuleType, kinds: dict[str, str]) -> None:
+    faults = ",".join([f"robot.{kind}=0.04@1.2-2" for kind in kinds] + ["client.drop=0.02@1.2-2"])
+    run = session("2.7", *LOCKSTEP, *TOLERANT, "--duration", 1.0, "--faults", faults)
+    assert (run.robot.code, run.code, run.error) == (0, 0, "")
+    run.check(plate)
+    put_in = run.robot.summary["faults"]
+    for kind, name in kinds.items():
+        assert put_in["robot"][kind] == run.faults[name] > 0
+    assert put_in["client"]["drop"] == run.faults["lost_answers"] > 0
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1])
+def test_random_loss_both_ways(session: Callable[..., Run], plate: ModuleType, share: float) -> None:
+    options = (*LOCKSTEP, *TOLERANT, "--duration", 2.0, "--seed", 1, "--faults", f"drop={share}@0.1-3")
+    run = session("1.15", *options)
+    assert (run.robot.code, run.code) == (0, 0)
+    run.check(plate)
+    counts = run.robot.summary["faults"]
+    assert run.faults["lost_messages"] == counts["robot"]["drop"] > 0
+    assert run.faults["lost_answers"] == counts["client"]["drop"] > 0
+    assert session("1.15", *options).robot.summary["digest"] == run.robot.summary["digest"]
+
+
+def test_loss_that_quality_does_not_bear_ends_with_a_reason(session: Callable[..., Run]) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 2.0, "--faults", "drop=0.1")
+    assert run.robot.code == 1
+    assert "without commanding, which needs GOOD" in run.robot.summary["end"]
+    assert SessionState.COMMANDING_ACTIVE not in run.robot.log["state"]
+
+
+def test_silence_is_survived(session: Callable[..., Run], plate: ModuleType) -> None:
+    run = session("2.5", *LOCKSTEP, "--duration", 1.5, "--faults", "robot.silence@1.5-1.7")
+    assert (run.robot.code, run.code) == (0, 0)
+    run.check(plate)
+    assert run.robot.summary["motions_broken_off"] == 1
+    assert (
+        run.faults["lost_messages"]
+        == run.faults["lost_cycles"]
+        == run.robot.summary["faults"]["robot"]["silence"]
+        == 40
+    )
+
+
+@pytest.mark.parametrize("state", ["monitoring_wait", "monitoring_ready", "commanding_wait"])
+def test_state_drops_while_commanding(session: Callable[..., Run], plate: ModuleType, state: str) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 1.0, "--faults", f"state@1.5:{state}")
+    assert (run.robot.code, run.code) == (0, 0)
+    run.check(plate)
+    active = run.robot.log["state"] == SessionState.COMMANDING_ACTIVE
+    assert np.count_nonzero(np.diff(active.astype(int)) == 1) == 2
+    assert run.faults["state_drops"] == 2  # the drop, and the end before the trajectory's
+
+
+def test_a_session_that_is_gone_at_once(session: Callable[..., Run], plate: ModuleType) -> None:
+    run = session("1.15", *LOCKSTEP, "--duration", 1.0, "--faults", "state@1.5:idle")
+    assert "dropped to IDLE" in run.robot.summary["end"]
+    run.check(plate)
+
+
+def test_quality_drop(session: Callable[..., Run], plate: ModuleType) -> None:
+    run = session("1.15", *LOCKSTEP, "--duration", 1.0, "--faults", "quality@1.5-1.6:poor")
+    assert (run.robot.code, run.code) == (0, 0)
+    run.check(plate)
+    assert run.faults["quality_drops"] == 1
+
+
+def test_a_robot_in_another_mode_is_refused(session: Callable[..., Run]) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 1.0, "--command-mode", "position")
+    assert run.code == 2
+    assert "torque mode" in run.error
+    assert run.error.count("\n") == 1
+    assert run.robot.code == 1
+    assert "the client" in run.robot.summary["end"]
+
+
+def test_the_button_holds_the_trajectory(session: Callable[..., Run], plate: ModuleType) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 2.0, "--press-button", 2.0, 4.0)
+    assert run.code == 0
+    run.check(plate)
+    assert run.client is not None
+    q0, time = run.client["q0"], run.client["time"]
+    held = time > 2.5
+    assert np.ptp(q0[held], axis=0).max() == 0.0
+    assert np.ptp(q0[time < 2.0], axis=0).max() > 0.01
+
+
+def test_summary_is_json_of_both(session: Callable[..., Any]) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 0.2)
+    assert json.loads(json.dumps(run.robot.summary)) == run.robot.summary
+    assert run.client.summary["answers"] == run.robot.summary["accepted"]
+
+
+# ---- the demo -------------------------------------------------------------------------------------------------------
+
+
+def demo_options(folder: Path, robot: Path, port: int) -> argparse.Namespace:
+    given = ["--port", str(port), "--robot", str(robot), "--output", str(folder)]
+    return demo.arguments().parse_args(given)
+
+
+def test_the_demo_says_that_the_port_is_taken(
+    tmp_path: Path, plate_folder: Path, client_program: Callable[[str], Path]
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("0.0.0.0", 0))
+        options = demo_options(tmp_path, plate_folder, taken.getsockname()[1])
+        with pytest.raises(RefusedError, match="cannot be opened"):
+            demo.run_session(options, client_program("2.7"))
+
+
+def test_the_demo_ends_with_its_client(tmp_path: Path, plate_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    children = []
+    popen = subprocess.Popen
+
+    def remember(*given: Any, **more: Any) -> Any:
+        children.append(popen(*given, **more))
+        return children[-1]
+
+    monkeypatch.setattr(demo.subprocess, "Popen", remember)
+    with pytest.raises(demo.BrokenOffError, match="exit code of the client 1"):
+        demo.run_session(demo_options(tmp_path, plate_folder, free_port()), Path("/bin/false"))
+    assert len(children) == 2
+    assert all(child.poll() is not None for child in children)
+
+
+def test_the_demos_figure(session: Callable[..., Run], plate: ModuleType) -> None:
+    run = session("2.7", *LOCKSTEP, "--duration", 1.0)
+    assert run.client is not None
+    parts = demo.antisymmetric_parts(plate, run.client)
+    assert np.max(parts[0]) == 0.0
+    J, m = plate.hybrid.jacobian(run.client["q"])[:, 3:], run.client["wrench"][:, 3:]
+    cross = np.cross(np.eye(3), m[:, None, :])  # [m]_x up to its sign
+    closed = np.swapaxes(J, 1, 2) @ cross @ J / 2
+    np.testing.assert_allclose(parts[1], np.linalg.norm(closed, 2, axis=(1, 2)), atol=1e-9)
+    svg = demo.draw(run.client, run.robot.log, parts)
+    assert svg.startswith("<svg")
+    for text in ("joint torques that the robot received", "[N m]", "corrected", "time [s]"):
+        assert text in svg

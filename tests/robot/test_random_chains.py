@@ -1,0 +1,90 @@
+"""Random valid robots agree with Pinocchio and with differentiation; random broken files are refused or read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from stiffgen.check.verify import References, check_kernels
+from stiffgen.errors import StiffgenError
+from stiffgen.robot.chain import Chain, chain_between
+from stiffgen.robot.description import read_description
+from stiffgen.symbolic.kernels import KERNELS
+from stiffgen.symbolic.model import casadi_function
+from support.chain_checks import disagreements
+from support.pinocchio_oracle import PinocchioChain
+from support.random_urdf import Plain, Robot, broken_files, random_robot, robots
+
+FEW = settings(derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("random") / "robot.urdf"
+
+
+def chain_of(robot: Robot, file: Path) -> Chain:
+    file.write_text(robot.text, encoding="utf-8")
+    return chain_between(read_description(file), tip=robot.tip, base=robot.base)
+
+
+@settings(FEW, max_examples=60)
+@given(robot=robots(), seed=st.integers(0, 999))
+def test_random_chains_agree_with_pinocchio(file, robot, seed):
+    chain = chain_of(robot, file)
+    oracle = PinocchioChain(robot.text, robot.tip, robot.base)
+    assert disagreements(chain, oracle, np.random.default_rng(seed), most=7) == {}
+
+
+@settings(FEW, max_examples=300)
+@given(data=broken_files(), leaf=st.integers(0, 9))
+def test_broken_files_are_refused_or_read(file, data, leaf):
+    file.write_bytes(data)
+    try:
+        description = read_description(file)
+        chain_between(description, tip=description.leaves[leaf % len(description.leaves)])
+    except StiffgenError as error:
+        assert str(error).startswith("robot.urdf:")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_stiffness_against_differentiation(file, seed):
+    """The casadi.Function of every kernel, against the oracles that a generated folder is verified with."""
+    chain = chain_of(random_robot(Plain(seed), 5), file)
+
+    def over_samples(kernel):
+        function, shape = casadi_function(chain, kernel), kernel.result.array(chain).shape
+        return lambda *arguments: np.stack(
+            [np.asarray(function(*a)).reshape(shape) for a in zip(*arguments, strict=True)]
+        )
+
+    kernels = {kernel.qualified_name: over_samples(kernel) for kernel in KERNELS}
+    failed = [check for check in check_kernels(kernels, References(chain, 5, seed)) if not check.passed]
+    assert failed == []
+
+
+def test_the_generator_makes_every_kind_of_robot(file):
+    """Prismatic, continuous, mimic, odd axes, base inside the tree, tip before the end, missing inertials."""
+    seen = set()
+    for seed in range(60):
+        robot = random_robot(Plain(seed), 12)
+        chain = chain_of(robot, file)
+        seen |= {joint.type for joint in chain.joints}
+        seen |= {"mimic"} if chain.coupled else set()
+        seen |= (
+            {"master off the chain"} if {c.name for c in chain.coordinates} - {j.name for j in chain.joints} else set()
+        )
+        seen |= {"odd axis"} if any(0 < abs(v) < 1 for joint in chain.joints for v in joint.axis) else set()
+        description = read_description(file)
+        seen |= {"base inside"} if chain.base != description.root else set()
+        seen |= {"tip inside"} if chain.tip not in description.leaves else set()
+        seen |= {"massless"} if chain.massless else set()
+        seen |= {"many"} if chain.dof > 8 else set()
+    assert seen == {
+        "revolute", "continuous", "prismatic", "mimic", "master off the chain", "odd axis", "base inside", "tip inside",
+        "massless", "many",
+    }  # fmt: skip

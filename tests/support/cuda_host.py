@@ -1,0 +1,64 @@
+"""The functions of a generated NAME.cu, compiled for the host and called from Python."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from support.c_program import STRICT
+from support.project import require_compiler
+from support.runtime import compile_c
+
+NOTHING = -77.0
+"""What stands in the result before the call."""
+
+
+class HostCuda:
+    """NAME.cu as a shared library for the host."""
+
+    def __init__(self, source: Path, name: str, chain: Chain, work: Path, compiler: str = "g++", level: str = "-O1"):
+        flags = ["-x", "c++", "-std=c++11", level, *STRICT, "-shared", "-fPIC", f"-I{source.parent}"]
+        library = compile_c(work / f"{name}_cuda.so", *flags, source, compiler=require_compiler(compiler))
+        self.library = ctypes.CDLL(str(library))
+        self.name = name
+        self.chain = chain
+        self.kernels = {kernel.qualified_name: kernel for kernel in chain_kernels(chain) if kernel.batch}
+
+    def launch(self, kernel: Kernel, count: int, stride: int, *arrays: np.ndarray | None) -> int:
+        function = getattr(self.library, f"{self.name}_{kernel.qualified_name}_cuda")
+        pointers = [None if array is None else ctypes.c_void_p(array.ctypes.data) for array in arrays]
+        return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *pointers, None))
+
+    def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> np.ndarray:
+        """Vectors in stacks (count, m), matrices shared; ``spare`` is stride - count. Dense results (count, ...)."""
+        kernel = self.kernels[name]
+        count = len(arguments[0])
+        stride = count + spare
+        given = [
+            self._columns(a, stride) if len(argument.shape) == 1 else np.ascontiguousarray(a)
+            for a, argument in zip(arguments, kernel.arguments, strict=True)
+        ]
+        result = kernel.result.array(self.chain)
+        n = result.shape[0]
+        rows = n * (n + 1) // 2 if kernel.result.symmetric else result.size
+        out = np.full((rows + 1, stride), NOTHING)
+        assert self.launch(kernel, count, stride, *given, out) == 0
+        assert (out[rows] == NOTHING).all() and (out[:, count:] == NOTHING).all()  # nothing is written beyond the end
+        found = out[:rows, :count].T
+        if not kernel.result.symmetric:
+            return found.reshape(count, *result.shape)
+        dense = np.empty((count, n, n))
+        upper = np.triu_indices(n)
+        dense[:, upper[0], upper[1]] = dense[:, upper[1], upper[0]] = found
+        return dense
+
+    @staticmethod
+    def _columns(stack: np.ndarray, stride: int) -> np.ndarray:
+        """Entry k of configuration c at [k, c]; what lies beyond the last configuration must not be read."""
+        columns = np.full((stack.shape[1], stride), np.nan)
+        columns[:, : len(stack)] = stack.T
+        return columns

@@ -1,0 +1,106 @@
+"""For tests of the simulated robot: sessions in this process, and a little FRI client in Python."""
+
+from __future__ import annotations
+
+import io
+import json
+import socket
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from examples.fri_robot import __main__ as fri_robot
+from examples.fri_robot.messages import Command, IOValue, MessageError, Protocol, SessionState
+
+Answer = Callable[[Any], tuple[Any, Any] | None]
+
+
+@dataclass
+class Outcome:
+    """A session as the robot saw it: exit code, what it printed, its log and its summary."""
+
+    code: int
+    text: str
+    log: dict[str, np.ndarray]
+    summary: dict[str, Any]
+
+    @property
+    def states(self) -> list[str]:
+        """States in their order."""
+        states = self.log["state"]
+        return [SessionState(s).name for s in states[np.flatnonzero(np.diff(states, prepend=-1))]]
+
+
+def emulate(folder: Path, robot: Path, version: str, port: int, *options: object) -> Outcome:
+    """Runs the robot in this process until the session ends; its log goes to ``folder``."""
+    log = folder / f"robot-{port}.npz"
+    given = ["--protocol", version, "--port", port, "--robot", robot, "--log", log, *options]
+    output = io.StringIO()
+    code = fri_robot.run(fri_robot.arguments().parse_args([*map(str, given)]), Console(file=output, width=200))
+    with np.load(log) as arrays:
+        rows = {name: arrays[name] for name in arrays.files}
+    log.unlink()
+    return Outcome(code, output.getvalue(), rows, json.loads(str(rows.pop("summary"))))
+
+
+def free_port() -> int:
+    """A UDP port that nobody uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def follow(message: Any) -> tuple[Any, Any]:
+    """Position as measured, torque zero: the arm floats."""
+    return np.array(message.monitorData.measuredJointPosition.value), np.zeros(7)
+
+
+class PythonClient(threading.Thread):
+    """Answers each message with what a function makes of it, until IDLE comes or it is left alone for 5 s."""
+
+    def __init__(self, version: str, answer: Answer = follow, outputs: tuple[IOValue, ...] = ()) -> None:
+        super().__init__(daemon=True)
+        self.protocol = Protocol(version)
+        self.answer = answer
+        self.outputs = outputs
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(5.0)
+        self.port = self.socket.getsockname()[1]
+        self.seen: list[Any] = []
+        self.bad: list[str] = []
+
+    def __enter__(self) -> PythonClient:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.join(10.0)
+
+    def run(self) -> None:
+        sent = received = 0
+        with self.socket:
+            while True:
+                try:
+                    datagram, address = self.socket.recvfrom(2000)
+                    message = self.protocol.decode_monitoring(datagram)
+                except TimeoutError:
+                    return
+                except MessageError as error:
+                    self.bad.append(str(error))
+                    continue
+                self.seen.append(message)
+                if message.connectionInfo.sessionState == SessionState.IDLE:
+                    return
+                values = self.answer(message)
+                received += 1
+                if values is None or received % message.connectionInfo.receiveMultiplier:
+                    continue
+                command = Command(sent, message.header.sequenceCounter, *values, self.outputs)
+                self.socket.sendto(self.protocol.encode_command(command), address)
+                sent += 1

@@ -1,0 +1,155 @@
+"""Building the FRI client's test programs, and sessions for them, made by the robot's own, independent codec."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import struct
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cmake
+import ninja
+import numpy as np
+
+from examples.fri_robot.messages import (
+    CommandMode,
+    IODirection,
+    IOType,
+    IOValue,
+    Monitoring,
+    Protocol,
+    Quality,
+    SessionState,
+)
+from support.project import ROOT
+
+TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
+POSTURE = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
+TIMEOUT = None
+"""In place of a datagram: the connection has nothing."""
+
+SANITIZERS = "-O2 -g -fsanitize=address,undefined -fno-sanitize-recover=all"
+
+
+def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fuzzer: bool = False) -> Path:
+    """Configures and builds tests/support/fri with warnings as errors; returns the folder with the programs."""
+    flags += " -fsanitize=fuzzer-no-link" if fuzzer else ""
+    program = Path(cmake.CMAKE_BIN_DIR) / "cmake"
+    configure = [
+        program, "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}",
+        "-S", ROOT / "tests" / "support" / "fri", "-B", folder, "-DCMAKE_BUILD_TYPE=None",
+        f"-DCMAKE_C_COMPILER={compiler}", f"-DCMAKE_CXX_COMPILER={compiler.replace('gcc', 'g')}++",
+        f"-DCMAKE_C_FLAGS={flags}", f"-DCMAKE_CXX_FLAGS={flags} -std=c++11 -Werror",
+        f"-DFRI_FUZZER={'ON' if fuzzer else 'OFF'}",
+        "-DIIWA14_NATIVE=ON",  # as the NumPy module that results are compared with
+        *options,
+    ]  # fmt: skip
+    for command in (configure, [program, "--build", folder, "-j2"]):
+        done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+        assert done.returncode == 0, " ".join((done.stdout[-4000:] + done.stderr[-4000:]).split())
+    return folder
+
+
+class RobotScript:
+    """The robot's side of a session, message by message: counts, and advances its clock by the period.
+
+    ``add`` takes fields of :class:`Monitoring`, and ``change``, a function that may alter the protobuf message before
+    it becomes a datagram.
+    """
+
+    def __init__(self, version: str, period: int = 5) -> None:
+        self.protocol = Protocol(version)
+        self.period = period
+        self.sequence = 0
+        self.clock = 1_700_000_000_000_000_000
+        self.datagrams: list[bytes | None] = []
+
+    def message(self, state: int, change: Callable[[Any], object] | None = None, **fields: Any) -> bytes:
+        self.sequence += 1
+        self.clock += self.period * 1_000_000
+        commanding = state in (SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE)
+        told = {
+            "state": state, "quality": Quality.EXCELLENT, "send_period": self.period, "sequence": self.sequence,
+            "sent_at": self.clock, "position": POSTURE, "ipo": POSTURE if commanding else None,
+            "command_mode": CommandMode.TORQUE if commanding else CommandMode.NO_COMMAND_MODE, **fields,
+        }  # fmt: skip
+        message = self.protocol.monitoring_message(Monitoring(**told))
+        if change is not None:
+            change(message)
+        return self.protocol.frame(message.SerializePartialToString())
+
+    def add(self, state: int, count: int = 1, change: Callable[[Any], object] | None = None, **fields: Any) -> None:
+        self.datagrams += [self.message(state, change, **fields) for _ in range(count)]
+
+    def lose(self, count: int) -> None:
+        """Messages that the client never sees."""
+        self.sequence += count
+        self.clock += count * self.period * 1_000_000
+
+    def begin(self, monitoring: int = 3, waiting: int = 3) -> None:
+        """Up to COMMANDING_ACTIVE."""
+        self.add(SessionState.MONITORING_WAIT, monitoring)
+        self.add(SessionState.MONITORING_READY, monitoring)
+        self.add(SessionState.COMMANDING_WAIT, waiting)
+
+
+def button(pressed: bool) -> IOValue:
+    """The button at the media flange."""
+    return IOValue("MediaFlange.UserButton", IOType.BOOLEAN, IODirection.INPUT, pressed)
+
+
+def pack(datagrams: Iterable[bytes | None]) -> bytes:
+    """Datagrams as the test programs read them."""
+    return b"".join(struct.pack("<I", 0xFFFFFFFF) if d is None else struct.pack("<I", len(d)) + d for d in datagrams)
+
+
+def run_harness(folder: Path, datagrams: Iterable[bytes | None], *arguments: str | Path) -> list[dict[str, Any]]:
+    """One dictionary a datagram, with what the client did; in probe mode the statistics come last."""
+    command = [str(folder / "harness"), *map(str, arguments)]
+    done = subprocess.run(command, input=pack(datagrams), capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()[-4000:]
+    return [json.loads(line) for line in done.stdout.decode().splitlines() if line.startswith("{")]
+
+
+def require_tools() -> str | None:
+    """What is missing to build the client against the open library, or None."""
+    missing = [tool for tool in ("g++", "clang++", "protoc") if shutil.which(tool) is None]
+    if not shutil.which("nanopb_generator.py") and not shutil.which("nanopb_generator"):
+        missing.append("nanopb")
+    return f"{', '.join(missing)} missing; .ci/run installs them" if missing else None
+
+
+def sdk_options() -> list[str] | None:
+    """CMake options for an installed KUKA SDK, or None without one."""
+    root = os.environ.get("FRI_SDK_ROOT")
+    version = os.environ.get("FRI_SDK_VERSION")
+    return [f"-DFRI_SDK_ROOT={root}", *([f"-DFRI_SDK_VERSION={version}"] if version else [])] if root else None
+
+
+def write_session(folder: Path, version: str) -> dict[str, str]:
+    """Session and corpus for the fuzz target in a folder; returns the environment it wants."""
+    script = RobotScript(version)
+    ios = [button(False), IOValue("Group.Level", IOType.ANALOG, IODirection.OUTPUT, 0.5)]
+    script.begin(1, 1)
+    rng = np.random.default_rng(1)
+    script.add(4, external_torque=rng.normal(size=7), ios=ios)
+    hostile = script.message(4, ios=ios)
+    script.add(4, ios=ios)
+    (folder / "session").write_bytes(pack(script.datagrams))
+    corpus = folder / "corpus"
+    corpus.mkdir(exist_ok=True)
+    body = script.protocol.unframe(hostile)
+    sound = {"framed": b"\x01" + body, "raw": b"\x00" + hostile, "empty": b"", "long": b"\x00" + 1600 * b"\x0a"}
+    for state in range(5):
+        sound[f"state{state}"] = b"\x01" + script.protocol.unframe(script.message(state, ios=ios))
+    sound["six"] = b"\x01" + script.protocol.unframe(
+        script.message(4, lambda m: m.monitorData.measuredJointPosition.value.pop())
+    )
+    sound["length"] = b"\x00" + struct.pack("<I", 0xFFFFFFFF) + hostile[4:]
+    for name, data in sound.items():
+        (corpus / name).write_bytes(data)
+    return {"FRI_FUZZ_SESSION": str(folder / "session"), "FRI_FUZZ_TRAJECTORY": str(TRAJECTORY)}
