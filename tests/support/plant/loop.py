@@ -131,14 +131,16 @@ class Loop:
 
     def _kernel(self, name: str, q: ArrayLike, size: int) -> np.ndarray:
         q, result = np.ascontiguousarray(q, dtype=float), np.empty(size)
-        getattr(self.library, f"iiwa14_{name}")(q.ctypes.data_as(ctypes.c_void_p), result.ctypes.data_as(ctypes.c_void_p))
+        kernel = getattr(self.library, f"iiwa14_{name}")
+        kernel(q.ctypes.data_as(ctypes.c_void_p), result.ctypes.data_as(ctypes.c_void_p))
         return result
 
     def springs(self, wanted: ArrayLike, translation: ArrayLike, rotation: ArrayLike, joint: float) -> Springs:
         """The springs of a segment, for their statics."""
         wanted = np.asarray(wanted, dtype=float)
         gains = spring_gains(translation, rotation)
-        return Springs(self.pose, self.jacobian, self.pose(wanted), wanted, gains["translation"], gains["rotation"], joint)
+        equilibrium = self.pose(wanted)
+        return Springs(self.pose, self.jacobian, equilibrium, wanted, gains["translation"], gains["rotation"], joint)
 
     def config(self, **values: Any) -> Any:
         """The default configuration with some fields set."""

@@ -50,7 +50,8 @@ class Springs:
         H, e = self.pose(q), q - self.posture
         away = H[:3, 3] - self.equilibrium[:3, 3]
         turn = self.equilibrium[:3, :3].T @ H[:3, :3]
-        return float(away @ self.translation @ away / 2 + np.trace(self._G @ (np.eye(3) - turn)) + self.joint / 2 * e @ e)
+        rotational = np.trace(self._G @ (np.eye(3) - turn))
+        return float(away @ self.translation @ away / 2 + rotational + self.joint / 2 * e @ e)
 
     def gradient(self, q: Array) -> Array:
         """dU/dq [N m]."""
