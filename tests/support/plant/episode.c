@@ -50,8 +50,44 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
     sensors->counter += s->frozen_counter ? 0u : 1u;
     sample->counter = sensors->counter;
     sample->valid = !s->missed;
+    sample->pose = s->pose;
+    memcpy(sample->posture, s->posture, sizeof sample->posture);
     memcpy(sample->translation, s->translation, sizeof sample->translation);
     memcpy(sample->rotation, s->rotation, sizeof sample->rotation);
+}
+
+/* Energy [J] of the springs of a command with the equilibrium of another, at q; written out from the trace form. */
+static double spring_energy(const double *q, const command_t *springs, const command_t *at)
+{
+    const double *const Kt = springs->translation, *const Ko = springs->rotation, *const E = at->equilibrium;
+    double H[16], energy = 0.0, trace = Ko[0] + Ko[4] + Ko[8], away[3];
+    iiwa14_forward_kinematics(q, H);
+    for (int i = 0; i < 3; ++i) {
+        away[i] = H[4 * i + 3] - E[4 * i + 3];
+    }
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            double turn = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                turn += E[4 * k + j] * H[4 * k + i];
+            }
+            const double G = (i == j ? trace / 2.0 : 0.0) - Ko[3 * i + j];
+            energy += 0.5 * away[i] * Kt[3 * i + j] * away[j] + G * ((i == j ? 1.0 : 0.0) - turn);
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        energy += 0.5 * springs->joint[i] * (q[i] - at->reference[i]) * (q[i] - at->reference[i]);
+    }
+    return springs->scale * energy;
+}
+
+static void drive(const segment_t *s, motion_t *motion, double T)
+{
+    for (int i = 0; i < N; ++i) {
+        const double change = s->driven_to[i] - motion->v[i], most = s->driven_by[i] * T, before = motion->v[i];
+        motion->v[i] += fabs(change) > most ? copysign(most, change) : change;
+        motion->q[i] += (before + motion->v[i]) / 2.0 * T;
+    }
 }
 
 static void account(const episode_t *e, const command_t *command, const double *last, summary_t *summary)
@@ -75,12 +111,14 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     forces_t forces;
     sensors_t sensors;
     sample_t sample;
-    command_t command;
-    double pipe[MOST_DELAY + 1][N] = {{0}}, commanded[N] = {0}, last_reference[N], last_tip[3];
+    command_t command, previous;
+    double pipe[MOST_DELAY + 1][N] = {{0}}, pipe_feed[MOST_DELAY + 1][N] = {{0}};
+    double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
     int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0;
     memset(&forces, 0, sizeof forces);
     memset(&sensors, 0, sizeof sensors);
     memset(&command, 0, sizeof command);
+    memset(&previous, 0, sizeof previous);
     memset(summary, 0, sizeof *summary);
     summary->finite = 1;
     memcpy(motion.q, e->q, sizeof motion.q);
@@ -111,10 +149,9 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         memcpy(summary->wrench, wrench, sizeof wrench);
         measure(e, s, &motion, &sensors, t, &sample);
         for (int i = 0; i < 6; ++i) {
-            sample.wrench[i] = s->measure_wrench ? wrench[i] : 0.0;
+            sample.wrench[i] = s->measure_wrench ? wrench[i] + s->wrench_bias[i] : 0.0;
         }
         sample.reset = s->reset && k == s->start;
-        summary->resets += sample.reset;
         if (!initialised) {
             const int code = law_init(configs[s->config], state, e->warm ? &sample : NULL);
             if (code != 0) {
@@ -123,7 +160,15 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             initialised = 1;
         }
         if (!s->skip) {
+            previous = command;
             law_step(configs[s->config], state, &sample, output, &command);
+            if (summary->finished == 0) {
+                summary->start_energy = spring_energy(motion.q, &command, &command);
+            } else if (!command.faulted) {
+                const double work = spring_energy(motion.q, &previous, &command) -
+                                    spring_energy(motion.q, &previous, &previous);
+                summary->reference_work += fmax(work, 0.0);
+            }
             account(e, &command, commanded, summary);
             memcpy(commanded, command.torque, sizeof commanded);
             summary->codes += command.code != 0;
@@ -131,6 +176,11 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             summary->status_last = command.status;
             summary->faults += command.faulted && !was_faulted;
             summary->faulted += command.faulted != 0;
+            if (command.faulted && summary->faults == 1 && !was_faulted) {
+                summary->reason = command.reason;
+                summary->fault_at = k;
+            }
+            summary->resets += was_faulted && !command.faulted;
             was_faulted = command.faulted != 0;
             double H[16], moved[N], tip = 0.0;
             iiwa14_forward_kinematics(command.reference, H);
@@ -154,16 +204,27 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         }
         for (int d = MOST_DELAY; d > 0; --d) {
             memcpy(pipe[d], pipe[d - 1], sizeof pipe[d]);
+            memcpy(pipe_feed[d], pipe_feed[d - 1], sizeof pipe_feed[d]);
         }
         memcpy(pipe[0], commanded, sizeof pipe[0]);
+        memcpy(pipe_feed[0], command.feed, sizeof pipe_feed[0]);
         memcpy(forces.torque, pipe[e->delay], sizeof forces.torque);
         before = motion;
-        plant_advance(&e->plant, &motion, &forces, e->sample_time);
+        if (s->driven) {
+            drive(s, &motion, e->sample_time);
+        } else {
+            plant_advance(&e->plant, &motion, &forces, e->sample_time);
+        }
+        double fed = 0.0;
         for (int i = 0; i < N; ++i) {
+            fed += pipe_feed[e->delay][i] * (motion.q[i] - before.q[i]);
             summary->port += forces.torque[i] * (motion.q[i] - before.q[i]);
             summary->excursion = fmax(summary->excursion, fabs(motion.q[i] - sample.wanted[i]));
             summary->wander = fmax(summary->wander, fabs(motion.q[i] - e->q[i]));
         }
+        summary->reference_work += fmax(fed, 0.0);
+        const double moving = summary->port - summary->reference_work - summary->resets * e->engagement;
+        summary->excess_moving = k == 0 ? moving : fmax(summary->excess_moving, moving);
         summary->port_most = fmax(summary->port_most, summary->port);
         summary->excess = k == 0 ? summary->port - summary->resets * e->engagement
                                  : fmax(summary->excess, summary->port - summary->resets * e->engagement);
@@ -180,6 +241,11 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         summary->tip_speed = fmax(summary->tip_speed, sqrt(tip_velocity));
         if (k >= samples - samples / 10) {
             summary->final_speed = fmax(summary->final_speed, largest(motion.v, NULL));
+            for (int i = 0; i < N; ++i) {
+                least[i] = k == samples - samples / 10 ? motion.q[i] : fmin(least[i], motion.q[i]);
+                most[i] = k == samples - samples / 10 ? motion.q[i] : fmax(most[i], motion.q[i]);
+                summary->ripple = fmax(summary->ripple, most[i] - least[i]);
+            }
         }
         if (rows != NULL) {
             row_t *const row = &rows[k];

@@ -21,11 +21,17 @@ typedef struct {
     int frozen_counter;          /* 1: the sample counter stands */
     int q_stuck, dq_stuck;       /* STUCK_, of the joints in the masks */
     int q_mask, dq_mask;         /* bits of joints */
-    double wanted[N];            /* [rad] */
+    double wanted[N];            /* [rad] posture whose tip pose is the equilibrium */
+    int pose;                    /* 1: commanded as a pose and a posture apart */
+    int driven;                  /* 1: the environment moves the arm whatever it does: the rate of q goes to */
+    double driven_to[N];         /* [rad/s] these, at */
+    double driven_by[N];         /* [rad/s^2] these */
+    double posture[N];           /* [rad] */
     double wanted_rate[N];       /* [rad/s] moves `wanted` from the segment's start on */
     double translation[9], rotation[9];
     double load[6], push[N];
     double hand_target[N], hand_stiffness, hand_damping;
+    double wrench_bias[6];       /* [N, N m] added to what is measured */
     double q_offset[N], dq_offset[N]; /* added to what is measured; NaN for a NaN */
 } segment_t;
 
@@ -38,7 +44,7 @@ typedef struct {
     double q[N], v[N];           /* at the start */
     double velocity_limit[N];    /* [rad/s] what speeds are compared with */
     double effort[N], rate[N];   /* [N m], [N m/s] that the torque must keep */
-    double engagement;           /* [J] that each reset may bring in */
+    double engagement;           /* [J] that each return from a fault may bring in */
     int warm;                    /* initialise with the first sample */
 } episode_t;
 
@@ -48,12 +54,16 @@ typedef struct {
     double wander;               /* [rad] largest |q - start| */
     double error;                /* [rad] |q - wanted| at the end */
     double final_speed;          /* [rad/s] largest |v| during the last tenth */
+    double ripple;               /* [rad] largest range of a joint during the last tenth */
     double torque;               /* [N m] largest */
     double torque_step;          /* [1] largest change over what the rate limit allows */
     double effort;               /* [1] largest torque over the effort limit */
     double port;                 /* [J] put out at the robot's port: sum of torque . change of q */
     double port_most;            /* [J] most of it at any time */
     double excess;               /* [J] most of port - engagement x resets at any time */
+    double reference_work;       /* [J] positive work of the moving equilibrium, from the springs' energy here */
+    double excess_moving;        /* [J] most of port - reference_work - engagement x resets at any time */
+    double start_energy;         /* [J] of the springs at the first sample */
     double kinetic;              /* [J] at the end */
     double energy_error;         /* [J] of the integration: change of kinetic energy less all work */
     double reference_speed;      /* [1] largest change of the equilibrium in use, over the velocity limit */
@@ -62,7 +72,8 @@ typedef struct {
     double fell;                 /* [J] elastic energy when the last fault began */
     int faults;                  /* times that control was lost */
     int faulted;                 /* samples without control */
-    int resets;
+    int reason, fault_at;        /* of the first fault; the sample */
+    int resets;                  /* times that control came back */
     int finite;                  /* every torque was */
     int codes;                   /* steps that returned an error */
     int finished;                /* samples done; fewer if the state became non-finite */

@@ -108,6 +108,10 @@ class Loop:
             getattr(self.library, f"law_{name}_size").restype = ctypes.c_size_t
         assert self.library.law_config_size() == ctypes.sizeof(self.Config)
         assert self.library.law_output_size() == ctypes.sizeof(self.Output)
+        self.lower, self.upper, self.velocity, self.effort = (
+            np.array((ctypes.c_double * N).in_dll(self.library, f"iiwa14_{name}"))
+            for name in ("lower", "upper", "velocity", "effort")
+        )
         self.state = ctypes.create_string_buffer(self.library.law_state_size())
 
     def pose(self, q: ArrayLike) -> np.ndarray:
@@ -150,12 +154,11 @@ class Loop:
 
     def episode(self, **values: Any) -> Any:
         """1 ms, motor inertia 0.1 kg m^2, exact sensors, no delay, at rest at Q0; plant fields go by their names."""
-        plant = {"motor": 0.1, "substeps": 1, "clamp_force": 2e4, "clamp_moment": 500.0, "clamp_damping": 2e-3}
+        plant: dict[str, Any] = {"motor": 0.1, "substeps": 1, "clamp_force": 2e4, "clamp_moment": 500.0, "clamp_damping": 2e-3}
         names = {name for name, _ in self.Episode._fields_[0][1]._fields_}
         plant |= {name: values.pop(name) for name in list(values) if name in names}
-        lower = (ctypes.c_double * N).in_dll(self.library, "iiwa14_velocity")
-        effort = np.array((ctypes.c_double * N).in_dll(self.library, "iiwa14_effort"))
-        first = {"sample_time": 1e-3, "q": Q0, "velocity_limit": np.array(lower), "effort": effort, "rate": 10 * effort}
+        limits = {"velocity_limit": self.velocity, "effort": self.effort, "rate": 10 * self.effort}
+        first = {"sample_time": 1e-3, "q": Q0, **limits}
         episode = fill(self.Episode(), **(first | values))
         fill(episode.plant, **plant)
         return episode
