@@ -29,9 +29,12 @@ import numpy as np
 from support.plant.loop import N, Q0, Loop
 from support.project import ROOT
 
-SAMPLES = 1000
+SAMPLES = 2000
 TOLERANCE = 1e-9
 """[J] by which the bound may be passed."""
+
+CLIMBED = ("damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit")
+"""Fields of the configuration that a climb changes; tank and engagement limit are its own."""
 
 Random = np.random.Generator
 
@@ -79,7 +82,7 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
     if kind == 0:
         made["load"] = random.normal(size=6) * [30, 30, 30, 5, 5, 5]
     elif kind == 1:
-        made["push"] = random.normal(size=N) * 0.15 * loop.effort
+        made["push"] = random.normal(size=N) * 0.05 * loop.effort
     elif kind <= 4:
         speed = random.uniform(0, 1) ** 0.5
         made |= {
@@ -87,6 +90,8 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
             "driven_to": random.uniform(-1, 1, N) * loop.velocity * speed,
             "driven_by": np.exp(random.uniform(np.log(1), np.log(4000), N)),
         }
+        if kind > 2:
+            made |= {"driven": 2, "driven_at": np.abs(made["driven_to"]), "driven_to": Q0 + random.normal(size=N) * 0.4}
     elif kind == 5:
         made |= {
             "hand_stiffness": 10 ** random.uniform(1, 3),
@@ -94,7 +99,7 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
             "hand_target": Q0 + random.uniform(-0.7, 0.7, N),
         }
     elif kind == 6:
-        made |= {"missed": int(random.random() < 0.5), "skip": int(random.random() < 0.5)}
+        made |= {"missed": int(random.random() < 0.7), "skip": int(random.random() < 0.3)}
     elif kind == 7:
         made |= {"q_stuck": int(random.integers(0, 3)), "q_mask": int(random.integers(0, 128))}
         made |= {"dq_stuck": int(random.integers(0, 3)), "dq_mask": int(random.integers(0, 128))}
@@ -146,10 +151,92 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
     )
     while len(made.parts) < random.integers(3, 12):
         chosen = part(random, loop, moving)
-        if sensors or not (chosen["q_stuck"] or chosen["dq_stuck"] or np.any(chosen["q_offset"])):
+        if sensors or not _lies(chosen):
             made.parts.append(chosen)
+    return _ordered(made)
+
+
+def _lies(one: dict[str, Any]) -> bool:
+    """Whether the positions that are measured are wrong."""
+    return bool(one.get("q_stuck") or one.get("dq_stuck") or np.any(one.get("q_offset", 0)))
+
+
+LONGEST_SKIP = 2
+"""[samples] that the controller is not called in a row: what nobody calls bounds nothing."""
+
+
+def _ordered(made: Schedule) -> Schedule:
+    """Segments by their starts; a segment of calls left out ends after LONGEST_SKIP samples."""
+    parts = sorted((p for p in made.parts[1:]), key=lambda p: p["start"])
+    made.parts[1:] = []
+    for k, one in enumerate(parts):
+        made.parts.append(one)
+        end = one["start"] + LONGEST_SKIP
+        if one.get("skip") and (k + 1 == len(parts) or parts[k + 1]["start"] > end or parts[k + 1].get("skip")):
+            made.parts.append({**copy.deepcopy(one), "start": end, "skip": 0, "reset": 0})
     made.parts[1:] = sorted(made.parts[1:], key=lambda p: p["start"])
     return made
+
+
+def _base(random: Random, loop: Loop) -> Schedule:
+    made = schedule(random, loop)
+    made.parts = [{**made.parts[0], "translation": stiffness(random, 300, 4000), "rotation": stiffness(random, 20, 400)}]
+    made.episode["q"] = Q0.copy()
+    return made
+
+
+def _drive(random: Random, loop: Loop, start: float, to: np.ndarray, **others: Any) -> dict[str, Any]:
+    rates = {"driven_at": loop.velocity * random.uniform(0.3, 0.99), "driven_by": np.full(N, 10 ** random.uniform(1, 3))}
+    return {"start": round(start), "driven": 2, "driven_to": to, **rates, **others}
+
+
+def laps(random: Random, loop: Loop) -> Schedule:
+    """The fault cycle: control is lost, the arm is moved away, a reset, and on the way back it is held and let go."""
+    made, lap = _base(random, loop), int(random.integers(300, 1000))
+    for start in range(5, SAMPLES - lap + 1, lap):
+        away = Q0 + random.uniform(-0.6, 0.6, N)
+        made.parts += [
+            _drive(random, loop, start, away, missed=1, reset=0),
+            _drive(random, loop, start + 0.30 * lap, away, missed=0, reset=0),
+            _drive(random, loop, start + 0.35 * lap, away, missed=0, reset=1),
+            _drive(random, loop, start + 0.75 * lap, Q0, missed=0, reset=0),
+        ]
+    return _ordered(made)
+
+
+def pumping(random: Random, loop: Loop) -> Schedule:
+    """Away on soft springs, back on stiff ones, in a loop."""
+    made, lap = _base(random, loop), int(random.integers(100, 800))
+    soft = {"translation": made.parts[0]["translation"] * 0.01, "rotation": made.parts[0]["rotation"] * 0.01}
+    stiff = {name: made.parts[0][name] for name in soft}
+    away = Q0 + random.uniform(-0.5, 0.5, N)
+    for start in range(1, SAMPLES - lap + 1, lap):
+        made.parts += [
+            _drive(random, loop, start, away, **soft),
+            _drive(random, loop, start + 0.35 * lap, away, **stiff),
+            _drive(random, loop, start + 0.65 * lap, Q0, **stiff),
+        ]
+    return _ordered(made)
+
+
+def shaking(random: Random, loop: Loop) -> Schedule:
+    """To and fro at almost the velocity limit, reversed at once, with samples missed in time with it."""
+    made, half = _base(random, loop), int(random.integers(1, 8))
+    away = Q0 + random.uniform(-0.4, 0.4, N)
+    made.parts.append(_drive(random, loop, 1, away))
+    start, sign, way = int(random.integers(200, 400)), 1.0, random.choice([-1.0, 0.0, 1.0], N)
+    missing, when = int(random.integers(0, 3)), int(random.integers(0, 2))
+    while start < SAMPLES - half:
+        rates = {"driven": 1, "driven_to": sign * way * loop.velocity * 0.98, "driven_by": np.full(N, 1e6)}
+        made.parts.append({"start": start, "missed": 0, **rates})
+        if missing:
+            made.parts.append({"start": start + when, "missed": 1, **rates})
+            made.parts.append({"start": start + when + missing, "missed": 0, **rates})
+        start, sign = start + max(half, when + missing + 1), -sign
+    return _ordered(made)
+
+
+PATTERNS = (laps, pumping, shaking)
 
 
 def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bool) -> Schedule:
@@ -161,7 +248,7 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
         if kind == 0 or not later:
             new.parts.append(part(random, loop, moving))
         elif kind == 1 and len(later) > 1:
-            new.parts.remove(later[random.integers(len(later))])
+            del new.parts[1 + random.integers(len(later))]
         elif kind == 2:
             one = copy.deepcopy(later[random.integers(len(later))])
             one["start"] = int(random.integers(1, SAMPLES))
@@ -175,21 +262,18 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
         elif kind == 5:
             one = later[random.integers(len(later))]
             name = ("reset", "missed", "skip")[random.integers(3)]
-            one[name] = 1 - one[name]
+            one[name] = 1 - one.get(name, 0)
         else:
-            names = [name for name in new.config if name not in ("motor_inertia", "delay_samples", "position_quantum")]
-            name = names[random.integers(len(names))]
+            name = CLIMBED[random.integers(len(CLIMBED))]
             new.config[name] *= float(np.exp(random.normal() * 0.5))
-            new.config["tank_maximum"] = max(new.config["tank_maximum"], new.config["tank_initial"])
     if not sensors:
-        new.parts = [p for p in new.parts if not (p.get("q_stuck") or p.get("dq_stuck") or np.any(p.get("q_offset", 0)))]
-    new.parts[1:] = sorted(new.parts[1:], key=lambda p: p["start"])
-    return new
+        new.parts = [one for one in new.parts if not _lies(one)]
+    return _ordered(new)
 
 
 def _shake(random: Random, one: dict[str, Any]) -> None:
     size = 10 ** random.uniform(-2, 0)
-    for name in ("load", "push", "driven_to", "hand_target"):
+    for name in ("load", "push", "driven_to", "driven_at", "hand_target"):
         if name in one and np.any(one[name]):
             one[name] = one[name] * (1 + size * random.normal(size=np.shape(one[name])))
     if random.random() < 0.3 and one.get("driven"):
@@ -204,7 +288,7 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     constant = all("wanted" not in part for part in chosen.parts[1:])
     away = int(bool(np.any(np.asarray(chosen.episode["q"]) != chosen.parts[0]["wanted"])))
     limit = chosen.config["engagement_limit"]
-    episode = loop.episode(**chosen.episode, engagement=limit)
+    episode = loop.episode(**chosen.episode, engagement=limit, fastest=1.0)
     summary = loop.run(SAMPLES, loop.segments(*chosen.parts), episode, loop.config(**chosen.config))
     most = summary.excess if constant else summary.excess_moving
     held = chosen.config["tank_initial"] + (limit * away if constant else 0.0)
@@ -213,7 +297,11 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
 
 def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:
     """The best of a climb, restarted from the best of ten random schedules."""
-    starts = [schedule(random, loop, moving, sensors) for _ in range(min(10, steps))]
+    pattern = random.integers(0, 2 * len(PATTERNS))
+    starts = [
+        PATTERNS[pattern](random, loop) if pattern < len(PATTERNS) else schedule(random, loop, moving, sensors)
+        for _ in range(min(10, steps))
+    ]
     best, most = max(((one, measure(loop, one)) for one in starts), key=lambda pair: pair[1].excess)
     for _ in range(steps - len(starts)):
         new = changed(random, loop, best, moving, sensors)

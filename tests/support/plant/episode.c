@@ -84,7 +84,15 @@ static double spring_energy(const double *q, const command_t *springs, const com
 static void drive(const segment_t *s, motion_t *motion, double T)
 {
     for (int i = 0; i < N; ++i) {
-        const double change = s->driven_to[i] - motion->v[i], most = s->driven_by[i] * T, before = motion->v[i];
+        const double before = motion->v[i], most = s->driven_by[i] * T;
+        double rate = s->driven_to[i];
+        if (s->driven == 2) {
+            /* as fast as it can still stop there, if the steps are small */
+            const double way = s->driven_to[i] - motion->q[i];
+            rate = fmin(fmin(sqrt(s->driven_by[i] * fabs(way)), 0.2 * fabs(way) / T), s->driven_at[i]);
+            rate = copysign(rate, way);
+        }
+        const double change = rate - before;
         motion->v[i] += fabs(change) > most ? copysign(most, change) : change;
         motion->q[i] += (before + motion->v[i]) / 2.0 * T;
     }
@@ -153,7 +161,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         }
         sample.reset = s->reset && k == s->start;
         if (!initialised) {
-            const int code = law_init(configs[s->config], state, e->warm ? &sample : NULL);
+            const int code = law_init(configs[s->config], state);
             if (code != 0) {
                 return code;
             }
@@ -214,6 +222,10 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             drive(s, &motion, e->sample_time);
         } else {
             plant_advance(&e->plant, &motion, &forces, e->sample_time);
+        }
+        if (e->fastest > 0.0 && largest(motion.v, e->velocity_limit) > e->fastest) {
+            motion = before;
+            break;
         }
         double fed = 0.0;
         for (int i = 0; i < N; ++i) {

@@ -23,9 +23,10 @@ typedef struct {
     int q_mask, dq_mask;         /* bits of joints */
     double wanted[N];            /* [rad] posture whose tip pose is the equilibrium */
     int pose;                    /* 1: commanded as a pose and a posture apart */
-    int driven;                  /* 1: the environment moves the arm whatever it does: the rate of q goes to */
-    double driven_to[N];         /* [rad/s] these, at */
-    double driven_by[N];         /* [rad/s^2] these */
+    int driven;                  /* the environment moves the arm whatever it does, 1: at rates, 2: to a posture */
+    double driven_to[N];         /* [rad/s] these rates, or [rad] this posture */
+    double driven_at[N];         /* [rad/s] at most at these rates, if to a posture */
+    double driven_by[N];         /* [rad/s^2] at most at these accelerations */
     double posture[N];           /* [rad] */
     double wanted_rate[N];       /* [rad/s] moves `wanted` from the segment's start on */
     double translation[9], rotation[9];
@@ -45,7 +46,7 @@ typedef struct {
     double velocity_limit[N];    /* [rad/s] what speeds are compared with */
     double effort[N], rate[N];   /* [N m], [N m/s] that the torque must keep */
     double engagement;           /* [J] that each return from a fault may bring in */
-    int warm;                    /* initialise with the first sample */
+    double fastest;              /* [1] over the velocity limit: the episode ends when the arm is faster; 0: never */
 } episode_t;
 
 typedef struct {

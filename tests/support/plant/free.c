@@ -23,11 +23,10 @@ void law_default_config(void *config)
     memset(config, 0, sizeof(int));
 }
 
-int law_init(const void *config, void *state, const sample_t *first)
+int law_init(const void *config, void *state)
 {
     (void)config;
     (void)state;
-    (void)first;
     return 0;
 }
 

@@ -28,9 +28,8 @@ void law_default_config(void *config)
     iiwa14_impedance_default_config(config);
 }
 
-int law_init(const void *config, void *state, const sample_t *first)
+int law_init(const void *config, void *state)
 {
-    (void)first;
     return iiwa14_impedance_init(config, state, NULL);
 }
 

@@ -43,7 +43,7 @@ size_t law_config_size(void);
 size_t law_state_size(void);
 size_t law_output_size(void);
 void law_default_config(void *config);
-int law_init(const void *config, void *state, const sample_t *first);
+int law_init(const void *config, void *state);
 /* output: the law's whole own output struct */
 void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command);
 
