@@ -15,19 +15,13 @@ each change that brings the output nearer to the bound or beyond.
 
 from __future__ import annotations
 
-import argparse
 import copy
-import sys
-import tempfile
-import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from support.plant.loop import N, Q0, Loop
-from support.project import ROOT
+from support.plant.loop import Q0, Loop, N
 
 SAMPLES = 2000
 TOLERANCE = 1e-9
@@ -180,13 +174,18 @@ def _ordered(made: Schedule) -> Schedule:
 
 def _base(random: Random, loop: Loop) -> Schedule:
     made = schedule(random, loop)
-    made.parts = [{**made.parts[0], "translation": stiffness(random, 300, 4000), "rotation": stiffness(random, 20, 400)}]
+    made.parts = [
+        {**made.parts[0], "translation": stiffness(random, 300, 4000), "rotation": stiffness(random, 20, 400)}
+    ]
     made.episode["q"] = Q0.copy()
     return made
 
 
 def _drive(random: Random, loop: Loop, start: float, to: np.ndarray, **others: Any) -> dict[str, Any]:
-    rates = {"driven_at": loop.velocity * random.uniform(0.3, 0.99), "driven_by": np.full(N, 10 ** random.uniform(1, 3))}
+    rates = {
+        "driven_at": loop.velocity * random.uniform(0.3, 0.99),
+        "driven_by": np.full(N, 10 ** random.uniform(1, 3)),
+    }
     return {"start": round(start), "driven": 2, "driven_to": to, **rates, **others}
 
 

@@ -3,10 +3,13 @@
     python tests/long/settle.py [--count 500] [--seed 1]
 
 Each situation: a posture, stiffness within the accepted range, a load of up to 80 N and 15 N m that hangs at the tip
-(dropped on, or grown over half a second) and is measured with a bias, 0 to 2 samples of delay, motor inertia of 0.02 to
-0.3 kg m^2, velocity by differences of an encoder with a quantum of 1e-4 rad; in half of them the arm starts away from
-where it is wanted. The static solution is found without the controller (tests/support/plant/statics.py). In the table
-the paper's law stands beside the potential's: the same controller with ``law = paper`` and the bounds that it has.
+(grown over half a second, in every fifth dropped on at once) and is measured with a bias, 0 to 2 samples of delay, motor
+inertia of 0.02 to 0.3 kg m^2, velocity by differences of an encoder with a quantum of 1e-4 rad; in half of them the arm
+starts away from where it is wanted. The static solution is found without the controller
+(tests/support/plant/statics.py), for where the equilibrium ended: short of the wanted one only where the load holds the
+stored energy above the governor's limit. A dropped load may throw the arm beyond the velocity limit, which is a fault;
+nothing else may be one. In the table the paper's law stands beside the potential's: the same controller with
+``law = paper`` and the bounds that it has.
 """
 
 from __future__ import annotations
@@ -22,14 +25,16 @@ from typing import Any
 
 import numpy as np
 
-from support.plant.loop import N, Loop
+from support.plant.loop import Loop, N
 from support.project import ROOT
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
-DURATION = 12.0
+DURATION = 20.0
 """[s] of an episode: the softest modes, of the posture's 1 N m/rad, take seconds."""
 IIWA14_LAW_POTENTIAL, IIWA14_LAW_PAPER = 1, 2
-RIPPLE = 2e-3
+OVERSPEED = 10
+"""The controller's reason for the fault."""
+RIPPLE = 5e-3
 """[rad] that a joint may still move in the last tenth and be at rest: some quanta of the encoder."""
 MARGIN = 0.35
 """[rad] between a posture and its limits: the zone of the limit avoidance is 0.1."""
@@ -68,6 +73,10 @@ class Outcome:
     reference_speed: float
     """[1] the equilibrium's."""
     faults: int
+    held: bool
+    """Whether the equilibrium ended short of the wanted one."""
+    energy: float
+    """[J] of the springs at rest in the static solution."""
     summary: Any
 
 
@@ -98,7 +107,7 @@ def situation(random: np.random.Generator, lower: Array, upper: Array, loaded: b
         positive(random, 10, 300),
         np.concatenate([force, moment]) if loaded and random.random() < 0.9 else np.zeros(6),
         np.concatenate([random.normal(size=3) * 5, random.normal(size=3)]),
-        bool(random.random() < 0.5),
+        bool(random.random() < 0.2),
         int(random.integers(0, 3)),
         np.exp(random.uniform(np.log(0.02), np.log(0.3), N)),
         bool(random.random() < 0.8),
@@ -130,7 +139,11 @@ def run(loop: Loop, case: Situation, duration: float = DURATION, rows: bool = Fa
 def judge(loop: Loop, case: Situation, summary: Any) -> Outcome:
     """Hold what happened against statics and the governor's limits."""
     config = loop.config()
-    springs = loop.springs(case.wanted, case.translation, case.rotation, config.posture_stiffness[0])
+    reference = np.array(summary.reference)
+    held = bool(np.abs(reference - case.wanted).max() > 1e-6)
+    springs = loop.springs(
+        reference if held else case.wanted, case.translation, case.rotation, config.posture_stiffness[0]
+    )
     found = springs.rest(case.load, np.zeros(N))
     zone = config.limit_zone
     inside = found is not None and bool(
@@ -151,6 +164,8 @@ def judge(loop: Loop, case: Situation, summary: Any) -> Outcome:
         max(summary.speed, summary.tip_speed / config.tip_velocity_limit),
         max(summary.reference_speed, summary.tip_reference_speed / config.tip_velocity_limit),
         summary.faults,
+        held,
+        springs.energy(static) if static is not None else np.nan,
         summary,
     )
 
@@ -169,8 +184,15 @@ def failures(case: Situation, outcome: Outcome) -> list[str]:
     if outcome.reference_speed > 1 + 1e-9:
         broken.append(f"equilibrium at {outcome.reference_speed:.3f} of the governor's limits")
     if outcome.static is not None:
-        if not outcome.settled or outcome.faults:
-            broken.append(f"not settled: {outcome.summary.ripple:.1e} rad, {outcome.faults} faults")
+        thrown = case.sudden and outcome.faults and outcome.summary.reason == OVERSPEED
+        if outcome.held and not outcome.faults and outcome.energy < 4.0:
+            broken.append(f"equilibrium stranded with {outcome.energy:.2f} J in the springs")
+        elif thrown:
+            pass
+        elif not outcome.settled or outcome.faults:
+            broken.append(
+                f"not settled: {outcome.summary.ripple:.1e} rad, {outcome.faults} faults, reason {outcome.summary.reason}"
+            )
         elif outcome.miss > 0.05:
             broken.append(f"tip {100 * outcome.miss:.0f} % beside the static solution")
     if not np.any(case.load) and not outcome.faults and outcome.speed > 1.1:
@@ -213,6 +235,9 @@ def table(cases: list[Situation], tables: dict[str, list[Outcome]]) -> str:
     def row(name: str, value: Any) -> None:
         lines.append(f"| {name} | {value(tables['potential'])} | {value(tables['paper'])} |")
 
+    def free(case: Situation, outcome: Outcome) -> bool:
+        return not np.any(case.load) and not outcome.faults
+
     row("situations with a stable static solution inside the limits", lambda t: sum(o.static is not None for o in t))
     row(
         "of these settled, without a fault, tip within 5 % of it",
@@ -221,6 +246,9 @@ def table(cases: list[Situation], tables: dict[str, list[Outcome]]) -> str:
     row("of these, settled without a fault elsewhere", lambda t: sum(
         o.static is not None and o.settled and not o.faults and o.miss > 0.05 for o in t
     ))  # fmt: skip
+    row("of these, short of the wanted one, held by the governor", lambda t: sum(
+        o.static is not None and o.held and not o.faults for o in t
+    ))  # fmt: skip
     row("of these, latched a fault", lambda t: sum(o.static is not None and o.faults > 0 for o in t))
     row("of these, still moving", lambda t: sum(
         o.static is not None and not o.faults and not o.settled for o in t
@@ -228,7 +256,9 @@ def table(cases: list[Situation], tables: dict[str, list[Outcome]]) -> str:
     row("equilibrium's largest speed over the governor's limits", lambda t: f"{max(o.reference_speed for o in t):.4f}")
     row(
         "arm's largest speed over them, no load, no fault",
-        lambda t: f"{max([o.speed for c, o in zip(cases, t, strict=True) if not np.any(c.load) and not o.faults] or [0]):.3f}",
+        lambda t: (
+            f"{max([o.speed for c, o in zip(cases, t, strict=True) if not np.any(c.load) and not o.faults] or [0]):.3f}"
+        ),
     )
     row("torque finite, inside its limits", lambda t: sum(
         bool(o.summary.finite) and o.summary.effort <= 1 and o.summary.torque_step <= 1 + 1e-9 for o in t

@@ -154,7 +154,13 @@ class Loop:
 
     def episode(self, **values: Any) -> Any:
         """1 ms, motor inertia 0.1 kg m^2, exact sensors, no delay, at rest at Q0; plant fields go by their names."""
-        plant: dict[str, Any] = {"motor": 0.1, "substeps": 1, "clamp_force": 2e4, "clamp_moment": 500.0, "clamp_damping": 2e-3}
+        plant: dict[str, Any] = {
+            "motor": 0.1,
+            "substeps": 1,
+            "clamp_force": 2e4,
+            "clamp_moment": 500.0,
+            "clamp_damping": 2e-3,
+        }
         names = {name for name, _ in self.Episode._fields_[0][1]._fields_}
         plant |= {name: values.pop(name) for name in list(values) if name in names}
         limits = {"velocity_limit": self.velocity, "effort": self.effort, "rate": 10 * self.effort}
