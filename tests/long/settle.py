@@ -3,8 +3,8 @@
     python tests/long/settle.py [--count 500] [--seed 1]
 
 Each situation: a posture, stiffness within the accepted range, a load of up to 80 N and 15 N m that hangs at the tip
-(grown over half a second, in every fifth dropped on at once) and is measured with a bias, 0 to 2 samples of delay, motor
-inertia of 0.02 to 0.3 kg m^2, velocity by differences of an encoder with a quantum of 1e-4 rad; in half of them the arm
+(grown over half a second, in every fifth dropped on at once) and is measured with a bias, 0 to 2 samples of delay,
+motor inertia of 0.02 to 0.3 kg m^2, velocity by differences of an encoder with a quantum of 1e-4 rad; in half of them the arm
 starts away from where it is wanted. The static solution is found without the controller
 (tests/support/plant/statics.py), for where the equilibrium ended: short of the wanted one only where the load holds the
 stored energy above the governor's limit. A dropped load may throw the arm beyond the velocity limit, which is a fault;
@@ -190,9 +190,8 @@ def failures(case: Situation, outcome: Outcome) -> list[str]:
         elif thrown:
             pass
         elif not outcome.settled or outcome.faults:
-            broken.append(
-                f"not settled: {outcome.summary.ripple:.1e} rad, {outcome.faults} faults, reason {outcome.summary.reason}"
-            )
+            reason = f", fault for reason {outcome.summary.reason}" if outcome.faults else ""
+            broken.append(f"not settled: {outcome.summary.ripple:.1e} rad{reason}")
         elif outcome.miss > 0.05:
             broken.append(f"tip {100 * outcome.miss:.0f} % beside the static solution")
     if not np.any(case.load) and not outcome.faults and outcome.speed > 1.1:

@@ -1,8 +1,8 @@
 """The controller in a closed loop with a plant: ordinary situations, and what a law that follows a tangent did there.
 
 Until the controller became the gradient of an energy, its torque was Kq(q, wrench) (q0 - q). What that law did in the
-same episodes, on the same plant, stands with each test ("before: ..."). Posture Q0, K = diag(700, 700, 800, 30, 30, 30),
-motor inertia 0.1 kg m^2, 1 ms, unless said.
+same episodes, on the same plant, stands with each test ("before: ..."). Posture Q0, K = diag(700, 700, 800, 30, 30,
+30), motor inertia 0.1 kg m^2, 1 ms, unless said.
 """
 
 from __future__ import annotations
