@@ -13,6 +13,9 @@ typedef struct {
     const input_t *input;
     output_t *out;
     uint32_t status;
+    int believed;  /* the sample is */
+    int located;   /* its position is, which is enough in a fault */
+    int jumped;    /* and not where the position known last can have led */
     int commanded; /* the command is accepted */
     double budget; /* of the tank, above its reserve */
     double pose[16 * TIPS];
@@ -27,6 +30,7 @@ enum { READY = 0x51f7, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
  * unstable from M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
 static const double FARTHEST = 1e6; /* beyond it an angle has lost its last digits */
+static const double TANK_FLOOR = 0.1;  /* of the tank's maximum, that stiffness is not paid from */
 static const double CURVATURE = 1.1; /* how much the tangent may grow within a step, for the reserve */
 
 static int all_finite(int count, const double *x)
@@ -377,41 +381,44 @@ static void account(frame *f, const double *last, const double *q)
 
 /* ---- is the sample believed? ---- */
 
-/* Whether q and dq stand still while the other moves, over a window; and what they are compared with next. */
-static int is_frozen(const config_t *c, state_t *s, const double *q, const double *dq)
+enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
+
+/* Whether q or dq of a joint stands still while the other moves, over a window; and what they are compared with next. */
+static int frozen(const config_t *c, state_t *s, const double *q, const double *dq, int i)
 {
-    int frozen = 0;
-    for (int i = 0; i < N; ++i) {
-        const int first = !s->memory.known;
-        const double window = c->frozen_window, T = c->sample_time;
-        const double way = fmax(4.0 * c->position_quantum, 0.02 * c->velocity_limit[i] * window * T);
-        if (first || q[i] != s->memory.still_q[i]) {
-            s->memory.still_q[i] = q[i];
-            s->memory.travelled[i] = s->memory.q_age[i] = 0.0;
-        } else {
-            s->memory.travelled[i] += dq[i] * T * (1 + s->memory.gap);
-            s->memory.q_age[i] += 1.0;
-        }
-        if (first || dq[i] != s->memory.still_dq[i]) {
-            s->memory.still_dq[i] = dq[i];
-            s->memory.start_q[i] = q[i];
-            s->memory.dq_age[i] = 0.0;
-        } else {
-            s->memory.start_q[i] += dq[i] * T * (1 + s->memory.gap);
-            s->memory.dq_age[i] += 1.0;
-        }
-        frozen |= s->memory.q_age[i] >= window && fabs(s->memory.travelled[i]) > way;
-        frozen |= s->memory.dq_age[i] >= window && fabs(q[i] - s->memory.start_q[i]) > way;
+    const int first = !s->memory.known;
+    const double window = c->frozen_window, T = c->sample_time, elapsed = T * (1 + s->memory.gap);
+    const double way = fmax(4.0 * c->position_quantum, 0.02 * c->velocity_limit[i] * window * T);
+    if (first || q[i] != s->memory.still_q[i]) {
+        s->memory.still_q[i] = q[i];
+        s->memory.travelled[i] = s->memory.q_age[i] = 0.0;
+    } else {
+        s->memory.travelled[i] += dq[i] * elapsed;
+        s->memory.q_age[i] += 1.0;
     }
-    return frozen;
+    if (first || dq[i] != s->memory.still_dq[i]) {
+        s->memory.still_dq[i] = dq[i];
+        s->memory.start_q[i] = q[i];
+        s->memory.dq_age[i] = 0.0;
+    } else {
+        s->memory.start_q[i] += dq[i] * elapsed;
+        s->memory.dq_age[i] += 1.0;
+    }
+    return (s->memory.q_age[i] >= window && fabs(s->memory.travelled[i]) > way ? FROZEN_POSITION : 0) |
+           (s->memory.dq_age[i] >= window && fabs(q[i] - s->memory.start_q[i]) > way ? FROZEN_VELOCITY : 0);
 }
 
-/* REASON_NONE, or why the sample is not believed. */
+/*
+ * REASON_NONE, or why the sample is not believed. A sample whose position alone is credible still serves in a fault: the
+ * velocity is then the other signal's, or, where it is open which of the two is wrong, the smaller one if they agree in
+ * sign: damping with too small a velocity puts no energy in.
+ */
 static int doubt(frame *f, const double *last)
 {
     const config_t *const c = f->c;
     state_t *const s = f->state;
     const input_t *const in = f->input;
+    int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
         if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * c->velocity_limit[i])) {
             return ID(REASON_NOT_FINITE);
@@ -430,24 +437,35 @@ static int doubt(frame *f, const double *last)
                 latch(f, ID(REASON_SKIPPED));
             }
         }
-        const double elapsed = c->sample_time * (1 + s->memory.gap);
-        for (int i = 0; i < N; ++i) {
-            const double way = in->q[i] - s->memory.q[i], far = c->velocity_limit[i] * elapsed;
-            if (fabs(way) > 2.0 * far + 2.0 * c->position_quantum) {
-                return ID(REASON_JUMP);
-            }
-            if (fabs(in->dq[i] * elapsed - way) > 0.5 * far + 2.0 * c->position_quantum) {
-                return ID(REASON_MISMATCH);
-            }
+    }
+    const double elapsed = c->sample_time * (1 + s->memory.gap);
+    const double speeds = s->memory.fault == ID(FAULT_NONE) ? 2.0 : 10.0; /* an arm that is too fast must be braked */
+    f->located = 1;
+    f->jumped = 0;
+    for (int i = 0; i < N; ++i) {
+        const double way = s->memory.known ? in->q[i] - s->memory.q[i] : in->dq[i] * elapsed;
+        const double far = c->velocity_limit[i] * elapsed, measured = way / elapsed;
+        const int still = frozen(c, s, in->q, in->dq, i);
+        f->velocity[i] = in->dq[i];
+        if (still != 0) {
+            f->velocity[i] = still == FROZEN_VELOCITY ? measured : in->dq[i];
+            reason = ID(REASON_FROZEN);
+        } else if (fabs(in->dq[i] * elapsed - way) > 0.5 * far + 2.0 * c->position_quantum) {
+            f->velocity[i] = measured * in->dq[i] <= 0.0 ? 0.0 : fabs(measured) < fabs(in->dq[i]) ? measured : in->dq[i];
+            reason = ID(REASON_MISMATCH);
+            f->jumped |= fabs(way) > 2.0 * far + 2.0 * c->position_quantum;
+        }
+        if (fabs(way) > speeds * far + 2.0 * c->position_quantum) {
+            f->located = 0;
         }
     }
-    if (is_frozen(c, s, in->q, in->dq)) {
-        return ID(REASON_FROZEN);
+    if (!f->located) {
+        return ID(REASON_JUMP);
     }
-    if (c->law == ID(LAW_PAPER) && (f->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
-        return ID(REASON_WRENCH);
+    if (reason == ID(REASON_NONE) && c->law == ID(LAW_PAPER) && (f->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
+        reason = ID(REASON_WRENCH);
     }
-    return ID(REASON_NONE);
+    return reason;
 }
 
 static void observe_wrench(frame *f)
@@ -899,12 +917,16 @@ static double design_damping(frame *f, const double *J, double *follow)
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         f->status |= ID(STATUS_STIFFNESS_CAPPED);
     }
-    for (int k = 0; k < N; ++k) {
-        /* sum of the inverse of M's eigenvalues: joint_damping I is no more than that against M */
-        memset(y, 0, sizeof y);
-        y[k] = 1.0;
-        solve_lower(N, L, y, 1);
-        trace += dot(N, y, y) / mass;
+    /* trace of M^-1, the sum of the squares in L^-1: joint_damping I is no more than d times that against M */
+    for (int k = 0; d > 0.0 && k < N; ++k) {
+        for (int i = k; i < N; ++i) {
+            y[i] = i == k ? 1.0 : 0.0;
+            for (int j = k; j < i; ++j) {
+                y[i] -= L[i * N + j] * y[j];
+            }
+            y[i] /= L[i * (N + 1)];
+            trace += y[i] * y[i] / mass;
+        }
     }
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
@@ -912,7 +934,7 @@ static double design_damping(frame *f, const double *J, double *follow)
     }
     if (follow != NULL) {
         double sum[N] = {0.0};
-        solve_lower(N, L, follow, 1);
+        solve_lower(N, L, follow);
         for (int k = 0; k < N; ++k) {
             const double l = out->eigenvalues[k];
             const double a = l > 1e-3 ? dot(N, rows + k * N, follow) / l : 0.0;
@@ -1168,7 +1190,7 @@ static void act(frame *f, const double *last, int moved)
 
 /* ---- step ---- */
 
-/* A believed sample. */
+/* A believed sample, or in a fault one whose position is. */
 static void sighted(frame *f, const double *last)
 {
     const config_t *const c = f->c;
@@ -1176,23 +1198,28 @@ static void sighted(frame *f, const double *last)
     const input_t *const in = f->input;
     int moved = 0;
     robot_poses(in->q, s->memory.commanded || robot_tool(in) == NULL ? s->memory.tool_pose : robot_tool(in), f->pose);
-    if (s->memory.known) {
+    if (s->memory.known && !f->jumped) {
         account(f, last, in->q);
     } else {
-        s->memory.limit_energy = avoid_limits(f, in->q);
-        s->memory.totals[START] += s->memory.limit_energy;
+        /* the account begins, or begins anew where the position has no known way to */
+        const double elastic = s->memory.scale > 0.0
+            ? s->memory.scale * springs(f, in->q, s->memory.equilibrium, s->memory.posture, NULL, NULL) : 0.0;
+        const double limit = avoid_limits(f, in->q);
+        s->memory.totals[START] += elastic - s->memory.elastic_energy + limit - s->memory.limit_energy;
+        s->memory.elastic_energy = elastic;
+        s->memory.limit_energy = limit;
+        s->memory.unaccounted += s->memory.known && s->memory.unaccounted < UINT32_MAX ? 1u : 0u;
         s->memory.known = 1;
     }
     memcpy(s->memory.q, in->q, sizeof s->memory.q);
-    memcpy(s->memory.dq, in->dq, sizeof s->memory.dq);
-    memcpy(f->velocity, in->dq, sizeof f->velocity);
+    memcpy(s->memory.dq, f->velocity, sizeof s->memory.dq);
     s->memory.counter = in->counter;
     s->memory.gap = 0;
     s->memory.missed = 0;
-    f->commanded = is_command(f);
+    f->commanded = f->believed && is_command(f);
     f->status |= f->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     for (int i = 0; i < N; ++i) {
-        if (fabs(in->dq[i]) > c->velocity_limit[i]) {
+        if (fabs(f->velocity[i]) > c->velocity_limit[i]) {
             latch(f, ID(REASON_OVERSPEED));
         }
         if (in->q[i] < c->lower_limit[i] - c->position_tolerance || in->q[i] > c->upper_limit[i] + c->position_tolerance) {
@@ -1204,12 +1231,13 @@ static void sighted(frame *f, const double *last)
     if (s->memory.engaged && (c->law != s->memory.law || other_tool)) {
         latch(f, ID(REASON_CHANGED));
     }
-    f->budget = s->memory.tank - s->memory.reserve;
+    /* what may be spent on stiffness leaves enough for the reserve to grow */
+    f->budget = s->memory.tank - 2.0 * s->memory.reserve - TANK_FLOOR * c->tank_maximum;
     if (s->memory.fault != ID(FAULT_NONE) && s->memory.engaged && s->memory.scale == 0.0) {
         s->memory.engaged = 0;
     }
     if (!s->memory.engaged) {
-        s->memory.good_time += c->sample_time;
+        s->memory.good_time = f->believed ? s->memory.good_time + c->sample_time : 0.0;
         const int automatic = c->automatic_reset_time > 0.0 && s->memory.good_time >= c->automatic_reset_time;
         if (s->memory.fault != ID(FAULT_NONE) && (s->memory.reset || automatic) && s->memory.good_time > c->sample_time) {
             s->memory.fault = ID(FAULT_NONE);
@@ -1304,7 +1332,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     if (state == NULL) {
         return ID(E_NULL);
     }
-    frame f = {c, state, input, output, 0u, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
+    frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
     double last[N];
     int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     const int intact = state->checksum == checksum(state) && state->memory.ready == READY;
@@ -1328,9 +1356,9 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         }
         const int reason = valid ? doubt(&f, last) : ID(REASON_MISSED);
         state->memory.fault_time += c->sample_time;
-        if (reason == ID(REASON_NONE)) {
+        f.believed = reason == ID(REASON_NONE);
+        if (f.believed) {
             state->memory.bad = (state->memory.bad << 1) & 7;
-            sighted(&f, last);
         } else {
             f.status |= valid ? (uint32_t)ID(STATUS_BAD_SAMPLE) : (uint32_t)ID(STATUS_MISSED);
             if (valid) {
@@ -1341,6 +1369,10 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
             } else if (state->memory.missed + 1 >= c->missed_limit && state->memory.known) {
                 latch(&f, reason);
             }
+        }
+        if (f.believed || (f.located && state->memory.known && state->memory.fault != ID(FAULT_NONE))) {
+            sighted(&f, last);
+        } else {
             blind(&f, last);
         }
     } else {

@@ -3,11 +3,11 @@
  *
  * Allocation-free, reentrant, deterministic, bounded time. A function that can fail returns 0 or why not; after an error
  * its results are unspecified. Results must overlap neither an argument nor one another.
- * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), cyclic Jacobi (8.5).
+ * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), Householder and implicit QL (8.3).
  */
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_SYMMETRIC, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
-enum { MAX_SWEEPS = 40 }; /* 6 to 9 are used up to 40 joints; the bound is what makes the time bounded */
+enum { MAX_ITERATIONS = 60 }; /* an eigenvalue; two are usual, and the bound is what makes the time bounded */
 
 static const double SYMMETRY = 1e-9;
 
@@ -72,67 +72,122 @@ static void congruence(int n, const double *rows, const double *d, double *resul
     }
 }
 
-/* Cyclic Jacobi on A (destroyed), entries of order one: eigenvalues ascending, eigenvectors as ROWS of rows. */
-static int jacobi(int n, double *A, double *eigenvalues, double *rows)
+/* Householder's similarity transformations: A (destroyed) to the tridiagonal (diagonal, beside), rows <- Q^T. */
+static void tridiagonalise(int n, double *A, double *diagonal, double *beside, double *rows)
 {
-    double norm = 0.0;
-    int rotations = 1;
+    double v[MAX_ROWS], w[MAX_ROWS], p[MAX_ROWS];
     for (int i = 0; i < n * n; ++i) {
-        norm += A[i] * A[i];
-        rows[i] = 0.0;
+        rows[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
     }
-    for (int i = 0; i < n; ++i) {
-        rows[i * n + i] = 1.0;
-    }
-    const double negligible = 0.5 * DBL_EPSILON * sqrt(norm) / n;
-    for (int sweep = 0; sweep < MAX_SWEEPS && rotations > 0; ++sweep) {
-        rotations = 0;
-        for (int p = 0; p < n - 1; ++p) {
-            for (int q = p + 1; q < n; ++q) {
-                double *const Ap = A + p * n, *const Aq = A + q * n;
-                const double apq = Ap[q];
-                if (!(fabs(apq) > negligible)) {
-                    continue;
-                }
-                ++rotations;
-                const double theta = 0.5 * (Aq[q] - Ap[p]) / apq;
-                const double t = (theta < 0.0 ? -1.0 : 1.0) / (fabs(theta) + sqrt(1.0 + theta * theta));
-                const double c = 1.0 / sqrt(1.0 + t * t);
-                const double s = t * c;
-                const double app = Ap[p] - t * apq, aqq = Aq[q] + t * apq;
-                for (int k = 0; k < n; ++k) {
-                    const double x = Ap[k], y = Aq[k];
-                    Ap[k] = c * x - s * y;
-                    Aq[k] = s * x + c * y;
-                }
-                Ap[p] = app;
-                Aq[q] = aqq;
-                Ap[q] = Aq[p] = 0.0;
-                for (int k = 0; k < n; ++k) {
-                    A[k * n + p] = Ap[k];
-                    A[k * n + q] = Aq[k];
-                }
-                double *const Vp = rows + p * n, *const Vq = rows + q * n;
-                for (int k = 0; k < n; ++k) {
-                    const double x = Vp[k], y = Vq[k];
-                    Vp[k] = c * x - s * y;
-                    Vq[k] = s * x + c * y;
-                }
+    for (int k = 0; k < n - 2; ++k) {
+        double below = 0.0, half = 0.0;
+        for (int i = k + 2; i < n; ++i) {
+            below += A[k * n + i] * A[k * n + i];
+        }
+        if (below == 0.0) {
+            continue;
+        }
+        const double x = A[k * n + k + 1], size = sqrt(x * x + below), first = x > 0.0 ? x + size : x - size;
+        const double beta = 2.0 / (first * first + below);
+        for (int i = k + 1; i < n; ++i) {
+            v[i] = i == k + 1 ? first : A[k * n + i];
+        }
+        for (int i = 0; i < n; ++i) {
+            p[i] = 0.0;
+        }
+        for (int i = k + 1; i < n; ++i) {
+            double sum = 0.0;
+            for (int j = k + 1; j < n; ++j) {
+                sum += A[i * n + j] * v[j];
+            }
+            w[i] = beta * sum;
+            half += 0.5 * beta * w[i] * v[i];
+            for (int j = 0; j < n; ++j) {
+                p[j] += beta * v[i] * rows[i * n + j];
             }
         }
+        for (int i = k + 1; i < n; ++i) {
+            w[i] -= half * v[i];
+        }
+        for (int i = k + 1; i < n; ++i) {
+            for (int j = k + 1; j < n; ++j) {
+                A[i * n + j] -= v[i] * w[j] + w[i] * v[j];
+            }
+            for (int j = 0; j < n; ++j) {
+                rows[i * n + j] -= v[i] * p[j];
+            }
+        }
+        A[k * n + k + 1] = x > 0.0 ? -size : size;
     }
     for (int i = 0; i < n; ++i) {
-        eigenvalues[i] = A[i * n + i];
+        diagonal[i] = A[i * n + i];
+        beside[i] = i < n - 1 ? A[i * n + i + 1] : 0.0;
+    }
+}
+
+/* Eigenvalues ascending and eigenvectors, as ROWS of rows, of a symmetric A (destroyed): implicit QL iterations. */
+static int eigen_symmetric(int n, double *A, double *d, double *rows)
+{
+    double e[MAX_ROWS], size = 0.0;
+    for (int i = 0; i < n * n; ++i) {
+        size += A[i] * A[i];
+    }
+    const double negligible = 0.25 * DBL_EPSILON * sqrt(size) / n;
+    tridiagonalise(n, A, d, e, rows);
+    for (int l = 0; l < n; ++l) {
+        for (int iteration = 0;; ++iteration) {
+            int m = l;
+            while (m < n - 1 && fabs(e[m]) > negligible) {
+                ++m;
+            }
+            if (m == l) {
+                break;
+            }
+            if (iteration == MAX_ITERATIONS) {
+                return MATRIX_NOT_CONVERGED;
+            }
+            /* Wilkinson's shift, then a chase from m up to l */
+            const double half = 0.5 * (d[l + 1] - d[l]) / e[l], root = sqrt(half * half + 1.0);
+            double g = d[m] - d[l] + e[l] / (half < 0.0 ? half - root : half + root);
+            double s = 1.0, c = 1.0, p = 0.0;
+            int i = m - 1;
+            for (; i >= l; --i) {
+                const double f = s * e[i], b = c * e[i], r = sqrt(f * f + g * g);
+                e[i + 1] = r;
+                if (r == 0.0) {
+                    d[i + 1] -= p;
+                    break;
+                }
+                s = f / r;
+                c = g / r;
+                g = d[i + 1] - p;
+                const double t = (d[i] - g) * s + 2.0 * c * b;
+                p = s * t;
+                d[i + 1] = g + p;
+                g = c * t - b;
+                double *const low = rows + i * n, *const high = low + n;
+                for (int k = 0; k < n; ++k) {
+                    const double x = low[k], y = high[k];
+                    low[k] = c * x - s * y;
+                    high[k] = s * x + c * y;
+                }
+            }
+            if (i < l) {
+                d[l] -= p;
+                e[l] = g;
+            }
+            e[m] = 0.0;
+        }
     }
     for (int i = 0; i < n - 1; ++i) {
         int least = i;
         for (int j = i + 1; j < n; ++j) {
-            least = eigenvalues[j] < eigenvalues[least] ? j : least;
+            least = d[j] < d[least] ? j : least;
         }
         if (least != i) {
-            const double value = eigenvalues[i];
-            eigenvalues[i] = eigenvalues[least];
-            eigenvalues[least] = value;
+            const double value = d[i];
+            d[i] = d[least];
+            d[least] = value;
             for (int k = 0; k < n; ++k) {
                 const double x = rows[i * n + k];
                 rows[i * n + k] = rows[least * n + k];
@@ -140,7 +195,7 @@ static int jacobi(int n, double *A, double *eigenvalues, double *rows)
             }
         }
     }
-    return rotations == 0 ? 0 : MATRIX_NOT_CONVERGED;
+    return 0;
 }
 
 /* Lower Cholesky factor L of A / scale. */
@@ -168,15 +223,43 @@ static int cholesky(int n, const double *A, double scale, double *L)
     return 0;
 }
 
-/* x <- L^-1 x, for the column x[0], x[stride], ... */
-static void solve_lower(int n, const double *L, double *x, int stride)
+/* X <- L^-1 X for n columns at once. */
+static void solve_rows(int n, const double *L, double *X)
 {
     for (int i = 0; i < n; ++i) {
-        double sum = x[i * stride];
+        double *const row = X + i * n;
+        const double inverse = 1.0 / L[i * (n + 1)];
         for (int k = 0; k < i; ++k) {
-            sum -= L[i * n + k] * x[k * stride];
+            for (int j = 0; j < n; ++j) {
+                row[j] -= L[i * n + k] * X[k * n + j];
+            }
         }
-        x[i * stride] = sum / L[i * n + i];
+        for (int j = 0; j < n; ++j) {
+            row[j] *= inverse;
+        }
+    }
+}
+
+static void transpose(int n, double *A)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            const double a = A[i * n + j];
+            A[i * n + j] = A[j * n + i];
+            A[j * n + i] = a;
+        }
+    }
+}
+
+/* x <- L^-1 x. */
+static void solve_lower(int n, const double *L, double *x)
+{
+    for (int i = 0; i < n; ++i) {
+        double sum = x[i];
+        for (int k = 0; k < i; ++k) {
+            sum -= L[i * n + k] * x[k];
+        }
+        x[i] = sum / L[i * (n + 1)];
     }
 }
 
@@ -208,12 +291,9 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
         return error;
     }
     const double unit = scaled_symmetric(n, K, size, C);
-    for (int j = 0; j < n; ++j) {
-        solve_lower(n, L, C + j, n);
-    }
-    for (int i = 0; i < n; ++i) {
-        solve_lower(n, L, C + i * n, 1);
-    }
+    solve_rows(n, L, C);
+    transpose(n, C);
+    solve_rows(n, L, C);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
             C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
@@ -222,7 +302,7 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
     if (!(largest(n * n, C) <= 1e140)) {
         return MATRIX_NOT_FINITE;
     }
-    error = jacobi(n, C, eigenvalues, rows);
+    error = eigen_symmetric(n, C, eigenvalues, rows);
     for (int i = 0; i < n; ++i) {
         eigenvalues[i] *= unit / *scale;
         if (!(fabs(eigenvalues[i]) <= DBL_MAX)) {
