@@ -19,7 +19,7 @@ import numpy as np
 
 from support.project import ROOT
 
-PROGRAM = ROOT / "tests" / "impedance_soak.c"
+PROGRAM = ROOT / "tests" / "long" / "impedance_soak.c"
 SOURCES = ("iiwa14.c", "iiwa14_impedance.c", "stiffgen_damping.c", "stiffgen_error.c")
 MEMORY = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 BUILDS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], float]] = {
