@@ -2,12 +2,11 @@
 
 M_ij = J_i . h_j for every joint i on the way from the base to joint j, where h_j = I^c_j J_j is the momentum of
 everything beyond joint j at a unit rate of joint j (Featherstone, Rigid Body Dynamics Algorithms, 2008,
-composite-rigid-body algorithm). Three things make it short and independent of where the base stands:
+composite-rigid-body algorithm). With z along every joint's axis, h_j is a column of the composite inertia I^c_j, and
+J_i . h_j an entry of h_j as link i sees it. What keeps it short, and independent of where the base stands:
 
-* A composite I^c_j is taken in the axes of link j, about a point of joint j's axis. With z along the axis, h_j is a
-  column of it, and taking it to the link before is one turn about z.
-* Momenta and Jacobian columns meet about the first joint's origin, in the axes of its link: neither its position nor
-  its placement in the base enters.
+* Composites are taken in the axes of their link, about its joint's origin. Going to the link before is a turn about z.
+* Neither the first joint's position nor its placement in the base enters.
 * What of a link does not feel its joint's motion is counted with the link before (base inertial parameters: Gautier
   and Khalil 1990): the mass of a turning link, its first moment along the axis, and a rod's inertia along it; the
   inertia tensor of a sliding one. This is done once, with 50 digits.
@@ -22,6 +21,9 @@ import casadi as ca
 from stiffgen.robot.chain import Body, Chain
 from stiffgen.robot.geometry import Inertia, Matrix, Placement, Vector, aligning_rotation, mpf
 from stiffgen.symbolic.kinematics import Expressions, Section, cross, joint_position
+
+_ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
+"""The axis of every joint, in the axes of its link."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,38 @@ class _Link:
     tensor: ca.SX
 
 
+def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
+    """Mass matrix of the moving joints, all of which turn, as m*m numbers row by row.
+
+    Every h_j is taken from link to link towards the base: the fewest operations, but quadratic in length.
+    """
+    links = _links(chain)
+    sections: list[Section] = []
+    turns = _turns(chain, q, sections)
+    result = ca.SX.zeros(len(links), len(links))
+    for index, (linear, angular) in enumerate(_momenta(chain, links, turns, q, sections)):
+        named: dict[str, ca.SX] = {}
+        result[index, index] = angular[2]
+        link, at = links[index], chain.joints[index].parent
+        while at >= 0:
+            linear, angular = ca.densify(link.rotation @ linear), ca.densify(link.rotation @ angular)
+            angular = angular + cross(link.translation, linear)
+            turn = turns[at]
+            if turn is not None:
+                linear, angular = _turned(linear, turn), _turned(angular, turn)
+            named |= {f"l{index}_{at}_": linear, f"a{index}_{at}_": angular}
+            result[at, index] = result[index, at] = angular[2]
+            link, at = links[at], chain.joints[at].parent
+        title = f"momentum h{index} of all beyond joint {chain.joints[index].name}, seen from the links k before it"
+        sections.append(Section(f"{title}: linear l{index}_k, angular a{index}_k", named))
+    return Expressions(ca.densify(ca.vec(result)), tuple(sections))
+
+
 def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
     """Jacobian columns over momenta: a (12 x number of joints) matrix, rows 0..5 J_j, rows 6..11 h_j, linear first.
 
-    Both are taken about the origin of the first joint on the way to joint j and in the axes of its link.
+    Both are taken about the origin of the first joint on the way to joint j and in the axes of its link. The length is
+    linear in the number of joints; the products J_i . h_j are left to a loop.
     """
     links = _links(chain)
     sections: list[Section] = []
@@ -53,6 +83,10 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
         axis = axes[:, 2]
         column = ca.vertcat(axis, ca.SX.zeros(3)) if joint.prismatic else ca.vertcat(cross(origin, axis), axis)
         linear, angular = ca.densify(axes @ linear), ca.densify(axes @ angular)
+        if joint.parent >= 0 and chain.joints[joint.parent].parent < 0 and not joint.prismatic:
+            # J_j . h_j does not feel the linear part of h_j, the first joint feels it across its axis or along it.
+            sliding = chain.joints[joint.parent].prismatic
+            linear = linear * (_ALONG if sliding else 1 - _ALONG)
         stacked.append(ca.vertcat(column, linear, angular + cross(origin, linear)))
     return Expressions(ca.densify(ca.horzcat(*stacked)), tuple(sections))
 
@@ -69,8 +103,9 @@ def _turns(chain: Chain, q: ca.SX, sections: list[Section]) -> list[_Turn]:
             turns.append(None)
             continue
         position = joint_position(chain, joint, q)
-        s, c = section.values[f"s{index}"], section.values[f"c{index}"] = ca.sin(position), ca.cos(position)
-        turns.append((s, c))
+        sine, cosine = ca.sin(position), ca.cos(position)
+        section.values |= {f"s{index}": sine, f"c{index}": cosine}
+        turns.append((sine, cosine))
     sections.append(section)
     return turns
 
@@ -119,14 +154,17 @@ def _momenta(
         mass, moment, tensor = beyond[index]
         turn = turns[index]
         if turn is not None:
-            moment, tensor = _turned(moment, tensor, *turn)
+            moment, tensor = _turned(moment, turn), _turned_tensor(tensor, turn)
         upper = {f"I{index}_{r}{c}": tensor[r, c] for r in range(3) for c in range(r, 3)}
         title = f"from joint {joint.name} outwards: first moment m{index} [kg m] and inertia I{index} [kg m^2]"
         sections.append(Section(title, {f"m{index}_": ca.densify(moment), **upper}))
         if joint.prismatic:
-            momenta[index] = ca.vertcat(0, 0, mass), ca.vertcat(moment[1], -moment[0], 0)
+            linear, angular = mass * _ALONG, ca.vertcat(moment[1], -moment[0], 0)
         else:
-            momenta[index] = ca.vertcat(-moment[1], moment[0], 0), tensor[:, 2]
+            linear, angular = ca.vertcat(-moment[1], moment[0], 0), tensor[:, 2]
+        if joint.parent < 0:  # no link before it sees the rest
+            linear, angular = _ALONG * linear, _ALONG * angular
+        momenta[index] = linear, angular
         if joint.parent >= 0:
             shift = link.translation
             if joint.prismatic:
@@ -138,16 +176,22 @@ def _momenta(
     return momenta
 
 
-def _turned(moment: ca.SX, tensor: ca.SX, s: ca.SX, c: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """A first moment and an inertia tensor, turned about z."""
-    x, y = moment[0], moment[1]
+def _turned(vector: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
+    """A vector, turned about z by the angle whose sine and cosine are given."""
+    (s, c), (x, y, z) = turn, ca.vertsplit(vector)
+    return ca.vertcat(c * x - s * y, s * x + c * y, z)
+
+
+def _turned_tensor(tensor: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
+    """An inertia tensor, turned about z."""
+    s, c = turn
     xx, xy, xz, yy, yz, zz = (tensor[r, k] for r in range(3) for k in range(r, 3))
-    across, along = s * (xx - yy) + 2 * (c * xy), c * (xx - yy) - 2 * (s * xy)
+    moved, product = s * (xx - yy) + 2 * (c * xy), c * (xx - yy) - 2 * (s * xy)
     upper = ca.SX(3, 3)
-    upper[0, 0], upper[1, 1], upper[2, 2] = xx - s * across, yy + s * across, zz
-    upper[0, 1] = xy + s * along
+    upper[0, 0], upper[1, 1], upper[2, 2] = xx - s * moved, yy + s * moved, zz
+    upper[0, 1] = xy + s * product
     upper[0, 2], upper[1, 2] = c * xz - s * yz, s * xz + c * yz
-    return ca.vertcat(c * x - s * y, s * x + c * y, moment[2]), ca.triu2symm(upper)
+    return ca.triu2symm(upper)
 
 
 def _moved(mass: float, moment: ca.SX, tensor: ca.SX, by: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -169,7 +213,9 @@ def _links(chain: Chain) -> list[_Link]:
     places = []
     for joint, own in zip(joints, aligned, strict=True):
         before = aligned[joint.parent] if joint.parent >= 0 else Placement.identity()
-        places.append(before.inverse() @ Placement.translated(joint.translation) @ Placement.turned(joint.rotation) @ own)
+        places.append(
+            before.inverse() @ Placement.translated(joint.translation) @ Placement.turned(joint.rotation) @ own
+        )
     bodies = [_inertia(joint.body).seen_from(own.inverse()) for joint, own in zip(joints, aligned, strict=True)]
     links: list[_Link] = []
     for index in reversed(range(len(joints))):
