@@ -16,12 +16,13 @@ typedef struct {
     const char *name;
     const char *signature;
     const char *documentation;
-    int inputs; /* one output follows them */
+    int inputs;
+    int operands; /* with the outputs, which follow the inputs */
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
-    void (*evaluate)(const double *const *in, double *out);
+    void (*evaluate)(const double *const *in, double *const *out);
     /* many at a time, steps in doubles; NULL where the C code has no batch */
-    void (*evaluate_batch)(size_t count, const double *const *in, const npy_intp *steps, double *out);
+    void (*evaluate_batch)(size_t count, const double *const *in, const npy_intp *steps, double *const *out);
 } kernel;
 
 static npy_intp size_of(const kernel *k, int operand)
@@ -60,11 +61,12 @@ static void copy_block(const kernel *k, int operand, char *block, const npy_intp
     const int rank = k->rank[operand];
     const npy_intp rows = rank > 1 ? extent[rank - 2] : 1;
     const npy_intp planes = rank > 2 ? extent[0] : 1;
-    const npy_intp columns = extent[rank - 1];
+    const npy_intp columns = rank > 0 ? extent[rank - 1] : 1;
     for (npy_intp a = 0; a < planes; ++a) {
         for (npy_intp b = 0; b < rows; ++b) {
             for (npy_intp c = 0; c < columns; ++c) {
-                char *at = block + c * steps[rank - 1];
+                char *at = block;
+                at += rank > 0 ? c * steps[rank - 1] : 0;
                 at += rank > 1 ? b * steps[rank - 2] : 0;
                 at += rank > 2 ? a * steps[0] : 0;
                 if (pack) {
@@ -87,15 +89,14 @@ static void out_of_memory(void)
 /* Operands that are not contiguous go through a buffer of CHUNK blocks: the memory does not grow with the count. */
 static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
 {
-    const int out = k->inputs;
     const npy_intp *core_steps[MAX_OPERANDS];
     npy_intp batch_steps[MAX_OPERANDS];
     double *packed[MAX_OPERANDS] = {NULL};
     double *buffer = NULL;
     npy_intp needed = 0;
 
-    const npy_intp *next = steps + out + 1;
-    for (int o = 0; o <= out; ++o) {
+    const npy_intp *next = steps + k->operands;
+    for (int o = 0; o < k->operands; ++o) {
         core_steps[o] = next;
         next += k->rank[o];
         batch_steps[o] = steps[o] / (npy_intp)sizeof(double);
@@ -110,7 +111,7 @@ static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_i
             out_of_memory();
             return;
         }
-        for (int o = 0; o <= out; ++o) {
+        for (int o = 0; o < k->operands; ++o) {
             if (!is_batch(k, o, args[o], steps[o], core_steps[o])) {
                 packed[o] = free_part;
                 free_part += CHUNK * size_of(k, o);
@@ -120,17 +121,18 @@ static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_i
     const npy_intp most = needed > 0 ? CHUNK : count;
     for (npy_intp done = 0; done < count; done += most) {
         const npy_intp now = count - done < most ? count - done : most;
-        const double *in[MAX_OPERANDS];
-        for (int o = 0; o < out; ++o) {
-            for (npy_intp n = 0; packed[o] != NULL && n < now; ++n) {
+        double *at[MAX_OPERANDS];
+        for (int o = 0; o < k->operands; ++o) {
+            for (npy_intp n = 0; o < k->inputs && packed[o] != NULL && n < now; ++n) {
                 copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 1);
             }
-            in[o] = packed[o] != NULL ? packed[o] : (const double *)(args[o] + steps[o] * done);
+            at[o] = packed[o] != NULL ? packed[o] : (double *)(args[o] + steps[o] * done);
         }
-        double *const result = packed[out] != NULL ? packed[out] : (double *)(args[out] + steps[out] * done);
-        k->evaluate_batch((size_t)now, in, batch_steps, result);
-        for (npy_intp n = 0; packed[out] != NULL && n < now; ++n) {
-            copy_block(k, out, args[out] + steps[out] * (done + n), core_steps[out], result + batch_steps[out] * n, 0);
+        k->evaluate_batch((size_t)now, (const double *const *)at, batch_steps, at + k->inputs);
+        for (int o = k->inputs; o < k->operands; ++o) {
+            for (npy_intp n = 0; packed[o] != NULL && n < now; ++n) {
+                copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 0);
+            }
         }
     }
     PyMem_RawFree(buffer);
@@ -139,10 +141,10 @@ static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_i
 static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps, void *data)
 {
     const kernel *k = (const kernel *)data;
-    const int operands = k->inputs + 1;
+    const int operands = k->operands;
     const npy_intp count = dimensions[0];
     const npy_intp *core_steps[MAX_OPERANDS];
-    const double *in[MAX_OPERANDS];
+    double *at[MAX_OPERANDS];
     double *packed[MAX_OPERANDS] = {NULL};
     char *block[MAX_OPERANDS];
     double *buffer = NULL;
@@ -175,16 +177,17 @@ static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps,
         }
     }
     for (npy_intp n = 0; n < count; ++n) {
-        const int out = k->inputs;
-        for (int o = 0; o < k->inputs; ++o) {
-            if (packed[o] != NULL) {
+        for (int o = 0; o < operands; ++o) {
+            if (o < k->inputs && packed[o] != NULL) {
                 copy_block(k, o, block[o], core_steps[o], packed[o], 1);
             }
-            in[o] = packed[o] != NULL ? packed[o] : (const double *)block[o];
+            at[o] = packed[o] != NULL ? packed[o] : (double *)block[o];
         }
-        k->evaluate(in, packed[out] != NULL ? packed[out] : (double *)block[out]);
-        if (packed[out] != NULL) {
-            copy_block(k, out, block[out], core_steps[out], packed[out], 0);
+        k->evaluate((const double *const *)at, at + k->inputs);
+        for (int o = k->inputs; o < operands; ++o) {
+            if (packed[o] != NULL) {
+                copy_block(k, o, block[o], core_steps[o], packed[o], 0);
+            }
         }
         for (int o = 0; o < operands; ++o) {
             block[o] += steps[o];
@@ -193,139 +196,139 @@ static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps,
     PyMem_RawFree(buffer);
 }
 
-static void evaluate_forward_kinematics(const double *const *in, double *out)
+static void evaluate_forward_kinematics(const double *const *in, double *const *out)
 {
-    iiwa7_forward_kinematics(in[0], out);
+    iiwa7_forward_kinematics(in[0], out[0]);
 }
 
-static void evaluate_mass_matrix(const double *const *in, double *out)
+static void evaluate_mass_matrix(const double *const *in, double *const *out)
 {
-    iiwa7_mass_matrix(in[0], out);
+    iiwa7_mass_matrix(in[0], out[0]);
 }
 
-static void evaluate_mass_matrix_batch(size_t count, const double *const *in, const npy_intp *steps, double *out)
+static void evaluate_mass_matrix_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
-    iiwa7_mass_matrix_batch(count, in[0], steps[0], out);
+    iiwa7_mass_matrix_batch(count, in[0], steps[0], out[0]);
 }
 
-static void evaluate_body_jacobian(const double *const *in, double *out)
+static void evaluate_body_jacobian(const double *const *in, double *const *out)
 {
-    iiwa7_body_jacobian(in[0], out);
+    iiwa7_body_jacobian(in[0], out[0]);
 }
 
-static void evaluate_body_jacobian_batch(size_t count, const double *const *in, const npy_intp *steps, double *out)
+static void evaluate_body_jacobian_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
-    iiwa7_body_jacobian_batch(count, in[0], steps[0], out);
+    iiwa7_body_jacobian_batch(count, in[0], steps[0], out[0]);
 }
 
-static void evaluate_body_jacobian_transpose_derivative(const double *const *in, double *out)
+static void evaluate_body_jacobian_transpose_derivative(const double *const *in, double *const *out)
 {
-    iiwa7_body_jacobian_transpose_derivative(in[0], out);
+    iiwa7_body_jacobian_transpose_derivative(in[0], out[0]);
 }
 
-static void evaluate_body_kinematic_stiffness(const double *const *in, double *out)
+static void evaluate_body_kinematic_stiffness(const double *const *in, double *const *out)
 {
-    iiwa7_body_kinematic_stiffness(in[0], in[1], out);
+    iiwa7_body_kinematic_stiffness(in[0], in[1], out[0]);
 }
 
-static void evaluate_body_connection_correction(const double *const *in, double *out)
+static void evaluate_body_connection_correction(const double *const *in, double *const *out)
 {
-    iiwa7_body_connection_correction(in[0], out);
+    iiwa7_body_connection_correction(in[0], out[0]);
 }
 
-static void evaluate_body_joint_stiffness(const double *const *in, double *out)
+static void evaluate_body_joint_stiffness(const double *const *in, double *const *out)
 {
-    iiwa7_body_joint_stiffness(in[0], in[1], in[2], out);
+    iiwa7_body_joint_stiffness(in[0], in[1], in[2], out[0]);
 }
 
-static void evaluate_body_joint_stiffness_batch(size_t count, const double *const *in, const npy_intp *steps, double *out)
+static void evaluate_body_joint_stiffness_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
-    iiwa7_body_joint_stiffness_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out);
+    iiwa7_body_joint_stiffness_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out[0]);
 }
 
-static void evaluate_body_joint_stiffness_uncorrected(const double *const *in, double *out)
+static void evaluate_body_joint_stiffness_uncorrected(const double *const *in, double *const *out)
 {
-    iiwa7_body_joint_stiffness_uncorrected(in[0], in[1], in[2], out);
+    iiwa7_body_joint_stiffness_uncorrected(in[0], in[1], in[2], out[0]);
 }
 
-static void evaluate_spatial_jacobian(const double *const *in, double *out)
+static void evaluate_spatial_jacobian(const double *const *in, double *const *out)
 {
-    iiwa7_spatial_jacobian(in[0], out);
+    iiwa7_spatial_jacobian(in[0], out[0]);
 }
 
-static void evaluate_spatial_jacobian_batch(size_t count, const double *const *in, const npy_intp *steps, double *out)
+static void evaluate_spatial_jacobian_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
-    iiwa7_spatial_jacobian_batch(count, in[0], steps[0], out);
+    iiwa7_spatial_jacobian_batch(count, in[0], steps[0], out[0]);
 }
 
-static void evaluate_spatial_jacobian_transpose_derivative(const double *const *in, double *out)
+static void evaluate_spatial_jacobian_transpose_derivative(const double *const *in, double *const *out)
 {
-    iiwa7_spatial_jacobian_transpose_derivative(in[0], out);
+    iiwa7_spatial_jacobian_transpose_derivative(in[0], out[0]);
 }
 
-static void evaluate_spatial_kinematic_stiffness(const double *const *in, double *out)
+static void evaluate_spatial_kinematic_stiffness(const double *const *in, double *const *out)
 {
-    iiwa7_spatial_kinematic_stiffness(in[0], in[1], out);
+    iiwa7_spatial_kinematic_stiffness(in[0], in[1], out[0]);
 }
 
-static void evaluate_spatial_connection_correction(const double *const *in, double *out)
+static void evaluate_spatial_connection_correction(const double *const *in, double *const *out)
 {
-    iiwa7_spatial_connection_correction(in[0], out);
+    iiwa7_spatial_connection_correction(in[0], out[0]);
 }
 
-static void evaluate_spatial_joint_stiffness(const double *const *in, double *out)
+static void evaluate_spatial_joint_stiffness(const double *const *in, double *const *out)
 {
-    iiwa7_spatial_joint_stiffness(in[0], in[1], in[2], out);
+    iiwa7_spatial_joint_stiffness(in[0], in[1], in[2], out[0]);
 }
 
-static void evaluate_spatial_joint_stiffness_batch(size_t count, const double *const *in, const npy_intp *steps, double *out)
+static void evaluate_spatial_joint_stiffness_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
-    iiwa7_spatial_joint_stiffness_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out);
+    iiwa7_spatial_joint_stiffness_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out[0]);
 }
 
-static void evaluate_spatial_joint_stiffness_uncorrected(const double *const *in, double *out)
+static void evaluate_spatial_joint_stiffness_uncorrected(const double *const *in, double *const *out)
 {
-    iiwa7_spatial_joint_stiffness_uncorrected(in[0], in[1], in[2], out);
+    iiwa7_spatial_joint_stiffness_uncorrected(in[0], in[1], in[2], out[0]);
 }
 
-static void evaluate_hybrid_jacobian(const double *const *in, double *out)
+static void evaluate_hybrid_jacobian(const double *const *in, double *const *out)
 {
-    iiwa7_hybrid_jacobian(in[0], out);
+    iiwa7_hybrid_jacobian(in[0], out[0]);
 }
 
-static void evaluate_hybrid_jacobian_batch(size_t count, const double *const *in, const npy_intp *steps, double *out)
+static void evaluate_hybrid_jacobian_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
-    iiwa7_hybrid_jacobian_batch(count, in[0], steps[0], out);
+    iiwa7_hybrid_jacobian_batch(count, in[0], steps[0], out[0]);
 }
 
-static void evaluate_hybrid_jacobian_transpose_derivative(const double *const *in, double *out)
+static void evaluate_hybrid_jacobian_transpose_derivative(const double *const *in, double *const *out)
 {
-    iiwa7_hybrid_jacobian_transpose_derivative(in[0], out);
+    iiwa7_hybrid_jacobian_transpose_derivative(in[0], out[0]);
 }
 
-static void evaluate_hybrid_kinematic_stiffness(const double *const *in, double *out)
+static void evaluate_hybrid_kinematic_stiffness(const double *const *in, double *const *out)
 {
-    iiwa7_hybrid_kinematic_stiffness(in[0], in[1], out);
+    iiwa7_hybrid_kinematic_stiffness(in[0], in[1], out[0]);
 }
 
-static void evaluate_hybrid_connection_correction(const double *const *in, double *out)
+static void evaluate_hybrid_connection_correction(const double *const *in, double *const *out)
 {
-    iiwa7_hybrid_connection_correction(in[0], out);
+    iiwa7_hybrid_connection_correction(in[0], out[0]);
 }
 
-static void evaluate_hybrid_joint_stiffness(const double *const *in, double *out)
+static void evaluate_hybrid_joint_stiffness(const double *const *in, double *const *out)
 {
-    iiwa7_hybrid_joint_stiffness(in[0], in[1], in[2], out);
+    iiwa7_hybrid_joint_stiffness(in[0], in[1], in[2], out[0]);
 }
 
-static void evaluate_hybrid_joint_stiffness_batch(size_t count, const double *const *in, const npy_intp *steps, double *out)
+static void evaluate_hybrid_joint_stiffness_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
-    iiwa7_hybrid_joint_stiffness_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out);
+    iiwa7_hybrid_joint_stiffness_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out[0]);
 }
 
-static void evaluate_hybrid_joint_stiffness_uncorrected(const double *const *in, double *out)
+static void evaluate_hybrid_joint_stiffness_uncorrected(const double *const *in, double *const *out)
 {
-    iiwa7_hybrid_joint_stiffness_uncorrected(in[0], in[1], in[2], out);
+    iiwa7_hybrid_joint_stiffness_uncorrected(in[0], in[1], in[2], out[0]);
 }
 
 static kernel kernels[] = {
@@ -347,6 +350,7 @@ static kernel kernels[] = {
         "    homogeneous pose [R p; 0 1] of the tip in the base frame\012"
         ,
         1,
+        2,
         {1, 2},
         {{7}, {4, 4}},
         evaluate_forward_kinematics,
@@ -373,6 +377,7 @@ static kernel kernels[] = {
         "    symmetric, positive definite where every joint moves a mass\012"
         ,
         1,
+        2,
         {1, 2},
         {{7}, {7, 7}},
         evaluate_mass_matrix,
@@ -397,6 +402,7 @@ static kernel kernels[] = {
         "    in tip axes (Pinocchio: LOCAL)\012"
         ,
         1,
+        2,
         {1, 2},
         {{7}, {6, 7}},
         evaluate_body_jacobian,
@@ -420,6 +426,7 @@ static kernel kernels[] = {
         "    block i is dJ^T/dq_i: entry [i, b, k] = dJ[k, b]/dq_i\012"
         ,
         1,
+        2,
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_body_jacobian_transpose_derivative,
@@ -446,6 +453,7 @@ static kernel kernels[] = {
         "    column i is dJ^T/dq_i F; not symmetric\012"
         ,
         2,
+        3,
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_body_kinematic_stiffness,
@@ -470,6 +478,7 @@ static kernel kernels[] = {
         "    (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness\012"
         ,
         1,
+        2,
         {1, 2},
         {{6}, {6, 6}},
         evaluate_body_connection_correction,
@@ -499,6 +508,7 @@ static kernel kernels[] = {
         "    bitwise symmetric\012"
         ,
         3,
+        4,
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_body_joint_stiffness,
@@ -528,6 +538,7 @@ static kernel kernels[] = {
         "    not symmetric under a moment\012"
         ,
         3,
+        4,
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_body_joint_stiffness_uncorrected,
@@ -552,6 +563,7 @@ static kernel kernels[] = {
         "    angular velocity, both in base axes (Pinocchio: WORLD)\012"
         ,
         1,
+        2,
         {1, 2},
         {{7}, {6, 7}},
         evaluate_spatial_jacobian,
@@ -575,6 +587,7 @@ static kernel kernels[] = {
         "    block i is dJ^T/dq_i: entry [i, b, k] = dJ[k, b]/dq_i\012"
         ,
         1,
+        2,
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_spatial_jacobian_transpose_derivative,
@@ -601,6 +614,7 @@ static kernel kernels[] = {
         "    column i is dJ^T/dq_i F; not symmetric\012"
         ,
         2,
+        3,
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_spatial_kinematic_stiffness,
@@ -628,6 +642,7 @@ static kernel kernels[] = {
         "    (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness\012"
         ,
         1,
+        2,
         {1, 2},
         {{6}, {6, 6}},
         evaluate_spatial_connection_correction,
@@ -660,6 +675,7 @@ static kernel kernels[] = {
         "    bitwise symmetric\012"
         ,
         3,
+        4,
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_spatial_joint_stiffness,
@@ -689,6 +705,7 @@ static kernel kernels[] = {
         "    not symmetric under a moment\012"
         ,
         3,
+        4,
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_spatial_joint_stiffness_uncorrected,
@@ -713,6 +730,7 @@ static kernel kernels[] = {
         "    in base axes (Pinocchio: LOCAL_WORLD_ALIGNED)\012"
         ,
         1,
+        2,
         {1, 2},
         {{7}, {6, 7}},
         evaluate_hybrid_jacobian,
@@ -736,6 +754,7 @@ static kernel kernels[] = {
         "    block i is dJ^T/dq_i: entry [i, b, k] = dJ[k, b]/dq_i\012"
         ,
         1,
+        2,
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_hybrid_jacobian_transpose_derivative,
@@ -762,6 +781,7 @@ static kernel kernels[] = {
         "    column i is dJ^T/dq_i F; not symmetric\012"
         ,
         2,
+        3,
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_hybrid_kinematic_stiffness,
@@ -786,6 +806,7 @@ static kernel kernels[] = {
         "    (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness\012"
         ,
         1,
+        2,
         {1, 2},
         {{6}, {6, 6}},
         evaluate_hybrid_connection_correction,
@@ -815,6 +836,7 @@ static kernel kernels[] = {
         "    bitwise symmetric\012"
         ,
         3,
+        4,
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_hybrid_joint_stiffness,
@@ -844,6 +866,7 @@ static kernel kernels[] = {
         "    not symmetric under a moment\012"
         ,
         3,
+        4,
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_hybrid_joint_stiffness_uncorrected,
@@ -899,7 +922,7 @@ static int execute(PyObject *module)
         const kernel *k = &kernels[i];
         data[i] = &kernels[i];
         PyObject *ufunc = PyUFunc_FromFuncAndDataAndSignature(
-            loops, &data[i], types, 1, k->inputs, 1, PyUFunc_None, k->name, k->documentation, 0, k->signature);
+            loops, &data[i], types, 1, k->inputs, k->operands - k->inputs, PyUFunc_None, k->name, k->documentation, 0, k->signature);
         if (ufunc == NULL || PyModule_AddObjectRef(module, k->name, ufunc) < 0) {
             Py_XDECREF(ufunc);
             return -1;
