@@ -7,14 +7,13 @@ import json
 import math
 from dataclasses import asdict
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, Literal
 
 import jinja2
 
 from stiffgen._version import __version__
 from stiffgen.emit.c import Code, Function, Functions, Scope, print_chain, print_threads
-from stiffgen.emit.controller import COPIED, controller_context, controller_files
+from stiffgen.emit.controller import controller_context, controller_files
 from stiffgen.emit.expressions import WIDEST, Operations, c_double
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
@@ -25,8 +24,6 @@ from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
 from stiffgen.symbolic.program import Array
 
 MANIFEST = "manifest.json"
-RUNTIME = Path(__file__).parent.parent / "runtime"
-"""Robot-independent C, copied beside the kernels."""
 _GENERATOR = "stiffgen"
 
 
@@ -52,7 +49,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
     files = {
         f"{name}.h": "header.h.j2",
         f"{name}.c": "source.c.j2",
-        f"{name}_ufunc.c": "ufunc.c.j2",
+        f"{name}_python.c": "python.c.j2",
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
@@ -64,8 +61,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         file: environment.get_template(template).render(context, banner=_banner(file, context["banner_line"]))
         for file, template in files.items()
     }
-    if context["controller"]:
-        texts |= {file: (RUNTIME / file).read_text(encoding="utf-8") for file in COPIED}
+    texts["py.typed"] = ""
     texts[MANIFEST] = _manifest(chain, name, code, texts)
     return texts
 
