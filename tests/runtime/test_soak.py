@@ -14,6 +14,7 @@ from long.soak import BUILDS, soak
 from support.project import ROOT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BUILDS)
 def test_soak(name: str, robot_folder: Path, tmp_path: Path) -> None:
     compiler, _, before, _ = BUILDS[name]

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from stiffgen import load_chain
-from stiffgen.symbolic.kernels import KERNELS, MAX_UNROLLED_MASS_JOINTS
+from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.program import Map
+from stiffgen.symbolic.programs import MAX_UNROLLED_MASS_JOINTS
 from support.chain_checks import value
 from support.chains import chain_urdf
 from support.project import URDF
