@@ -642,8 +642,6 @@ void med14_forward_kinematics(const double q[7], double pose[16])
 /* 135 additions, 175 multiplications, 12 sines and cosines. */
 void med14_mass_matrix(const double q[7], double mass_matrix[49])
 {
-    double mass_matrix[49];
-
     /* sine and cosine of each joint angle */
     const lanes angle[8 / LANES] = {
         EIGHT(q[1], q[2], q[3], q[4], q[5], q[6], 0.0, 0.0),
@@ -2184,8 +2182,6 @@ static void hybrid_columns_lanes(const lanes q[7], lanes J[6][N])
 
 static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
 {
-    lanes mass_matrix[49];
-
     /* sine and cosine of each joint angle */
     const lanes angle[6] = {
         q[1], q[2], q[3], q[4], q[5], q[6],

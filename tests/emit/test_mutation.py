@@ -197,13 +197,14 @@ def mutated(request, chain, references, tmp_path_factory):
     """A chain, its references, and bodies to leave out.
 
     Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chains, in which nothing is
-    aligned, are not: one with a sliding and a mimic joint, and one of turning joints, whose mass matrix has no loops.
+    aligned, are not: one with a sliding and a mimic joint, and one of six turning joints, whose mass matrix has no loops (and the shape of the
+    Jacobian).
     """
     if request.param == "iiwa14":
         return chain, references, ("mass_matrix",)
     urdf = tmp_path_factory.mktemp("skew") / "skew.urdf"
     urdf.write_text(
-        chain_urdf({"skew": "rrpmr", "turning": "rrrr"}[request.param]).replace('"0 0 1"', '"0.48 0.6 0.64"')
+        chain_urdf({"skew": "rrpmr", "turning": "rrrrrr"}[request.param]).replace('"0 0 1"', '"0.48 0.6 0.64"')
     )
     skew = stiffgen.load_chain(urdf)
     return skew, References(skew, count=2, seed=11), ()
