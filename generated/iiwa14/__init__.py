@@ -11,7 +11,7 @@ from types import SimpleNamespace as _SimpleNamespace
 import numpy as _np
 
 try:
-    from . import iiwa14_ufunc as _ufunc
+    from . import iiwa14_python as _ufunc
 except ImportError as _error:
     raise ImportError(
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "

@@ -215,6 +215,105 @@ static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int c
     }
 }
 
+/* Pose of the tip in the base frame. 35 additions, 71 multiplications, 14 sines and cosines. */
+static void tip_pose(const double q[7], double pose[16])
+{
+    /* sine and cosine of each joint angle */
+    const lanes angle[8 / LANES] = {
+        EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], q[6], 0.0),
+    };
+    lanes sine[8 / LANES], cosine[8 / LANES];
+    sine_cosine(angle, sine, cosine, 8 / LANES);
+    const double *const s = (const double *)sine;
+    const double *const c = (const double *)cosine;
+    const double s0 = s[0];
+    const double c0 = c[0];
+    const double s1 = s[1];
+    const double c1 = c[1];
+    const double s2 = s[2];
+    const double c2 = c[2];
+    const double s3 = s[3];
+    const double c3 = c[3];
+    const double s4 = s[4];
+    const double c4 = c[4];
+    const double s5 = s[5];
+    const double c5 = c[5];
+    const double s6 = s[6];
+    const double c6 = c[6];
+
+    /* frame of joint A2: rotation R1, origin p1, in base axes */
+    const double R1_00 = c0 * c1;
+    const double R1_02 = c0 * s1;
+    const double R1_10 = c1 * s0;
+    const double R1_12 = s0 * s1;
+
+    /* frame of joint A3: rotation R2, origin p2, in base axes */
+    const double R2_00 = R1_00 * c2 - s0 * s2;
+    const double R2_10 = c2 * R1_10 + c0 * s2;
+    const double R2_11 = c0 * c2 - s2 * R1_10;
+    const double R2_21 = s2 * s1;
+    const double p2_0 = 0.42 * R1_02;
+    const double p2_1 = 0.42 * R1_12;
+    const double p2_2 = 0.36 + 0.42 * c1;
+
+    /* frame of joint A4: rotation R3, origin p3, in base axes */
+    const double R3_00 = R2_00 * c3 + R1_02 * s3;
+    const double R3_02 = c3 * R1_02 - R2_00 * s3;
+    const double R3_10 = c3 * R2_10 + s3 * R1_12;
+    const double R3_12 = c3 * R1_12 - s3 * R2_10;
+    const double t0 = c2 * s1;
+    const double R3_20 = c1 * s3 - c3 * t0;
+    const double R3_22 = s3 * t0 + c1 * c3;
+
+    /* frame of joint A5: rotation R4, origin p4, in base axes */
+    const double t1 = R1_00 * s2 + c2 * s0;
+    const double R4_00 = R3_00 * c4 - t1 * s4;
+    const double R4_10 = c4 * R3_10 + s4 * R2_11;
+    const double R4_11 = c4 * R2_11 - s4 * R3_10;
+    const double R4_20 = c4 * R3_20 + s4 * R2_21;
+    const double R4_21 = c4 * R2_21 - s4 * R3_20;
+    const double p4_0 = p2_0 + 0.4 * R3_02;
+    const double p4_1 = p2_1 + 0.4 * R3_12;
+    const double p4_2 = p2_2 + 0.4 * R3_22;
+
+    /* frame of joint A6: rotation R5, origin p5, in base axes */
+    const double R5_00 = R4_00 * c5 - R3_02 * s5;
+    const double R5_02 = R4_00 * s5 + c5 * R3_02;
+    const double R5_10 = c5 * R4_10 - s5 * R3_12;
+    const double R5_12 = s5 * R4_10 + c5 * R3_12;
+    const double R5_20 = c5 * R4_20 - s5 * R3_22;
+    const double R5_22 = s5 * R4_20 + c5 * R3_22;
+
+    /* frame of joint A7: rotation R6, origin p6, in base axes */
+    const double t2 = R3_00 * s4 + c4 * t1;
+    const double R6_00 = R5_00 * c6 - t2 * s6;
+    const double R6_10 = c6 * R5_10 + s6 * R4_11;
+    const double R6_11 = c6 * R4_11 - s6 * R5_10;
+    const double R6_20 = c6 * R5_20 + s6 * R4_21;
+    const double R6_21 = c6 * R4_21 - s6 * R5_20;
+    const double p6_0 = p4_0 + 0.126 * R5_02;
+    const double p6_1 = p4_1 + 0.126 * R5_12;
+    const double p6_2 = p4_2 + 0.126 * R5_22;
+
+    /* pose of the tip */
+    pose[0] = R6_00;
+    pose[1] = -(R5_00 * s6 + c6 * t2);
+    pose[2] = R5_02;
+    pose[3] = p6_0;
+    pose[4] = R6_10;
+    pose[5] = R6_11;
+    pose[6] = R5_12;
+    pose[7] = p6_1;
+    pose[8] = R6_20;
+    pose[9] = R6_21;
+    pose[10] = R5_22;
+    pose[11] = p6_2;
+    pose[12] = 0.0;
+    pose[13] = 0.0;
+    pose[14] = 0.0;
+    pose[15] = 1.0;
+}
+
 /* Jacobian columns of the moving joints, body representation. 36 additions, 78 multiplications, 12 sines and cosines. */
 static void body_columns(const double q[7], lanes J[6][PADDED])
 {
@@ -537,100 +636,7 @@ static void hybrid_columns(const double q[7], lanes J[6][PADDED])
 /* 35 additions, 71 multiplications, 14 sines and cosines. */
 void iiwa14_forward_kinematics(const double q[7], double pose[16])
 {
-    /* sine and cosine of each joint angle */
-    const lanes angle[8 / LANES] = {
-        EIGHT(q[0], q[1], q[2], q[3], q[4], q[5], q[6], 0.0),
-    };
-    lanes sine[8 / LANES], cosine[8 / LANES];
-    sine_cosine(angle, sine, cosine, 8 / LANES);
-    const double *const s = (const double *)sine;
-    const double *const c = (const double *)cosine;
-    const double s0 = s[0];
-    const double c0 = c[0];
-    const double s1 = s[1];
-    const double c1 = c[1];
-    const double s2 = s[2];
-    const double c2 = c[2];
-    const double s3 = s[3];
-    const double c3 = c[3];
-    const double s4 = s[4];
-    const double c4 = c[4];
-    const double s5 = s[5];
-    const double c5 = c[5];
-    const double s6 = s[6];
-    const double c6 = c[6];
-
-    /* frame of joint A2: rotation R1, origin p1, in base axes */
-    const double R1_00 = c0 * c1;
-    const double R1_02 = c0 * s1;
-    const double R1_10 = c1 * s0;
-    const double R1_12 = s0 * s1;
-
-    /* frame of joint A3: rotation R2, origin p2, in base axes */
-    const double R2_00 = R1_00 * c2 - s0 * s2;
-    const double R2_10 = c2 * R1_10 + c0 * s2;
-    const double R2_11 = c0 * c2 - s2 * R1_10;
-    const double R2_21 = s2 * s1;
-    const double p2_0 = 0.42 * R1_02;
-    const double p2_1 = 0.42 * R1_12;
-    const double p2_2 = 0.36 + 0.42 * c1;
-
-    /* frame of joint A4: rotation R3, origin p3, in base axes */
-    const double R3_00 = R2_00 * c3 + R1_02 * s3;
-    const double R3_02 = c3 * R1_02 - R2_00 * s3;
-    const double R3_10 = c3 * R2_10 + s3 * R1_12;
-    const double R3_12 = c3 * R1_12 - s3 * R2_10;
-    const double t0 = c2 * s1;
-    const double R3_20 = c1 * s3 - c3 * t0;
-    const double R3_22 = s3 * t0 + c1 * c3;
-
-    /* frame of joint A5: rotation R4, origin p4, in base axes */
-    const double t1 = R1_00 * s2 + c2 * s0;
-    const double R4_00 = R3_00 * c4 - t1 * s4;
-    const double R4_10 = c4 * R3_10 + s4 * R2_11;
-    const double R4_11 = c4 * R2_11 - s4 * R3_10;
-    const double R4_20 = c4 * R3_20 + s4 * R2_21;
-    const double R4_21 = c4 * R2_21 - s4 * R3_20;
-    const double p4_0 = p2_0 + 0.4 * R3_02;
-    const double p4_1 = p2_1 + 0.4 * R3_12;
-    const double p4_2 = p2_2 + 0.4 * R3_22;
-
-    /* frame of joint A6: rotation R5, origin p5, in base axes */
-    const double R5_00 = R4_00 * c5 - R3_02 * s5;
-    const double R5_02 = R4_00 * s5 + c5 * R3_02;
-    const double R5_10 = c5 * R4_10 - s5 * R3_12;
-    const double R5_12 = s5 * R4_10 + c5 * R3_12;
-    const double R5_20 = c5 * R4_20 - s5 * R3_22;
-    const double R5_22 = s5 * R4_20 + c5 * R3_22;
-
-    /* frame of joint A7: rotation R6, origin p6, in base axes */
-    const double t2 = R3_00 * s4 + c4 * t1;
-    const double R6_00 = R5_00 * c6 - t2 * s6;
-    const double R6_10 = c6 * R5_10 + s6 * R4_11;
-    const double R6_11 = c6 * R4_11 - s6 * R5_10;
-    const double R6_20 = c6 * R5_20 + s6 * R4_21;
-    const double R6_21 = c6 * R4_21 - s6 * R5_20;
-    const double p6_0 = p4_0 + 0.126 * R5_02;
-    const double p6_1 = p4_1 + 0.126 * R5_12;
-    const double p6_2 = p4_2 + 0.126 * R5_22;
-
-    /* pose of the tip */
-    pose[0] = R6_00;
-    pose[1] = -(R5_00 * s6 + c6 * t2);
-    pose[2] = R5_02;
-    pose[3] = p6_0;
-    pose[4] = R6_10;
-    pose[5] = R6_11;
-    pose[6] = R5_12;
-    pose[7] = p6_1;
-    pose[8] = R6_20;
-    pose[9] = R6_21;
-    pose[10] = R5_22;
-    pose[11] = p6_2;
-    pose[12] = 0.0;
-    pose[13] = 0.0;
-    pose[14] = 0.0;
-    pose[15] = 1.0;
+    tip_pose(q, pose);
 }
 
 /* 616 additions, 764 multiplications, 14 sines and cosines. */

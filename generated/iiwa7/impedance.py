@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 try:
-    from . import iiwa7_controller as _c
+    from . import iiwa7_python as _c
 except ImportError as _error:
     raise ImportError(
         "iiwa7: its C module is not built for this Python; run 'make generate' in the project, "

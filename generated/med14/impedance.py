@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 try:
-    from . import med14_controller as _c
+    from . import med14_python as _c
 except ImportError as _error:
     raise ImportError(
         "med14: its C module is not built for this Python; run 'make generate' in the project, "

@@ -9,22 +9,1552 @@ typedef med7_impedance_state state_t;
 typedef med7_impedance_input input_t;
 typedef med7_impedance_output output_t;
 
-#include "stiffgen_impedance_step.h"
+/*
+ * Damping design from joint stiffness and mass matrix, and the symmetric eigensolver under it.
+ *
+ * Matrices are dense, row-major, n x n with n the number of joints (no padding). Units are those of the arguments:
+ * with N m/rad and kg m^2, eigenvalues are in 1/s^2 and damping in N m s/rad.
+ *
+ * Contract of every function
+ *   Plain C99 and libm; allocation-free, reentrant, deterministic, bounded time; no global.
+ *   Returns MED7_OK or a negative code (med7_error.h); after an error the results are unspecified.
+ *   The results must overlap neither an argument nor one another. work: MED7_WORK(n) doubles of scratch.
+ *
+ * Sources
+ *   A. Albu-Schaeffer, C. Ott, U. Frese, G. Hirzinger, "Cartesian impedance control of redundant robots: recent
+ *   results with the DLR-light-weight-arms", ICRA 2003: double diagonalisation and factorisation design.
+ *   G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), cyclic Jacobi (8.5).
+ */
+#define MED7_MAX_DOF 32
+#define MED7_WORK(n) (4 * (n) * (n))
+
+/*
+ * Eigenvalues and orthonormal eigenvectors of a symmetric matrix A, by cyclic Jacobi rotations.
+ *
+ * eigenvalues (n): ascending. vectors (n x n): column k belongs to eigenvalue k.
+ * Errors: SIZE, NOT_FINITE, NOT_SYMMETRIC (by more than 1e-9 of the largest entry), NOT_CONVERGED.
+ */
+static int med7_eigen_symmetric(int n, const double *A, double *eigenvalues, double *vectors, double *work);
+
+/*
+ * Generalised eigenproblem K v = lambda M v with V^T M V = I, by Cholesky reduction and cyclic Jacobi.
+ *
+ * stiffness K: symmetric, may be indefinite. mass M: symmetric positive definite.
+ * eigenvalues (n): ascending. vectors V (n x n): column k belongs to eigenvalue k.
+ * Errors: those of med7_eigen_symmetric, MASS.
+ */
+static int med7_eigen_generalised(int n, const double *stiffness, const double *mass, double *eigenvalues,
+                               double *vectors, double *work);
+
+/*
+ * Double diagonalisation: B = M V diag(2 zeta_k sqrt(max(lambda_k, 0))) V^T M, K v = lambda M v, V^T M V = I.
+ *
+ * Symmetric and positive semidefinite. Every mode with lambda > 0 gets its damping ratio, the others no damping:
+ * eigenvalues[0] < 0 tells that the stiffness is indefinite.
+ * ratio (n): zeta of the modes in ascending order of lambda, 0 or more.
+ * eigenvalues (n): lambda, ascending [1/s^2].
+ * Errors: those of med7_eigen_generalised, DAMPING_RATIO.
+ */
+static int med7_damping_modal(int n, const double *stiffness, const double *mass, const double *ratio, double *damping,
+                           double *eigenvalues, double *work);
+
+/*
+ * Factorisation design: B = A D K1 + K1 D A with A A = M, K1 K1 = K (its positive part), D = diag(ratio).
+ *
+ * Symmetric; positive semidefinite only if A D K1 + K1 D A happens to be: take med7_positive_part of it before
+ * use. ratio (n): of the joints, 0 or more.
+ * Errors: those of med7_eigen_symmetric, MASS, DAMPING_RATIO.
+ */
+static int med7_damping_factorised(int n, const double *stiffness, const double *mass, const double *ratio,
+                                double *damping, double *work);
+
+/*
+ * Task damping mapped to the joints: B = J^T task_damping J + joint_damping I, as the paper's code has it.
+ *
+ * jacobian (6 x n); task_damping (6 x 6): symmetric, only its upper triangle is read. Bitwise symmetric.
+ * Errors: SIZE.
+ */
+static int med7_damping_task(int n, const double *jacobian, const double *task_damping, double joint_damping,
+                          double *damping);
+
+/*
+ * The part of a symmetric matrix with eigenvalues of 0 or more: A V = V Lambda, result V max(Lambda, 0) V^T.
+ *
+ * metric: NULL for plain eigenvalues, or a mass matrix M for those of the pencil, result M V max(Lambda, 0) V^T M.
+ * A comes back bit for bit where it has no negative eigenvalue.
+ * eigenvalues (n): before, ascending.
+ */
+static int med7_positive_part(int n, const double *A, const double *metric, double *result, double *eigenvalues,
+                           double *work);
+
+/*
+ * Nullspace stiffness N (k I) N^T with the torque projector N = I - J^T Lambda J M^-1, Lambda = (J M^-1 J^T)^-1.
+ *
+ * N J^T = 0: its torques cause no tip acceleration (Khatib 1987). Symmetric and positive semidefinite. The inverse is
+ * taken in the eigenbasis of J M^-1 J^T scaled to a unit diagonal, so that the mixed units of its rows do not matter;
+ * eigenvalues s below the threshold e are damped, 1/s -> s/(s^2 + (e^2 - s^2)) = s/e^2 (after Nakamura and Hanafusa
+ * 1986): exact above it, continuous across it, and a direction that is lost at a singularity is left to the nullspace.
+ * jacobian (6 x n) in any representation; threshold: dimensionless, 1e-9 to 1.
+ * smallest: the smallest scaled eigenvalue of the directions that the chain can move at all.
+ * Errors: those of med7_eigen_symmetric, MASS.
+ */
+static int med7_nullspace_stiffness(int n, const double *jacobian, const double *mass, double k, double threshold,
+                                 double *stiffness, double *smallest, double *work);
+
+/* Whether a 6 x 6 matrix is finite, symmetric to 1e-9 of its largest entry, and positive semidefinite to the same. */
+static int med7_is_positive_semidefinite6(const double *A);
+
+const char *med7_impedance_error_text(int code)
+{
+    switch (code) {
+    case MED7_OK:
+        return "no error";
+    case MED7_E_SIZE:
+        return "size: the number of joints must lie between 1 and MED7_MAX_DOF";
+    case MED7_E_NOT_FINITE:
+        return "a matrix holds NaN or infinity, or numbers too far apart for a double";
+    case MED7_E_MASS:
+        return "the mass matrix is not positive definite";
+    case MED7_E_NOT_SYMMETRIC:
+        return "a matrix that must be symmetric is not";
+    case MED7_E_NOT_CONVERGED:
+        return "the eigensolver used up its sweeps";
+    case MED7_E_DAMPING_RATIO:
+        return "a damping ratio is negative or not finite";
+    case MED7_E_NULL:
+        return "a pointer is NULL";
+    case MED7_E_NOT_INITIALISED:
+        return "the state is not initialised: call NAME_impedance_init first";
+    case MED7_E_CONFIG_SAMPLE_TIME:
+        return "sample_time: must be positive and at most 0.1 s";
+    case MED7_E_CONFIG_REPRESENTATION:
+        return "representation: must be body, spatial or hybrid";
+    case MED7_E_CONFIG_STIFFNESS_FORMULA:
+        return "stiffness_formula: must be corrected or conventional";
+    case MED7_E_CONFIG_STIFFNESS_SIGN:
+        return "stiffness_sign: must be as_is or positive_part, and as_is with the conventional formula";
+    case MED7_E_CONFIG_STIFFNESS_RATE:
+        return "stiffness_rate_limit: must be positive and finite";
+    case MED7_E_CONFIG_NULLSPACE:
+        return "nullspace: must be off, isotropic or projected";
+    case MED7_E_CONFIG_NULLSPACE_STIFFNESS:
+        return "nullspace_stiffness: must be positive with a nullspace stiffness and 0 without, and finite";
+    case MED7_E_CONFIG_SINGULARITY_THRESHOLD:
+        return "singularity_threshold: must lie between 1e-9 and 1";
+    case MED7_E_CONFIG_DAMPING_DESIGN:
+        return "damping_design: must be modal, factorised or task";
+    case MED7_E_CONFIG_DAMPING_RATIO:
+        return "damping_ratio: every entry must lie between 0 and 100";
+    case MED7_E_CONFIG_TASK_DAMPING:
+        return "task_damping: must be symmetric, positive semidefinite and finite, and 0 unless the design is task";
+    case MED7_E_CONFIG_JOINT_DAMPING:
+        return "joint_damping: must be 0 or more, and finite";
+    case MED7_E_CONFIG_WRENCH_FILTER:
+        return "wrench_filter: must be off, first_order or moving_average";
+    case MED7_E_CONFIG_WRENCH_TIME_CONSTANT:
+        return "wrench_time_constant: must be positive and finite";
+    case MED7_E_CONFIG_WRENCH_WINDOW:
+        return "wrench_window: must lie between 1 and MED7_MAX_WINDOW samples";
+    case MED7_E_CONFIG_POSITION_LIMITS:
+        return "lower_limit, upper_limit: lower must be below upper for every joint";
+    case MED7_E_CONFIG_POSITION_TOLERANCE:
+        return "position_tolerance: must be 0 or more, and finite";
+    case MED7_E_CONFIG_VELOCITY_LIMIT:
+        return "velocity_limit: must be positive and finite for every joint (the URDF may have none: set it)";
+    case MED7_E_CONFIG_WRENCH_LIMITS:
+        return "force_limit, moment_limit: must be positive and finite";
+    case MED7_E_CONFIG_TASK_STIFFNESS_LIMIT:
+        return "task_stiffness_limit: must be positive and at most 1e9";
+    case MED7_E_CONFIG_LIMIT_ZONE:
+        return "limit_zone: must be positive, finite and less than half of every joint's range";
+    case MED7_E_CONFIG_LIMIT_STIFFNESS:
+        return "limit_stiffness: must be 0 or more, and finite, for every joint";
+    case MED7_E_CONFIG_EFFORT_LIMIT:
+        return "effort_limit: must be positive and finite for every joint (the URDF may have none: set it)";
+    case MED7_E_CONFIG_TORQUE_RATE_LIMIT:
+        return "torque_rate_limit: must be positive and finite for every joint";
+    case MED7_E_CONFIG_MISSED_LIMIT:
+        return "missed_limit: must lie between 1 and 1000 samples";
+    case MED7_E_CONFIG_VELOCITY_DECAY_TIME:
+        return "velocity_decay_time: must be positive and finite";
+    case MED7_E_CONFIG_RETURN_TIME:
+        return "return_time: must be 0 or more, and finite";
+    case MED7_E_CONFIG_TANK:
+        return "tank: must be off or on, and off with the conventional formula, which no tank can make passive";
+    case MED7_E_CONFIG_TANK_ENERGY:
+        return "tank_minimum <= tank_initial <= tank_maximum must hold, with tank_minimum 0 or more and all finite";
+    case MED7_E_CONFIG_TANK_REFILL:
+        return "tank_refill: must lie between 0 and 1";
+    default:
+        return "unknown error";
+    }
+}
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "compile without -ffast-math and -ffinite-math-only: NaN and infinity must be seen"
+#endif
+
+enum { MAX_SWEEPS = 40 }; /* 6 to 9 are used up to 32 joints; the bound is what makes the time bounded */
+
+static const double SYMMETRY = 1e-9;
+
+/* The largest absolute entry, or infinity if an entry is NaN or infinite. */
+static double largest(int count, const double *A)
+{
+    double result = 0.0;
+    for (int i = 0; i < count; ++i) {
+        const double size = fabs(A[i]);
+        if (!(size <= DBL_MAX)) {
+            return HUGE_VAL;
+        }
+        result = size > result ? size : result;
+    }
+    return result;
+}
+
+static int is_symmetric(int n, const double *A, double scale)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+
+static int check(int n, const double *A, double *scale)
+{
+    *scale = largest(n * n, A);
+    if (!(*scale <= DBL_MAX)) {
+        return MED7_E_NOT_FINITE;
+    }
+    return is_symmetric(n, A, *scale) ? MED7_OK : MED7_E_NOT_SYMMETRIC;
+}
+
+static int check_ratio(int n, const double *ratio)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!(ratio[i] >= 0.0 && ratio[i] <= DBL_MAX)) {
+            return MED7_E_DAMPING_RATIO;
+        }
+    }
+    return MED7_OK;
+}
+
+/* Symmetric part of A over its size, or over 1 if that is 0; returns which. */
+static double scaled_symmetric(int n, const double *A, double size, double *result)
+{
+    const double unit = size > 0.0 ? size : 1.0;
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            result[i * n + j] = (A[i * n + j] / unit + A[j * n + i] / unit) / 2.0;
+        }
+    }
+    return unit;
+}
+
+static void transpose(int n, double *A)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            const double a = A[i * n + j];
+            A[i * n + j] = A[j * n + i];
+            A[j * n + i] = a;
+        }
+    }
+}
+
+/* result = Y diag(d) Y^T, Y with its columns as rows; one triangle computed and mirrored. */
+static void congruence(int n, const double *rows, const double *d, double *result)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = 0.0;
+            for (int k = 0; k < n; ++k) {
+                sum += d[k] * rows[k * n + i] * rows[k * n + j];
+            }
+            result[i * n + j] = result[j * n + i] = sum;
+        }
+    }
+}
+
+/* Cyclic Jacobi on A (destroyed), entries of order one: eigenvalues ascending, eigenvectors as ROWS of rows. */
+static int jacobi(int n, double *A, double *eigenvalues, double *rows)
+{
+    double norm = 0.0;
+    int rotations = 1;
+    for (int i = 0; i < n * n; ++i) {
+        norm += A[i] * A[i];
+        rows[i] = 0.0;
+    }
+    for (int i = 0; i < n; ++i) {
+        rows[i * n + i] = 1.0;
+    }
+    const double negligible = 0.5 * DBL_EPSILON * sqrt(norm) / n;
+    for (int sweep = 0; sweep < MAX_SWEEPS && rotations > 0; ++sweep) {
+        rotations = 0;
+        for (int p = 0; p < n - 1; ++p) {
+            for (int q = p + 1; q < n; ++q) {
+                double *const Ap = A + p * n, *const Aq = A + q * n;
+                const double apq = Ap[q];
+                if (!(fabs(apq) > negligible)) {
+                    continue;
+                }
+                ++rotations;
+                const double theta = 0.5 * (Aq[q] - Ap[p]) / apq;
+                const double t = (theta < 0.0 ? -1.0 : 1.0) / (fabs(theta) + sqrt(1.0 + theta * theta));
+                const double c = 1.0 / sqrt(1.0 + t * t);
+                const double s = t * c;
+                const double app = Ap[p] - t * apq, aqq = Aq[q] + t * apq;
+                for (int k = 0; k < n; ++k) {
+                    const double x = Ap[k], y = Aq[k];
+                    Ap[k] = c * x - s * y;
+                    Aq[k] = s * x + c * y;
+                }
+                Ap[p] = app;
+                Aq[q] = aqq;
+                Ap[q] = Aq[p] = 0.0;
+                for (int k = 0; k < n; ++k) {
+                    A[k * n + p] = Ap[k];
+                    A[k * n + q] = Aq[k];
+                }
+                double *const Vp = rows + p * n, *const Vq = rows + q * n;
+                for (int k = 0; k < n; ++k) {
+                    const double x = Vp[k], y = Vq[k];
+                    Vp[k] = c * x - s * y;
+                    Vq[k] = s * x + c * y;
+                }
+            }
+        }
+    }
+    for (int i = 0; i < n; ++i) {
+        eigenvalues[i] = A[i * n + i];
+    }
+    for (int i = 0; i < n - 1; ++i) {
+        int least = i;
+        for (int j = i + 1; j < n; ++j) {
+            least = eigenvalues[j] < eigenvalues[least] ? j : least;
+        }
+        if (least != i) {
+            const double value = eigenvalues[i];
+            eigenvalues[i] = eigenvalues[least];
+            eigenvalues[least] = value;
+            for (int k = 0; k < n; ++k) {
+                const double x = rows[i * n + k];
+                rows[i * n + k] = rows[least * n + k];
+                rows[least * n + k] = x;
+            }
+        }
+    }
+    return rotations == 0 ? MED7_OK : MED7_E_NOT_CONVERGED;
+}
+
+/* Lower Cholesky factor L of A / scale. */
+static int cholesky(int n, const double *A, double scale, double *L)
+{
+    if (!(scale > 0.0)) {
+        return MED7_E_MASS;
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            const double a = A[i * n + j] / scale;
+            double sum = a;
+            for (int k = 0; k < j; ++k) {
+                sum -= L[i * n + k] * L[j * n + k];
+            }
+            if (i > j) {
+                L[i * n + j] = sum / L[j * n + j];
+            } else if (sum > n * DBL_EPSILON * a && a > 0.0) {
+                L[i * n + i] = sqrt(sum);
+            } else {
+                return MED7_E_MASS;
+            }
+        }
+    }
+    return MED7_OK;
+}
+
+/* x <- L^-1 x, for the column x[0], x[stride], ... */
+static void solve_lower(int n, const double *L, double *x, int stride)
+{
+    for (int i = 0; i < n; ++i) {
+        double sum = x[i * stride];
+        for (int k = 0; k < i; ++k) {
+            sum -= L[i * n + k] * x[k * stride];
+        }
+        x[i * stride] = sum / L[i * n + i];
+    }
+}
+
+/* x <- L^-T x. */
+static void solve_upper(int n, const double *L, double *x)
+{
+    for (int i = n - 1; i >= 0; --i) {
+        double sum = x[i];
+        for (int k = i + 1; k < n; ++k) {
+            sum -= L[k * n + i] * x[k];
+        }
+        x[i] = sum / L[i * n + i];
+    }
+}
+
+/* K = scale_K scale_M-scaled pencil: L with L L^T = M / *scale, eigenvalues lambda, W^T as rows with V = L^-T W. */
+static int pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
+                  double *scale)
+{
+    double size;
+    int error = check(n, K, &size);
+    if (error == MED7_OK) {
+        error = check(n, M, scale);
+    }
+    if (error == MED7_OK) {
+        error = cholesky(n, M, *scale, L);
+    }
+    if (error != MED7_OK) {
+        return error;
+    }
+    const double unit = scaled_symmetric(n, K, size, C);
+    for (int j = 0; j < n; ++j) {
+        solve_lower(n, L, C + j, n);
+    }
+    for (int i = 0; i < n; ++i) {
+        solve_lower(n, L, C + i * n, 1);
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
+        }
+    }
+    if (!(largest(n * n, C) <= 1e140)) {
+        return MED7_E_NOT_FINITE;
+    }
+    error = jacobi(n, C, eigenvalues, rows);
+    for (int i = 0; i < n; ++i) {
+        eigenvalues[i] *= unit / *scale;
+        if (!(fabs(eigenvalues[i]) <= DBL_MAX)) {
+            return MED7_E_NOT_FINITE;
+        }
+    }
+    return error;
+}
+
+/* Rows w_k -> rows L w_k: the columns of M V over sqrt(scale). */
+static void times_lower(int n, const double *L, double *rows)
+{
+    for (int k = 0; k < n; ++k) {
+        double *const w = rows + k * n;
+        for (int i = n - 1; i >= 0; --i) {
+            double sum = 0.0;
+            for (int j = 0; j <= i; ++j) {
+                sum += L[i * n + j] * w[j];
+            }
+            w[i] = sum;
+        }
+    }
+}
+
+static int is_size(int n)
+{
+    return n >= 1 && n <= MED7_MAX_DOF;
+}
+
+static int med7_eigen_symmetric(int n, const double *A, double *eigenvalues, double *vectors, double *work)
+{
+    double scale;
+    if (!is_size(n)) {
+        return MED7_E_SIZE;
+    }
+    int error = check(n, A, &scale);
+    if (error != MED7_OK) {
+        return error;
+    }
+    const double unit = scaled_symmetric(n, A, scale, work);
+    error = jacobi(n, work, eigenvalues, vectors);
+    transpose(n, vectors);
+    for (int i = 0; i < n; ++i) {
+        eigenvalues[i] *= unit;
+    }
+    return error;
+}
+
+static int med7_eigen_generalised(int n, const double *stiffness, const double *mass, double *eigenvalues,
+                               double *vectors, double *work)
+{
+    double scale;
+    double *const L = work, *const C = work + n * n;
+    if (!is_size(n)) {
+        return MED7_E_SIZE;
+    }
+    const int error = pencil(n, stiffness, mass, L, C, eigenvalues, vectors, &scale);
+    if (error != MED7_OK) {
+        return error;
+    }
+    for (int k = 0; k < n; ++k) {
+        solve_upper(n, L, vectors + k * n);
+        for (int i = 0; i < n; ++i) {
+            vectors[k * n + i] /= sqrt(scale);
+        }
+    }
+    transpose(n, vectors);
+    return MED7_OK;
+}
+
+static int med7_damping_modal(int n, const double *stiffness, const double *mass, const double *ratio, double *damping,
+                           double *eigenvalues, double *work)
+{
+    double scale, diagonal[MED7_MAX_DOF];
+    double *const L = work, *const C = work + n * n, *const rows = work + 2 * n * n;
+    if (!is_size(n)) {
+        return MED7_E_SIZE;
+    }
+    int error = check_ratio(n, ratio);
+    if (error == MED7_OK) {
+        error = pencil(n, stiffness, mass, L, C, eigenvalues, rows, &scale);
+    }
+    if (error != MED7_OK) {
+        return error;
+    }
+    times_lower(n, L, rows);
+    for (int k = 0; k < n; ++k) {
+        diagonal[k] = 2.0 * ratio[k] * sqrt(eigenvalues[k] > 0.0 ? eigenvalues[k] : 0.0) * scale;
+    }
+    congruence(n, rows, diagonal, damping);
+    return largest(n * n, damping) <= DBL_MAX ? MED7_OK : MED7_E_NOT_FINITE;
+}
+
+/* The symmetric square root of the positive part of A. */
+static int square_root(int n, const double *A, double *root, double *smallest, double *C, double *rows)
+{
+    double scale, values[MED7_MAX_DOF];
+    int error = check(n, A, &scale);
+    if (error != MED7_OK) {
+        return error;
+    }
+    const double unit = scaled_symmetric(n, A, scale, C);
+    error = jacobi(n, C, values, rows);
+    *smallest = values[0];
+    for (int k = 0; k < n; ++k) {
+        values[k] = values[k] > 0.0 ? sqrt(values[k]) * sqrt(unit) : 0.0;
+    }
+    congruence(n, rows, values, root);
+    return error;
+}
+
+static int med7_damping_factorised(int n, const double *stiffness, const double *mass, const double *ratio,
+                                double *damping, double *work)
+{
+    double smallest;
+    double *const roots = work, *const other = work + n * n;
+    double *const C = work + 2 * n * n, *const rows = work + 3 * n * n;
+    if (!is_size(n)) {
+        return MED7_E_SIZE;
+    }
+    int error = check_ratio(n, ratio);
+    if (error == MED7_OK) {
+        error = square_root(n, mass, roots, &smallest, C, rows);
+    }
+    if (error == MED7_OK && !(smallest > n * DBL_EPSILON)) {
+        error = MED7_E_MASS;
+    }
+    if (error == MED7_OK) {
+        error = square_root(n, stiffness, other, &smallest, C, rows);
+    }
+    if (error != MED7_OK) {
+        return error;
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = 0.0;
+            for (int k = 0; k < n; ++k) {
+                sum += ratio[k] * (roots[i * n + k] * other[k * n + j] + other[i * n + k] * roots[k * n + j]);
+            }
+            damping[i * n + j] = damping[j * n + i] = sum;
+        }
+    }
+    return largest(n * n, damping) <= DBL_MAX ? MED7_OK : MED7_E_NOT_FINITE;
+}
+
+static int med7_damping_task(int n, const double *jacobian, const double *task_damping, double joint_damping,
+                          double *damping)
+{
+    if (!is_size(n)) {
+        return MED7_E_SIZE;
+    }
+    for (int j = 0; j < n; ++j) {
+        double column[6];
+        for (int k = 0; k < 6; ++k) {
+            column[k] = 0.0;
+            for (int l = 0; l < 6; ++l) {
+                column[k] += task_damping[k < l ? 6 * k + l : 6 * l + k] * jacobian[l * n + j];
+            }
+        }
+        for (int i = 0; i <= j; ++i) {
+            double sum = i == j ? joint_damping : 0.0;
+            for (int k = 0; k < 6; ++k) {
+                sum += jacobian[k * n + i] * column[k];
+            }
+            damping[i * n + j] = damping[j * n + i] = sum;
+        }
+    }
+    return MED7_OK;
+}
+
+static int med7_positive_part(int n, const double *A, const double *metric, double *result, double *eigenvalues,
+                           double *work)
+{
+    double scale = 1.0, diagonal[MED7_MAX_DOF];
+    double *const L = work, *const C = work + n * n, *const rows = work + 2 * n * n;
+    int error;
+    if (!is_size(n)) {
+        return MED7_E_SIZE;
+    }
+    if (metric != NULL) {
+        error = pencil(n, A, metric, L, C, eigenvalues, rows, &scale);
+    } else {
+        error = med7_eigen_symmetric(n, A, eigenvalues, rows, C);
+        transpose(n, rows);
+    }
+    if (error != MED7_OK) {
+        return error;
+    }
+    if (eigenvalues[0] >= 0.0) {
+        for (int i = 0; i < n * n; ++i) {
+            result[i] = A[i];
+        }
+        return MED7_OK;
+    }
+    if (metric != NULL) {
+        times_lower(n, L, rows);
+    }
+    for (int k = 0; k < n; ++k) {
+        diagonal[k] = eigenvalues[k] > 0.0 ? eigenvalues[k] * scale : 0.0;
+    }
+    congruence(n, rows, diagonal, result);
+    return MED7_OK;
+}
+
+static int med7_nullspace_stiffness(int n, const double *jacobian, const double *mass, double k, double threshold,
+                                 double *stiffness, double *smallest, double *work)
+{
+    double scale, A[36], C[36], rows[36], values[6], unit[6];
+    double *const L = work, *const projector = work + n * n;
+    double P[6 * MED7_MAX_DOF], Z[6 * MED7_MAX_DOF];
+    if (!is_size(n)) {
+        return MED7_E_SIZE;
+    }
+    int error = check(n, mass, &scale);
+    if (error == MED7_OK && !(largest(6 * n, jacobian) <= 1e100)) {
+        error = MED7_E_NOT_FINITE;
+    }
+    if (error == MED7_OK) {
+        error = cholesky(n, mass, scale, L);
+    }
+    if (error != MED7_OK) {
+        return error;
+    }
+    for (int r = 0; r < 6; ++r) {
+        for (int i = 0; i < n; ++i) {
+            Z[r * n + i] = jacobian[r * n + i];
+        }
+        solve_lower(n, L, Z + r * n, 1);
+    }
+    for (int r = 0; r < 6; ++r) {
+        for (int s = 0; s <= r; ++s) {
+            double sum = 0.0;
+            for (int i = 0; i < n; ++i) {
+                sum += Z[r * n + i] * Z[s * n + i];
+            }
+            A[6 * r + s] = A[6 * s + r] = sum;
+        }
+    }
+    for (int r = 0; r < 6; ++r) {
+        solve_upper(n, L, Z + r * n); /* row r of J M^-1, times the mass scale, which cancels */
+    }
+    int immovable = 0;
+    for (int r = 0; r < 6; ++r) {
+        const int first = r < 3 ? 0 : 3;
+        double most = 0.0;
+        for (int s = first; s < first + 3; ++s) {
+            most = A[7 * s] > most ? A[7 * s] : most;
+        }
+        const int moves = A[7 * r] > 1e-14 * most;
+        unit[r] = moves ? 1.0 / sqrt(A[7 * r]) : 0.0;
+        immovable += moves ? 0 : 1;
+    }
+    for (int r = 0; r < 6; ++r) {
+        for (int s = 0; s < 6; ++s) {
+            C[6 * r + s] = unit[r] * A[6 * r + s] * unit[s];
+        }
+    }
+    error = jacobi(6, C, values, rows);
+    if (error != MED7_OK) {
+        return error;
+    }
+    const int structural = n < 6 ? 6 - n : 0;
+    const int first = structural > immovable ? structural : immovable;
+    *smallest = first < 6 ? values[first] : 0.0;
+    for (int e = 0; e < 6; ++e) {
+        const double v = values[e] > 0.0 ? values[e] : 0.0;
+        values[e] = v >= threshold ? 1.0 / v : v / (threshold * threshold);
+    }
+    congruence(6, rows, values, A); /* the damped inverse of C */
+    for (int r = 0; r < 6; ++r) {
+        for (int i = 0; i < n; ++i) {
+            double sum = 0.0;
+            for (int s = 0; s < 6; ++s) {
+                sum += unit[r] * A[6 * r + s] * unit[s] * Z[s * n + i];
+            }
+            P[r * n + i] = sum;
+        }
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            double sum = i == j ? 1.0 : 0.0;
+            for (int r = 0; r < 6; ++r) {
+                sum -= jacobian[r * n + i] * P[r * n + j];
+            }
+            projector[i * n + j] = sum;
+        }
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = 0.0;
+            for (int l = 0; l < n; ++l) {
+                sum += projector[i * n + l] * projector[j * n + l];
+            }
+            stiffness[i * n + j] = stiffness[j * n + i] = k * sum;
+        }
+    }
+    return MED7_OK;
+}
+
+static int med7_is_positive_semidefinite6(const double *A)
+{
+    double L[36];
+    const double scale = largest(36, A);
+    if (!(scale <= DBL_MAX) || !is_symmetric(6, A, scale)) {
+        return 0;
+    }
+    if (scale == 0.0) {
+        return 1;
+    }
+    /* Cholesky of A / scale + tolerance I exists exactly if no eigenvalue lies below the tolerance. */
+    for (int i = 0; i < 6; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = A[6 * i + j] / scale + (i == j ? SYMMETRY : 0.0);
+            for (int k = 0; k < j; ++k) {
+                sum -= L[6 * i + k] * L[6 * j + k];
+            }
+            if (i > j) {
+                L[6 * i + j] = sum / L[7 * j];
+            } else if (sum > 0.0) {
+                L[7 * i] = sqrt(sum);
+            } else {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+
+/*
+ * The impedance controller's step, for one robot. NAME_impedance.c includes this once, after it has defined
+ *   N                 number of coordinates (a constant)
+ *   ROBOT(function)   the robot's kernel of that name
+ *   config_t, state_t, input_t, output_t   its structs (NAME_impedance.h documents their fields)
+ *
+ * Order of a step: missed sample? -> believable sample? -> mode and reference -> wrench filter -> target stiffness
+ * -> energy account of the interval that ended -> stiffness rate limit -> tank -> damping -> torques -> effort limit
+ * -> rate limit. docs/controller.md has the equations.
+ *
+ * The torque that a step returns is taken to be held until the next step. The account of an interval is therefore made
+ * at its end, from the torques of the step before and the positions of both, and is exact for any motion in between:
+ *   -port = change of (V + V_limit) + dissipated - variation - sampling - antisymmetric - limiting.
+ */
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "compile without -ffast-math and -ffinite-math-only: NaN and infinity must be seen"
+#endif
+
+enum { READY = 0x51f7, NN = N * N };
+
+static int is_finite(double x)
+{
+    return fabs(x) <= DBL_MAX;
+}
+
+static int all_finite(int count, const double *x)
+{
+    for (int i = 0; i < count; ++i) {
+        if (!is_finite(x[i])) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static int within(double x, double least, double most)
+{
+    return x >= least && x <= most;
+}
+
+static int all_positive(const double *x)
+{
+    for (int i = 0; i < N; ++i) {
+        if (!(x[i] > 0.0 && x[i] <= DBL_MAX)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static double clamp(double x, double least, double most)
+{
+    return x < least ? least : x > most ? most : x;
+}
+
+static double dot(const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < N; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+/* 1/2 x^T A x */
+static double half_form(const double *A, const double *x)
+{
+    double sum = 0.0;
+    for (int i = 0; i < N; ++i) {
+        sum += x[i] * dot(A + i * N, x);
+    }
+    return 0.5 * sum;
+}
+
+static void multiply(const double *A, const double *x, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = dot(A + i * N, x);
+    }
+}
+
+static double norm3(const double *x)
+{
+    return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+}
+
+/* ---- configuration ------------------------------------------------------------------------------------------- */
+
+static int validate_stiffness(const config_t *c)
+{
+    if (!within(c->representation, MED7_REPRESENTATION_BODY, MED7_REPRESENTATION_HYBRID)) {
+        return MED7_E_CONFIG_REPRESENTATION;
+    }
+    const int conventional = c->stiffness_formula == MED7_STIFFNESS_FORMULA_CONVENTIONAL;
+    if (!conventional && c->stiffness_formula != MED7_STIFFNESS_FORMULA_CORRECTED) {
+        return MED7_E_CONFIG_STIFFNESS_FORMULA;
+    }
+    const int positive = c->stiffness_sign == MED7_STIFFNESS_SIGN_POSITIVE_PART;
+    if ((!positive && c->stiffness_sign != MED7_STIFFNESS_SIGN_AS_IS) || (positive && conventional)) {
+        return MED7_E_CONFIG_STIFFNESS_SIGN;
+    }
+    if (!(c->stiffness_rate_limit > 0.0 && is_finite(c->stiffness_rate_limit))) {
+        return MED7_E_CONFIG_STIFFNESS_RATE;
+    }
+    if (!within(c->nullspace, MED7_NULLSPACE_OFF, MED7_NULLSPACE_PROJECTED)) {
+        return MED7_E_CONFIG_NULLSPACE;
+    }
+    const int wanted = c->nullspace != MED7_NULLSPACE_OFF;
+    if (!(wanted ? c->nullspace_stiffness > 0.0 : c->nullspace_stiffness == 0.0) ||
+        !is_finite(c->nullspace_stiffness)) {
+        return MED7_E_CONFIG_NULLSPACE_STIFFNESS;
+    }
+    if (!within(c->singularity_threshold, 1e-9, 1.0)) {
+        return MED7_E_CONFIG_SINGULARITY_THRESHOLD;
+    }
+    if (!(c->task_stiffness_limit > 0.0 && c->task_stiffness_limit <= 1e9)) {
+        return MED7_E_CONFIG_TASK_STIFFNESS_LIMIT;
+    }
+    if (!within(c->tank, MED7_TANK_OFF, MED7_TANK_ON) || (conventional && c->tank == MED7_TANK_ON)) {
+        return MED7_E_CONFIG_TANK;
+    }
+    if (!(c->tank_minimum >= 0.0 && c->tank_minimum <= c->tank_initial && c->tank_initial <= c->tank_maximum &&
+          is_finite(c->tank_maximum))) {
+        return MED7_E_CONFIG_TANK_ENERGY;
+    }
+    return within(c->tank_refill, 0.0, 1.0) ? MED7_OK : MED7_E_CONFIG_TANK_REFILL;
+}
+
+static int validate_damping(const config_t *c)
+{
+    if (!within(c->damping_design, MED7_DAMPING_DESIGN_MODAL, MED7_DAMPING_DESIGN_TASK)) {
+        return MED7_E_CONFIG_DAMPING_DESIGN;
+    }
+    for (int i = 0; i < N; ++i) {
+        if (!within(c->damping_ratio[i], 0.0, 100.0)) {
+            return MED7_E_CONFIG_DAMPING_RATIO;
+        }
+    }
+    if (!med7_is_positive_semidefinite6(c->task_damping)) {
+        return MED7_E_CONFIG_TASK_DAMPING;
+    }
+    for (int i = 0; i < 36 && c->damping_design != MED7_DAMPING_DESIGN_TASK; ++i) {
+        if (c->task_damping[i] != 0.0) {
+            return MED7_E_CONFIG_TASK_DAMPING;
+        }
+    }
+    return c->joint_damping >= 0.0 && is_finite(c->joint_damping) ? MED7_OK : MED7_E_CONFIG_JOINT_DAMPING;
+}
+
+static int validate_limits(const config_t *c)
+{
+    if (!all_positive(c->velocity_limit)) {
+        return MED7_E_CONFIG_VELOCITY_LIMIT;
+    }
+    if (!all_positive(c->effort_limit)) {
+        return MED7_E_CONFIG_EFFORT_LIMIT;
+    }
+    if (!all_positive(c->torque_rate_limit)) {
+        return MED7_E_CONFIG_TORQUE_RATE_LIMIT;
+    }
+    if (!(c->force_limit > 0.0 && is_finite(c->force_limit) && c->moment_limit > 0.0 && is_finite(c->moment_limit))) {
+        return MED7_E_CONFIG_WRENCH_LIMITS;
+    }
+    if (!(c->position_tolerance >= 0.0 && is_finite(c->position_tolerance))) {
+        return MED7_E_CONFIG_POSITION_TOLERANCE;
+    }
+    if (!(c->limit_zone > 0.0 && is_finite(c->limit_zone))) {
+        return MED7_E_CONFIG_LIMIT_ZONE;
+    }
+    for (int i = 0; i < N; ++i) {
+        if (!(c->lower_limit[i] < c->upper_limit[i])) {
+            return MED7_E_CONFIG_POSITION_LIMITS;
+        }
+        if (!(c->upper_limit[i] - c->lower_limit[i] > 2.0 * c->limit_zone)) {
+            return MED7_E_CONFIG_LIMIT_ZONE;
+        }
+        if (!(c->limit_stiffness[i] >= 0.0 && is_finite(c->limit_stiffness[i]))) {
+            return MED7_E_CONFIG_LIMIT_STIFFNESS;
+        }
+    }
+    return MED7_OK;
+}
+
+static int validate(const config_t *c)
+{
+    if (!(c->sample_time > 0.0 && c->sample_time <= 0.1)) {
+        return MED7_E_CONFIG_SAMPLE_TIME;
+    }
+    if (!within(c->wrench_filter, MED7_WRENCH_FILTER_OFF, MED7_WRENCH_FILTER_MOVING_AVERAGE)) {
+        return MED7_E_CONFIG_WRENCH_FILTER;
+    }
+    if (!(c->wrench_time_constant > 0.0 && is_finite(c->wrench_time_constant))) {
+        return MED7_E_CONFIG_WRENCH_TIME_CONSTANT;
+    }
+    if (!within(c->wrench_window, 1, MED7_MAX_WINDOW)) {
+        return MED7_E_CONFIG_WRENCH_WINDOW;
+    }
+    if (!within(c->missed_limit, 1, 1000)) {
+        return MED7_E_CONFIG_MISSED_LIMIT;
+    }
+    if (!(c->velocity_decay_time > 0.0 && is_finite(c->velocity_decay_time))) {
+        return MED7_E_CONFIG_VELOCITY_DECAY_TIME;
+    }
+    if (!(c->return_time >= 0.0 && is_finite(c->return_time))) {
+        return MED7_E_CONFIG_RETURN_TIME;
+    }
+    int error = validate_stiffness(c);
+    error = error != MED7_OK ? error : validate_damping(c);
+    return error != MED7_OK ? error : validate_limits(c);
+}
+
+static int initialise(const config_t *config, state_t *state)
+{
+    if (config == NULL || state == NULL) {
+        return MED7_E_NULL;
+    }
+    memset(state, 0, sizeof *state);
+    const int error = validate(config);
+    if (error != MED7_OK) {
+        return error;
+    }
+    output_t *const last = &state->last;
+    for (int i = 0; i < N; ++i) {
+        last->damping[i * N + i] = config->joint_damping;
+        state->torque_step[i] = config->torque_rate_limit[i] * config->sample_time;
+    }
+    last->mode = MED7_MODE_START;
+    last->tank_energy = config->tank_initial;
+    state->ready = READY;
+    return MED7_OK;
+}
+
+/* ---- input --------------------------------------------------------------------------------------------------- */
+
+/* Status bits of a vector of positions; positions beyond their limits are believed up to the tolerance. */
+static unsigned check_position(const config_t *c, const double *q)
+{
+    if (!all_finite(N, q)) {
+        return MED7_STATUS_NON_FINITE;
+    }
+    for (int i = 0; i < N; ++i) {
+        /* 1e6 also bounds joints without limits: beyond it an angle has lost its last digits. */
+        if (q[i] < c->lower_limit[i] - c->position_tolerance || q[i] > c->upper_limit[i] + c->position_tolerance ||
+            fabs(q[i]) > 1e6) {
+            return MED7_STATUS_OUT_OF_RANGE;
+        }
+    }
+    return 0;
+}
+
+static unsigned check_velocity(const config_t *c, const double *dq)
+{
+    if (!all_finite(N, dq)) {
+        return MED7_STATUS_NON_FINITE;
+    }
+    for (int i = 0; i < N; ++i) {
+        if (fabs(dq[i]) > c->velocity_limit[i]) {
+            return MED7_STATUS_OUT_OF_RANGE;
+        }
+    }
+    return 0;
+}
+
+static unsigned check_task(const config_t *c, const input_t *input)
+{
+    unsigned status = 0;
+    if (!all_finite(6, input->wrench)) {
+        status |= MED7_STATUS_NON_FINITE;
+    } else if (!(norm3(input->wrench) <= c->force_limit && norm3(input->wrench + 3) <= c->moment_limit)) {
+        status |= MED7_STATUS_OUT_OF_RANGE;
+    }
+    if (!all_finite(36, input->task_stiffness)) {
+        return status | MED7_STATUS_NON_FINITE;
+    }
+    for (int i = 0; i < 36; ++i) {
+        if (fabs(input->task_stiffness[i]) > c->task_stiffness_limit) {
+            status |= MED7_STATUS_OUT_OF_RANGE;
+        }
+    }
+    return med7_is_positive_semidefinite6(input->task_stiffness) ? status : status | MED7_STATUS_TASK_STIFFNESS;
+}
+
+static void filter_wrench(const config_t *c, state_t *state, const double *raw, double *filtered)
+{
+    const int first = state->wrench_count == 0;
+    if (c->wrench_filter == MED7_WRENCH_FILTER_MOVING_AVERAGE) {
+        /* The sum is taken anew over the raw samples: no drift, and no filtered value among them. */
+        memcpy(state->wrench_samples + 6 * state->wrench_next, raw, 6 * sizeof(double));
+        state->wrench_next = (state->wrench_next + 1) % MED7_MAX_WINDOW;
+        state->wrench_count += state->wrench_count < MED7_MAX_WINDOW ? 1 : 0;
+        const int count = state->wrench_count < c->wrench_window ? state->wrench_count : c->wrench_window;
+        for (int k = 0; k < 6; ++k) {
+            double sum = 0.0;
+            for (int s = 1; s <= count; ++s) {
+                const int slot = (state->wrench_next - s + MED7_MAX_WINDOW) % MED7_MAX_WINDOW;
+                sum += state->wrench_samples[6 * slot + k];
+            }
+            filtered[k] = sum / count;
+        }
+        return;
+    }
+    const int direct = first || c->wrench_filter == MED7_WRENCH_FILTER_OFF;
+    const double weight = direct ? 1.0 : -expm1(-c->sample_time / c->wrench_time_constant);
+    for (int k = 0; k < 6; ++k) {
+        filtered[k] = direct ? raw[k] : filtered[k] + weight * (raw[k] - filtered[k]);
+    }
+    state->wrench_count = 1;
+}
+
+/* ---- stiffness and damping ----------------------------------------------------------------------------------- */
+
+static void kernels_stiffness(const config_t *c, const double *q, const double *wrench, const double *K, double *result)
+{
+    const int corrected = c->stiffness_formula == MED7_STIFFNESS_FORMULA_CORRECTED;
+    if (c->representation == MED7_REPRESENTATION_BODY) {
+        (corrected ? ROBOT(body_joint_stiffness) : ROBOT(body_joint_stiffness_uncorrected))(q, wrench, K, result);
+    } else if (c->representation == MED7_REPRESENTATION_SPATIAL) {
+        (corrected ? ROBOT(spatial_joint_stiffness) : ROBOT(spatial_joint_stiffness_uncorrected))(q, wrench, K, result);
+    } else {
+        (corrected ? ROBOT(hybrid_joint_stiffness) : ROBOT(hybrid_joint_stiffness_uncorrected))(q, wrench, K, result);
+    }
+}
+
+static void kernels_jacobian(const config_t *c, const double *q, double *J)
+{
+    if (c->representation == MED7_REPRESENTATION_BODY) {
+        ROBOT(body_jacobian)(q, J);
+    } else if (c->representation == MED7_REPRESENTATION_SPATIAL) {
+        ROBOT(spatial_jacobian)(q, J);
+    } else {
+        ROBOT(hybrid_jacobian)(q, J);
+    }
+}
+
+/* Joint stiffness of the sample with nullspace stiffness into output->stiffness_target; returns status bits. */
+static unsigned target_stiffness(const config_t *c, state_t *state, const input_t *input, const double *J,
+                                 output_t *output)
+{
+    double *const K = output->stiffness_target, *const extra = state->scratch, *const work = state->scratch + NN;
+    unsigned status = 0;
+    int error = MED7_OK;
+    kernels_stiffness(c, input->q, output->wrench, input->task_stiffness, K);
+    output->singularity = 0.0;
+    if (c->nullspace == MED7_NULLSPACE_ISOTROPIC) {
+        for (int i = 0; i < N; ++i) {
+            K[i * N + i] += c->nullspace_stiffness;
+        }
+    } else if (c->nullspace == MED7_NULLSPACE_PROJECTED) {
+        error = med7_nullspace_stiffness(N, J, output->mass_matrix, c->nullspace_stiffness,
+                                             c->singularity_threshold, extra, &output->singularity, work);
+        if (error == MED7_OK) {
+            for (int i = 0; i < NN; ++i) {
+                K[i] += extra[i];
+            }
+            status |= output->singularity < c->singularity_threshold ? (unsigned)MED7_STATUS_SINGULAR : 0u;
+        }
+    }
+    if (error == MED7_OK && c->stiffness_sign == MED7_STIFFNESS_SIGN_POSITIVE_PART) {
+        error = med7_positive_part(N, K, output->mass_matrix, extra, output->eigenvalues, work);
+        if (error == MED7_OK) {
+            memcpy(K, extra, NN * sizeof(double));
+        }
+    }
+    if (error != MED7_OK) {
+        output->singularity = 0.0;
+        memcpy(K, state->last.stiffness_target, NN * sizeof(double));
+        status |= MED7_STATUS_MASS_MATRIX;
+    }
+    return status;
+}
+
+/* Bq and eigenvalues for the applied stiffness; returns status bits. On an error both stay those of the last step. */
+static unsigned design_damping(const config_t *c, state_t *state, const double *J, output_t *output)
+{
+    double *const B = state->scratch, *const K = state->scratch + NN, *const work = state->scratch + 2 * NN;
+    double values[N];
+    int error;
+    double asymmetry = 0.0;
+    for (int i = 0; i < N; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            const double a = output->stiffness[i * N + j], b = output->stiffness[j * N + i];
+            K[i * N + j] = K[j * N + i] = i == j ? a : (a + b) / 2.0;
+            asymmetry += i == j ? 0.0 : (a - b) * (a - b) / 2.0;
+        }
+    }
+    output->antisymmetric_norm = sqrt(asymmetry);
+    if (c->damping_design == MED7_DAMPING_DESIGN_MODAL) {
+        error = med7_damping_modal(N, K, output->mass_matrix, c->damping_ratio, B, values, work);
+    } else {
+        error = med7_eigen_generalised(N, K, output->mass_matrix, values, B, work);
+        if (c->damping_design == MED7_DAMPING_DESIGN_TASK) {
+            /* needs no mass matrix: a singular one costs the eigenvalues only */
+            const int failed = med7_damping_task(N, J, c->task_damping, 0.0, B);
+            for (int i = 0; failed == MED7_OK && i < NN; ++i) {
+                output->damping[i] = B[i] + (i % (N + 1) == 0 ? c->joint_damping : 0.0);
+            }
+        } else if (error == MED7_OK) {
+            error = med7_damping_factorised(N, K, output->mass_matrix, c->damping_ratio, B, work);
+            if (error == MED7_OK) {
+                double discarded[N];
+                error = med7_positive_part(N, B, NULL, K, discarded, work);
+                memcpy(B, K, NN * sizeof(double));
+            }
+        }
+    }
+    if (error != MED7_OK) {
+        return MED7_STATUS_MASS_MATRIX;
+    }
+    if (c->damping_design != MED7_DAMPING_DESIGN_TASK) {
+        for (int i = 0; i < NN; ++i) {
+            output->damping[i] = B[i] + (i % (N + 1) == 0 ? c->joint_damping : 0.0);
+        }
+    }
+    memcpy(output->eigenvalues, values, sizeof values);
+    /* J^T K J alone has zero eigenvalues, which come out as roundings of either sign. */
+    return values[0] < -1e-9 * fabs(values[N - 1]) ? MED7_STATUS_INDEFINITE : 0;
+}
+
+/* ---- torques -------------------------------------------------------------------------------------------------- */
+
+/* Torque that grows with the depth d in the limit zone, -k d, from the potential k d^2 / 2; returns status bits. */
+static unsigned avoid_limits(const config_t *c, const double *q, output_t *output)
+{
+    unsigned status = 0;
+    output->limit_energy = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double above = q[i] - (c->upper_limit[i] - c->limit_zone);
+        const double below = q[i] - (c->lower_limit[i] + c->limit_zone);
+        const double depth = above > 0.0 ? above : below < 0.0 ? below : 0.0;
+        output->limit_torque[i] = -c->limit_stiffness[i] * depth;
+        output->limit_energy += 0.5 * c->limit_stiffness[i] * depth * depth;
+        status |= depth != 0.0 ? (unsigned)MED7_STATUS_JOINT_LIMIT : 0u;
+    }
+    return status;
+}
+
+/* Sum of the torques, cut to the effort limits, then moved from the last torque by no more than the rate limit. */
+static unsigned command(const config_t *c, state_t *state, output_t *output)
+{
+    unsigned status = 0;
+    for (int i = 0; i < N; ++i) {
+        const double wanted = output->elastic_torque[i] + output->damping_torque[i] + output->limit_torque[i];
+        const double effort = c->effort_limit[i], step = c->torque_rate_limit[i] * c->sample_time;
+        const double last = state->last.torque[i];
+        const double possible = clamp(wanted, -effort, effort);
+        const double reached = clamp(possible, last - step, last + step);
+        status |= possible != wanted ? (unsigned)MED7_STATUS_SATURATED : 0u;
+        status |= reached != possible ? (unsigned)MED7_STATUS_RATE_LIMITED : 0u;
+        /* A torque within the limits moves within them; a limit lowered at run time comes before the rate. */
+        output->torque[i] = clamp(reached, -effort, effort);
+        state->torque_step[i] = step;
+    }
+    return status;
+}
+
+/* ---- energy --------------------------------------------------------------------------------------------------- */
+
+/*
+ * Account of the interval since the last sample, from the torques of that sample; sets output's totals and powers.
+ * shift: motion of the reference that the spring and the damper have felt. middle: 1/2 e^T K e with the error e of now
+ * and the stiffness K of then. Returns what flows into the tank before the stiffness varies.
+ */
+static double account(const config_t *c, const state_t *state, const double *q, const double *shift, double *middle,
+                      output_t *output)
+{
+    const output_t *const last = &state->last;
+    const int spring = last->mode == MED7_MODE_RETURN || last->mode == MED7_MODE_ACTIVE;
+    double motion[N], change[N], error[N], product[N];
+    double antisymmetric = 0.0, limiting = 0.0, sampling = 0.0;
+    for (int i = 0; i < N; ++i) {
+        motion[i] = q[i] - last->position[i];
+        change[i] = shift[i] - motion[i];
+        error[i] = last->error[i] + change[i];
+        limiting -= (last->torque[i] - last->elastic_torque[i] - last->damping_torque[i] - last->limit_torque[i]) *
+                    change[i];
+    }
+    *middle = 0.0;
+    if (spring) {
+        *middle = half_form(last->stiffness, error);
+        sampling = half_form(last->stiffness, change);
+        if (c->stiffness_formula == MED7_STIFFNESS_FORMULA_CONVENTIONAL) {
+            for (int i = 0; i < N; ++i) {
+                product[i] = 0.0;
+                for (int j = 0; j < N; ++j) {
+                    product[i] += (last->stiffness[i * N + j] - last->stiffness[j * N + i]) / 2.0 * last->error[j];
+                }
+            }
+            antisymmetric = -dot(product, change);
+        }
+    }
+    const double dissipated = dot(last->damping_torque, change);
+    const double limit_work = dot(last->limit_torque, motion);
+    sampling += limit_work + output->limit_energy - last->limit_energy;
+    output->port_total += limit_work - dot(last->torque, change) + dot(last->limit_torque, change);
+    output->sampling_total += sampling;
+    output->antisymmetric_total += antisymmetric;
+    output->limiting_total += limiting;
+    output->dissipated_total += dissipated;
+    const double elapsed = c->sample_time * (1 + last->missed);
+    output->dissipated_power = dissipated / elapsed;
+    output->antisymmetric_power = antisymmetric / elapsed;
+    /* What was dissipated pays debts in full; only a share of the rest is kept for later. */
+    const double net = dissipated - sampling - antisymmetric - limiting;
+    const double debt = last->tank_deficit;
+    return net > debt ? debt + c->tank_refill * (net - debt) : net;
+}
+
+/* Tank after an income (negative: a drain); what it cannot pay is deficit, which is paid back first. */
+static void fill_tank(const config_t *c, double level, output_t *output)
+{
+    output->tank_energy = clamp(level, c->tank_minimum, c->tank_maximum);
+    output->tank_deficit = level < c->tank_minimum ? c->tank_minimum - level : 0.0;
+}
+
+/*
+ * Move the applied stiffness towards the target: by the rate limit's share, then by the share that the tank can pay.
+ * One factor for all entries keeps symmetry, and keeps a positive semidefinite stiffness so.
+ */
+static unsigned vary_stiffness(const config_t *c, const state_t *state, double income, double middle, double elapsed,
+                               output_t *output)
+{
+    const double *const K = state->last.stiffness;
+    double *const change = output->stiffness; /* first the difference, then the sum */
+    unsigned status = 0;
+    double norm = 0.0, size = 0.0, share = 1.0;
+    for (int i = 0; i < NN; ++i) {
+        change[i] = output->stiffness_target[i] - K[i];
+        norm += change[i] * change[i];
+        size += K[i] * K[i];
+    }
+    norm = sqrt(norm);
+    size = sqrt(size);
+    if (norm > c->stiffness_rate_limit * elapsed) {
+        share = c->stiffness_rate_limit * elapsed / norm;
+        status |= MED7_STATUS_STIFFNESS_RATE;
+    }
+    double level = state->last.tank_energy - state->last.tank_deficit + income;
+    if (c->tank == MED7_TANK_ON) {
+        const double cost = share * half_form(change, output->error);
+        /* Less what rounding makes of the energies that are subtracted below, so that it cannot overdraw. */
+        const double rounding = 1e-14 * (size + norm) * dot(output->error, output->error);
+        const double free_energy = level - c->tank_minimum - rounding;
+        const double budget = free_energy > 0.0 ? (1.0 - 1e-9) * free_energy : 0.0;
+        if (cost > budget) {
+            share *= budget / cost;
+            status |= MED7_STATUS_TANK_LIMITED;
+        }
+    }
+    for (int i = 0; i < NN; ++i) {
+        output->stiffness[i] = share == 1.0 ? output->stiffness_target[i] : K[i] + share * change[i];
+    }
+    output->stiffness_step = share;
+    output->elastic_energy = half_form(output->stiffness, output->error);
+    const double variation = share > 0.0 ? output->elastic_energy - middle : 0.0;
+    output->variation_total += variation;
+    output->variation_power = variation / elapsed;
+    if (c->tank == MED7_TANK_ON) {
+        fill_tank(c, level - variation, output);
+    }
+    return status;
+}
+
+/* ---- step ------------------------------------------------------------------------------------------------------ */
+
+/* Where the spring pulls: from the anchor to q0 along a cubic blend, with its velocity. */
+static void blend_reference(const config_t *c, const state_t *state, const input_t *input, output_t *output)
+{
+    const double s = output->blend;
+    const double weight = s * s * (3.0 - 2.0 * s);
+    const double rate = s < 1.0 ? 6.0 * s * (1.0 - s) / c->return_time : 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double way = input->q0[i] - state->anchor[i];
+        output->reference[i] = s < 1.0 ? state->anchor[i] + weight * way : input->q0[i];
+        output->reference_velocity[i] = weight * input->dq0[i] + rate * way;
+        output->error[i] = output->reference[i] - input->q[i];
+    }
+}
+
+/*
+ * Velocity for the damping of the fallback. A robot that really is too fast must be braked: a velocity beyond its limit
+ * counts as the limit, up to ten times. Further off, it is no measurement: the last believed one fades.
+ */
+static void fallback_velocity(const config_t *c, const state_t *state, const double *dq, double *velocity)
+{
+    const double fade = exp(-c->sample_time / c->velocity_decay_time);
+    int plausible = dq != NULL;
+    for (int i = 0; plausible && i < N; ++i) {
+        plausible = fabs(dq[i]) <= 10.0 * c->velocity_limit[i];
+    }
+    for (int i = 0; i < N; ++i) {
+        velocity[i] = plausible ? clamp(dq[i], -c->velocity_limit[i], c->velocity_limit[i])
+                                : fade * state->last.velocity[i];
+    }
+}
+
+static unsigned fall_back(const config_t *c, state_t *state, const input_t *input, int q_good, output_t *output)
+{
+    const double zero[N] = {0.0};
+    const int spring = state->last.mode == MED7_MODE_RETURN || state->last.mode == MED7_MODE_ACTIVE;
+    unsigned status = MED7_STATUS_FALLBACK;
+    double middle = state->last.elastic_energy;
+    output->dissipated_power = output->variation_power = output->antisymmetric_power = 0.0;
+    if (q_good) {
+        status |= avoid_limits(c, input->q, output);
+        if (state->known) {
+            const double income = account(c, state, input->q, zero, &middle, output);
+            if (c->tank == MED7_TANK_ON) {
+                fill_tank(c, state->last.tank_energy - state->last.tank_deficit + income, output);
+            }
+        } else {
+            output->engaged_total += output->limit_energy;
+        }
+        memcpy(output->position, input->q, sizeof output->position);
+    } else {
+        /* Without a position there is no depth in the zone, and no account until one is known again. */
+        memset(output->limit_torque, 0, sizeof output->limit_torque);
+        output->released_total += output->limit_energy;
+        output->limit_energy = 0.0;
+        output->unaccounted += output->unaccounted < UINT32_MAX ? 1u : 0u;
+    }
+    state->known = q_good;
+    output->released_total += spring ? middle : 0.0;
+    output->mode = MED7_MODE_FALLBACK;
+    output->elastic_energy = 0.0;
+    output->blend = 0.0;
+    output->stiffness_step = 0.0;
+    for (int i = 0; i < N; ++i) {
+        output->reference[i] = output->position[i];
+        output->reference_velocity[i] = output->error[i] = output->elastic_torque[i] = 0.0;
+    }
+    fallback_velocity(c, state, input != NULL ? input->dq : NULL, output->velocity);
+    multiply(output->damping, output->velocity, output->damping_torque);
+    for (int i = 0; i < N; ++i) {
+        output->damping_torque[i] = 0.0 - output->damping_torque[i];
+    }
+    return status | command(c, state, output);
+}
+
+static unsigned control(const config_t *c, state_t *state, const input_t *input, const double *J, unsigned status,
+                        output_t *output)
+{
+    const output_t *const last = &state->last;
+    const int fresh = last->mode == MED7_MODE_START || last->mode == MED7_MODE_FALLBACK;
+    const double elapsed = c->sample_time * (1 + last->missed);
+    double shift[N], middle = 0.0, income = 0.0;
+    if (fresh) {
+        memcpy(state->anchor, input->q, sizeof state->anchor);
+        output->blend = c->return_time > 0.0 ? 0.0 : 1.0;
+    } else if (last->blend < 1.0) {
+        const double next = c->return_time > 0.0 ? last->blend + elapsed / c->return_time : 1.0;
+        output->blend = next < 1.0 ? next : 1.0;
+    }
+    output->mode = output->blend < 1.0 ? MED7_MODE_RETURN : MED7_MODE_ACTIVE;
+    status |= output->blend < 1.0 ? (unsigned)MED7_STATUS_RETURNING : 0u;
+    blend_reference(c, state, input, output);
+    status |= avoid_limits(c, input->q, output);
+    output->dissipated_power = output->variation_power = output->antisymmetric_power = 0.0;
+    for (int i = 0; i < N; ++i) {
+        shift[i] = fresh ? 0.0 : output->reference[i] - last->reference[i];
+    }
+    if (state->known) {
+        income = account(c, state, input->q, shift, &middle, output);
+    } else {
+        output->engaged_total += output->limit_energy;
+    }
+    if (fresh) {
+        /* The spring starts at its target: at the anchor its error, its torque and its energy are zero. */
+        memcpy(output->stiffness, output->stiffness_target, sizeof output->stiffness);
+        output->stiffness_step = 1.0;
+        output->elastic_energy = half_form(output->stiffness, output->error);
+        output->engaged_total += output->elastic_energy;
+        if (c->tank == MED7_TANK_ON) {
+            fill_tank(c, last->tank_energy - last->tank_deficit + income, output);
+        }
+    } else {
+        status |= vary_stiffness(c, state, income, middle, elapsed, output);
+    }
+    status |= design_damping(c, state, J, output);
+    double slip[N];
+    for (int i = 0; i < N; ++i) {
+        output->position[i] = input->q[i];
+        output->velocity[i] = input->dq[i];
+        slip[i] = output->reference_velocity[i] - input->dq[i];
+    }
+    multiply(output->stiffness, output->error, output->elastic_torque);
+    multiply(output->damping, slip, output->damping_torque);
+    state->known = 1;
+    return status | command(c, state, output);
+}
+
+static unsigned sample(const config_t *c, state_t *state, const input_t *input, output_t *output)
+{
+    const unsigned position = check_position(c, input->q);
+    unsigned status = position | check_velocity(c, input->dq) | check_position(c, input->q0) |
+                      check_velocity(c, input->dq0) | check_task(c, input);
+    output->missed = 0;
+    if (status == 0) {
+        double J[6 * N];
+        if (state->last.mode == MED7_MODE_START || state->last.mode == MED7_MODE_FALLBACK) {
+            state->wrench_count = 0; /* what the filter knows is old */
+        }
+        filter_wrench(c, state, input->wrench, output->wrench);
+        ROBOT(mass_matrix)(input->q, output->mass_matrix);
+        kernels_jacobian(c, input->q, J);
+        const unsigned flags = target_stiffness(c, state, input, J, output);
+        if (all_finite(NN, output->mass_matrix) && all_finite(NN, output->stiffness_target)) {
+            return control(c, state, input, J, flags, output);
+        }
+        status = MED7_STATUS_NON_FINITE;
+        *output = state->last;
+        output->missed = 0;
+    }
+    return status | fall_back(c, state, input, position == 0, output);
+}
+
+static unsigned no_sample(const config_t *c, state_t *state, output_t *output)
+{
+    unsigned status = MED7_STATUS_MISSED;
+    output->missed = state->last.missed < INT32_MAX ? state->last.missed + 1 : INT32_MAX;
+    if (output->missed < c->missed_limit && state->last.mode != MED7_MODE_FALLBACK) {
+        /* The torque is held, as between two samples: the account of the longer interval stays exact. */
+        return status | (state->last.status & (unsigned)(MED7_STATUS_RETURNING | MED7_STATUS_JOINT_LIMIT));
+    }
+    status |= output->missed >= c->missed_limit ? (unsigned)MED7_STATUS_WATCHDOG : 0u;
+    return status | fall_back(c, state, NULL, 0, output);
+}
+
+/* Torque towards zero by the last valid rate limit: all that can be done without a configuration. */
+static void refuse(state_t *state, output_t *output)
+{
+    *output = state->last;
+    output->released_total += output->elastic_energy + output->limit_energy;
+    for (int i = 0; i < N; ++i) {
+        const double last = state->last.torque[i];
+        output->torque[i] = last - clamp(last, -state->torque_step[i], state->torque_step[i]);
+        output->elastic_torque[i] = output->damping_torque[i] = output->limit_torque[i] = 0.0;
+        output->error[i] = 0.0;
+    }
+    output->limit_energy = output->elastic_energy = output->blend = 0.0;
+    output->unaccounted += output->unaccounted < UINT32_MAX ? 1u : 0u;
+    output->mode = MED7_MODE_FALLBACK;
+    output->status = MED7_STATUS_CONFIG | MED7_STATUS_FALLBACK;
+    state->known = 0;
+    state->last = *output;
+}
+
+static int step(const config_t *config, state_t *state, const input_t *input, output_t *output)
+{
+    if (output == NULL) {
+        return MED7_E_NULL;
+    }
+    const int missing = config == NULL || state == NULL || input == NULL;
+    if (state == NULL || state->ready != READY) {
+        memset(output, 0, sizeof *output);
+        output->status = MED7_STATUS_CONFIG | MED7_STATUS_FALLBACK;
+        output->mode = MED7_MODE_FALLBACK;
+        return missing ? MED7_E_NULL : MED7_E_NOT_INITIALISED;
+    }
+    const int error = missing ? MED7_E_NULL : validate(config);
+    if (error != MED7_OK) {
+        refuse(state, output);
+        return error;
+    }
+    *output = state->last;
+    unsigned status = input->sample_valid == 1 ? sample(config, state, input, output) : no_sample(config, state, output);
+    if (config->tank == MED7_TANK_ON && output->tank_deficit > 0.0) {
+        status |= MED7_STATUS_TANK_DEFICIT;
+    }
+    output->status = (uint32_t)status;
+    state->last = *output;
+    return MED7_OK;
+}
 
 void med7_impedance_default_config(med7_impedance_config *config)
 {
     memset(config, 0, sizeof *config);
     config->sample_time = 0.001;
-    config->representation = STIFFGEN_REPRESENTATION_HYBRID;
-    config->stiffness_formula = STIFFGEN_STIFFNESS_FORMULA_CORRECTED;
-    config->stiffness_sign = STIFFGEN_STIFFNESS_SIGN_AS_IS;
+    config->representation = MED7_REPRESENTATION_HYBRID;
+    config->stiffness_formula = MED7_STIFFNESS_FORMULA_CORRECTED;
+    config->stiffness_sign = MED7_STIFFNESS_SIGN_AS_IS;
     config->stiffness_rate_limit = 1e4;
-    config->nullspace = STIFFGEN_NULLSPACE_ISOTROPIC;
+    config->nullspace = MED7_NULLSPACE_ISOTROPIC;
     config->nullspace_stiffness = 1.0;
     config->singularity_threshold = 1e-3;
-    config->damping_design = STIFFGEN_DAMPING_DESIGN_MODAL;
+    config->damping_design = MED7_DAMPING_DESIGN_MODAL;
     config->joint_damping = 0.1;
-    config->wrench_filter = STIFFGEN_WRENCH_FILTER_FIRST_ORDER;
+    config->wrench_filter = MED7_WRENCH_FILTER_FIRST_ORDER;
     config->wrench_time_constant = 0.01;
     config->wrench_window = 3;
     config->position_tolerance = 0.1;
@@ -35,7 +1565,7 @@ void med7_impedance_default_config(med7_impedance_config *config)
     config->missed_limit = 3;
     config->velocity_decay_time = 0.02;
     config->return_time = 0.5;
-    config->tank = STIFFGEN_TANK_ON;
+    config->tank = MED7_TANK_ON;
     config->tank_initial = 1.0;
     config->tank_minimum = 0.1;
     config->tank_maximum = 5.0;
@@ -53,7 +1583,7 @@ void med7_impedance_default_config(med7_impedance_config *config)
 
 int med7_impedance_validate(const med7_impedance_config *config)
 {
-    return config == NULL ? STIFFGEN_E_NULL : validate(config);
+    return config == NULL ? MED7_E_NULL : validate(config);
 }
 
 int med7_impedance_init(const med7_impedance_config *config, med7_impedance_state *state)

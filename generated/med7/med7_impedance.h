@@ -13,14 +13,13 @@
  *
  * Use
  *   med7_impedance_default_config(&config);      then set what differs
- *   med7_impedance_init(&config, &state);        returns 0, or why not: stiffgen_error_text
+ *   med7_impedance_init(&config, &state);        returns 0, or why not: med7_impedance_error_text
  *   med7_impedance_step(&config, &state, &input, &output);   once a sample time
  */
 #ifndef MED7_IMPEDANCE_H
 #define MED7_IMPEDANCE_H
 
 #include "med7.h"
-#include "stiffgen_impedance.h"
 
 #include <stdint.h>
 
@@ -28,29 +27,118 @@
 extern "C" {
 #endif
 
+/* Error codes of the robot-independent runtime, and what they mean. */
+enum med7_error {
+    MED7_OK = 0,
+
+    /* Linear algebra and damping design (med7_damping.h) */
+    MED7_E_SIZE = -1,
+    MED7_E_NOT_FINITE = -2,
+    MED7_E_MASS = -3,
+    MED7_E_NOT_SYMMETRIC = -4,
+    MED7_E_NOT_CONVERGED = -5,
+    MED7_E_DAMPING_RATIO = -6,
+
+    /* Arguments of a controller's functions */
+    MED7_E_NULL = -10,
+    MED7_E_NOT_INITIALISED = -11,
+
+    /* Fields of a controller's configuration (NAME_impedance_config) */
+    MED7_E_CONFIG_SAMPLE_TIME = -20,
+    MED7_E_CONFIG_REPRESENTATION = -21,
+    MED7_E_CONFIG_STIFFNESS_FORMULA = -22,
+    MED7_E_CONFIG_STIFFNESS_SIGN = -23,
+    MED7_E_CONFIG_STIFFNESS_RATE = -24,
+    MED7_E_CONFIG_NULLSPACE = -25,
+    MED7_E_CONFIG_NULLSPACE_STIFFNESS = -26,
+    MED7_E_CONFIG_SINGULARITY_THRESHOLD = -27,
+    MED7_E_CONFIG_DAMPING_DESIGN = -28,
+    MED7_E_CONFIG_DAMPING_RATIO = -29,
+    MED7_E_CONFIG_TASK_DAMPING = -30,
+    MED7_E_CONFIG_JOINT_DAMPING = -31,
+    MED7_E_CONFIG_WRENCH_FILTER = -32,
+    MED7_E_CONFIG_WRENCH_TIME_CONSTANT = -33,
+    MED7_E_CONFIG_WRENCH_WINDOW = -34,
+    MED7_E_CONFIG_POSITION_LIMITS = -35,
+    MED7_E_CONFIG_POSITION_TOLERANCE = -36,
+    MED7_E_CONFIG_VELOCITY_LIMIT = -37,
+    MED7_E_CONFIG_WRENCH_LIMITS = -38,
+    MED7_E_CONFIG_TASK_STIFFNESS_LIMIT = -39,
+    MED7_E_CONFIG_LIMIT_ZONE = -40,
+    MED7_E_CONFIG_LIMIT_STIFFNESS = -41,
+    MED7_E_CONFIG_EFFORT_LIMIT = -42,
+    MED7_E_CONFIG_TORQUE_RATE_LIMIT = -43,
+    MED7_E_CONFIG_MISSED_LIMIT = -44,
+    MED7_E_CONFIG_VELOCITY_DECAY_TIME = -45,
+    MED7_E_CONFIG_RETURN_TIME = -46,
+    MED7_E_CONFIG_TANK = -47,
+    MED7_E_CONFIG_TANK_ENERGY = -48,
+    MED7_E_CONFIG_TANK_REFILL = -49
+};
+
+/* One line of English for a code; for a number that is none, "unknown error". Never NULL. */
+const char *med7_impedance_error_text(int code);
+
+/*
+ * Constants of every robot's impedance controller. The controller itself is NAME_impedance.h.
+ *
+ * No enumeration has the value 0: a configuration of zeros is refused rather than taken for a choice.
+ */
+#define MED7_MAX_WINDOW 32
+
+enum { MED7_REPRESENTATION_BODY = 1, MED7_REPRESENTATION_SPATIAL, MED7_REPRESENTATION_HYBRID };
+enum { MED7_STIFFNESS_FORMULA_CORRECTED = 1, MED7_STIFFNESS_FORMULA_CONVENTIONAL };
+enum { MED7_STIFFNESS_SIGN_AS_IS = 1, MED7_STIFFNESS_SIGN_POSITIVE_PART };
+enum { MED7_NULLSPACE_OFF = 1, MED7_NULLSPACE_ISOTROPIC, MED7_NULLSPACE_PROJECTED };
+enum { MED7_DAMPING_DESIGN_MODAL = 1, MED7_DAMPING_DESIGN_FACTORISED, MED7_DAMPING_DESIGN_TASK };
+enum { MED7_WRENCH_FILTER_OFF = 1, MED7_WRENCH_FILTER_FIRST_ORDER, MED7_WRENCH_FILTER_MOVING_AVERAGE };
+enum { MED7_TANK_OFF = 1, MED7_TANK_ON };
+enum { MED7_MODE_START = 1, MED7_MODE_RETURN, MED7_MODE_ACTIVE, MED7_MODE_FALLBACK };
+
+/* Bits of a step's status; NAME_impedance.h says what each means. */
+enum {
+    MED7_STATUS_NON_FINITE = 1 << 0,
+    MED7_STATUS_OUT_OF_RANGE = 1 << 1,
+    MED7_STATUS_TASK_STIFFNESS = 1 << 2,
+    MED7_STATUS_MISSED = 1 << 3,
+    MED7_STATUS_WATCHDOG = 1 << 4,
+    MED7_STATUS_FALLBACK = 1 << 5,
+    MED7_STATUS_RETURNING = 1 << 6,
+    MED7_STATUS_JOINT_LIMIT = 1 << 7,
+    MED7_STATUS_SATURATED = 1 << 8,
+    MED7_STATUS_RATE_LIMITED = 1 << 9,
+    MED7_STATUS_STIFFNESS_RATE = 1 << 10,
+    MED7_STATUS_TANK_LIMITED = 1 << 11,
+    MED7_STATUS_TANK_DEFICIT = 1 << 12,
+    MED7_STATUS_INDEFINITE = 1 << 13,
+    MED7_STATUS_MASS_MATRIX = 1 << 14,
+    MED7_STATUS_SINGULAR = 1 << 15,
+    MED7_STATUS_CONFIG = 1 << 16
+};
+
 /* Bits of the status:
- *   STIFFGEN_STATUS_NON_FINITE: an input is NaN or infinite
- *   STIFFGEN_STATUS_OUT_OF_RANGE: an input lies beyond what is believed: position, velocity, force, moment or task stiffness
- *   STIFFGEN_STATUS_TASK_STIFFNESS: the task stiffness is not symmetric or not positive semidefinite
- *   STIFFGEN_STATUS_MISSED: the sample was missed
- *   STIFFGEN_STATUS_WATCHDOG: missed_limit or more consecutive samples were missed
- *   STIFFGEN_STATUS_FALLBACK: pure damping: no elastic torque
- *   STIFFGEN_STATUS_RETURNING: the reference is on its way back to q0
- *   STIFFGEN_STATUS_JOINT_LIMIT: a position is in the limit zone or beyond
- *   STIFFGEN_STATUS_SATURATED: a torque was cut to its effort limit
- *   STIFFGEN_STATUS_RATE_LIMITED: a torque was cut to its rate limit
- *   STIFFGEN_STATUS_STIFFNESS_RATE: the stiffness was held back by its rate limit
- *   STIFFGEN_STATUS_TANK_LIMITED: the stiffness was held back because the tank could not pay
- *   STIFFGEN_STATUS_TANK_DEFICIT: more energy went out than the tank could pay
- *   STIFFGEN_STATUS_INDEFINITE: the applied stiffness has a negative eigenvalue; its modes are not damped by the modal design
- *   STIFFGEN_STATUS_MASS_MATRIX: the mass matrix is not positive definite: last damping (and nullspace stiffness) kept
- *   STIFFGEN_STATUS_SINGULAR: nullspace projected: the inverse is damped near a singularity
- *   STIFFGEN_STATUS_CONFIG: the configuration is refused or the state not initialised; the return value says why
+ *   MED7_STATUS_NON_FINITE: an input is NaN or infinite
+ *   MED7_STATUS_OUT_OF_RANGE: an input lies beyond what is believed: position, velocity, force, moment or task stiffness
+ *   MED7_STATUS_TASK_STIFFNESS: the task stiffness is not symmetric or not positive semidefinite
+ *   MED7_STATUS_MISSED: the sample was missed
+ *   MED7_STATUS_WATCHDOG: missed_limit or more consecutive samples were missed
+ *   MED7_STATUS_FALLBACK: pure damping: no elastic torque
+ *   MED7_STATUS_RETURNING: the reference is on its way back to q0
+ *   MED7_STATUS_JOINT_LIMIT: a position is in the limit zone or beyond
+ *   MED7_STATUS_SATURATED: a torque was cut to its effort limit
+ *   MED7_STATUS_RATE_LIMITED: a torque was cut to its rate limit
+ *   MED7_STATUS_STIFFNESS_RATE: the stiffness was held back by its rate limit
+ *   MED7_STATUS_TANK_LIMITED: the stiffness was held back because the tank could not pay
+ *   MED7_STATUS_TANK_DEFICIT: more energy went out than the tank could pay
+ *   MED7_STATUS_INDEFINITE: the applied stiffness has a negative eigenvalue; its modes are not damped by the modal design
+ *   MED7_STATUS_MASS_MATRIX: the mass matrix is not positive definite: last damping (and nullspace stiffness) kept
+ *   MED7_STATUS_SINGULAR: nullspace projected: the inverse is damped near a singularity
+ *   MED7_STATUS_CONFIG: the configuration is refused or the state not initialised; the return value says why
  * Modes of a step:
- *   STIFFGEN_MODE_START: initialised, no sample seen yet
- *   STIFFGEN_MODE_RETURN: control, with the reference on its way to q0
- *   STIFFGEN_MODE_ACTIVE: control
- *   STIFFGEN_MODE_FALLBACK: pure damping, no elastic torque
+ *   MED7_MODE_START: initialised, no sample seen yet
+ *   MED7_MODE_RETURN: control, with the reference on its way to q0
+ *   MED7_MODE_ACTIVE: control
+ *   MED7_MODE_FALLBACK: pure damping, no elastic torque
  */
 
 /* How the controller behaves; start from the defaults. Fields without a choice's name are numbers. */
@@ -59,18 +147,18 @@ typedef struct {
     double sample_time;
     /* in which the wrench and the task stiffness are given: body (tip axes, tip's origin), spatial (base axes,
      * base's origin; another connection, hence another stiffness) or hybrid (base axes, tip's origin). Default:
-     * STIFFGEN_REPRESENTATION_HYBRID. */
+     * MED7_REPRESENTATION_HYBRID. */
     int representation;
     /* corrected (symmetric) or, for comparison only, conventional (without the connection's correction).
-     * Default: STIFFGEN_STIFFNESS_FORMULA_CORRECTED. */
+     * Default: MED7_STIFFNESS_FORMULA_CORRECTED. */
     int stiffness_formula;
     /* as_is, or positive_part: negative eigenvalues against the mass matrix become 0, so that the elastic
-     * energy is bounded below. Default: STIFFGEN_STIFFNESS_SIGN_AS_IS. */
+     * energy is bounded below. Default: MED7_STIFFNESS_SIGN_AS_IS. */
     int stiffness_sign;
     /* [N m/rad/s] largest Frobenius norm of the applied joint stiffness' rate of change. Default: 1e4. */
     double stiffness_rate_limit;
     /* off; isotropic, + k I as in the paper; or projected, + N (k I) N^T with the inertia-weighted projector.
-     * Default: STIFFGEN_NULLSPACE_ISOTROPIC. */
+     * Default: MED7_NULLSPACE_ISOTROPIC. */
     int nullspace;
     /* [N m/rad] k; 0 exactly if nullspace is off. Default: 1.0. */
     double nullspace_stiffness;
@@ -78,7 +166,7 @@ typedef struct {
      * eigenvalues. Default: 1e-3. */
     double singularity_threshold;
     /* modal (double diagonalisation), factorised (its positive part), or task, J^T task_damping J; to each
-     * joint_damping I is added. Default: STIFFGEN_DAMPING_DESIGN_MODAL. */
+     * joint_damping I is added. Default: MED7_DAMPING_DESIGN_MODAL. */
     int damping_design;
     /* [1] modal: of the modes, softest first; factorised: of the joints; task: not used. Default: 0.7. */
     double damping_ratio[7];
@@ -88,11 +176,11 @@ typedef struct {
     /* [N m s/rad] d, added as d I. Default: 0.1. */
     double joint_damping;
     /* off, first_order (exact for a held input) or moving_average (over wrench_window raw samples). Default:
-     * STIFFGEN_WRENCH_FILTER_FIRST_ORDER. */
+     * MED7_WRENCH_FILTER_FIRST_ORDER. */
     int wrench_filter;
     /* [s] of the first-order filter. Default: 0.01. */
     double wrench_time_constant;
-    /* [samples] of the moving average, 1 to STIFFGEN_MAX_WINDOW. Default: 3. */
+    /* [samples] of the moving average, 1 to MED7_MAX_WINDOW. Default: 3. */
     int wrench_window;
     /* [rad or m] of the position; may be -infinity. Default: lower[i]. */
     double lower_limit[7];
@@ -125,7 +213,7 @@ typedef struct {
     double velocity_decay_time;
     /* [s] of the smooth return from the fallback, and of the start. Default: 0.5. */
     double return_time;
-    /* off, or on: energy for stiffness variation comes from the tank. Default: STIFFGEN_TANK_ON. */
+    /* off, or on: energy for stiffness variation comes from the tank. Default: MED7_TANK_ON. */
     int tank;
     /* [J] tank energy at the start. Default: 1.0. */
     double tank_initial;
@@ -161,9 +249,9 @@ typedef struct {
 typedef struct {
     /* [N m or N] command, without gravity: elastic + damping + limit torque, saturated, then rate limited. */
     double torque[7];
-    /* STIFFGEN_STATUS_ bits. */
+    /* MED7_STATUS_ bits. */
     uint32_t status;
-    /* STIFFGEN_MODE_ of the step. */
+    /* MED7_MODE_ of the step. */
     int mode;
     /* [samples] consecutive missed samples. */
     int missed;
@@ -246,7 +334,7 @@ typedef struct {
     int wrench_next;
     double anchor[7];
     double torque_step[7];
-    double wrench_samples[6 * STIFFGEN_MAX_WINDOW];
+    double wrench_samples[6 * MED7_MAX_WINDOW];
     double scratch[294];
     med7_impedance_output last;
 } med7_impedance_state;
@@ -254,14 +342,14 @@ typedef struct {
 /* The configuration that the field comments call default, with the URDF's limits. */
 void med7_impedance_default_config(med7_impedance_config *config);
 
-/* STIFFGEN_OK, or the code of the first field that is refused. */
+/* MED7_OK, or the code of the first field that is refused. */
 int med7_impedance_validate(const med7_impedance_config *config);
 
 /* Prepare a state: no torque, no sample seen. Returns what med7_impedance_validate says. */
 int med7_impedance_init(const med7_impedance_config *config, med7_impedance_state *state);
 
 /*
- * One step. Returns STIFFGEN_OK, also in the fallback, which the status tells; or, with the status bit CONFIG, why
+ * One step. Returns MED7_OK, also in the fallback, which the status tells; or, with the status bit CONFIG, why
  * nothing could be computed: then the torque moves to zero by the rate limit (to zero at once without a state).
  * The configuration may change between steps. The arguments must not overlap.
  */
