@@ -197,8 +197,8 @@ def mutated(request, chain, references, tmp_path_factory):
     """A chain, its references, and bodies to leave out.
 
     Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chains, in which nothing is
-    aligned, are not: one with a sliding and a mimic joint, and one of six turning joints, whose mass matrix has no loops (and the shape of the
-    Jacobian).
+    aligned, are not: one with a sliding and a mimic joint, and one of six turning joints, whose mass matrix has no
+    loops (and the shape of the Jacobian).
     """
     if request.param == "iiwa14":
         return chain, references, ("mass_matrix",)
