@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -156,7 +157,6 @@ LONG = "a" * 300
         ["inspect", LONG],
         ["verify", LONG],
         ["analyze", f"{LONG}.csv", "--robot", LONG, "--task-stiffness", *"111111"],
-        ["analyze", __file__, "--robot", ROOT / "generated" / "iiwa14", "--output", LONG, "--task-stiffness", *"111111"],
     ],
 )
 def test_a_name_too_long_for_the_file_system(capsys, tmp_path, monkeypatch, arguments):
@@ -231,7 +231,7 @@ def test_standard_output_that_cannot_be_written(arguments, unbuffered, monkeypat
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     reading, writing = os.pipe()
     os.close(reading)
-    with open("/dev/full", "w") as full:
+    with Path("/dev/full").open("w") as full:
         processes = [stiffgen_process(*arguments, stdout=output) for output in (full, writing)]
     os.close(writing)
     processes.append(stiffgen_process(*arguments, stdout=subprocess.DEVNULL, preexec_fn=lambda: os.close(1)))
@@ -277,7 +277,7 @@ def test_a_full_disk(capsys, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["semi;colon", "new\nline", "back\\slash", "sp ace", "$HOME", "(paren)", '"quote"', "#"])
+@pytest.mark.parametrize("name", ["semi;colon", "new\nline", "back\\slash", "sp ace $HOME", '(paren) "quote" #'])
 def test_any_character_in_the_output_folder(tmp_path, name):
     """The whole build goes through; the compiler and Python get the path as it is."""
     robot = tmp_path / "one.urdf"

@@ -54,8 +54,9 @@ def build_module(folder: Path, name: str) -> None:
                 [*command, *(include if source.endswith("_python.c") else ()), "-c", str(folder / source), "-o", made]
             )
             objects.append(made)
-        _run(compile_each, compiler[0])
-        _run([[*command, *_link_options(), *objects, "-o", str(module), *_libraries()]], compiler[0])
+        link = [*command, *_link_options(), *objects, "-o", str(module), *_libraries()]
+        for commands in (compile_each, [link]):
+            _run(commands, compiler[0], Path(build))
 
 
 def _compiler() -> list[str]:
@@ -76,7 +77,7 @@ def _native(compiler: Sequence[str], build: Path) -> list[str]:
     probe = build / "probe.c"
     probe.write_text("int probe;\n")
     try:
-        _run([[*compiler, "-march=native", "-c", str(probe), "-o", str(build / "probe.o")]], compiler[0])
+        _run([[*compiler, "-march=native", "-c", str(probe), "-o", str(build / "probe.o")]], compiler[0], build)
     except BuildError:
         return []
     return ["-march=native"]
@@ -92,8 +93,8 @@ def _libraries() -> list[str]:
     return [f"-L{Path(sys.base_prefix) / 'libs'}", f"-lpython{sys.version_info.major}{sys.version_info.minor}"]
 
 
-def _run(commands: Sequence[Sequence[str]], compiler: str) -> None:
-    """Run the commands at the same time; none is left running, whatever happens."""
+def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> None:
+    """Run the commands at the same time; none is left running and no file of theirs stays, whatever happens."""
     running: list[subprocess.Popen[str]] = []
     try:
         for command in commands:
@@ -105,6 +106,7 @@ def _run(commands: Sequence[Sequence[str]], compiler: str) -> None:
                     stderr=subprocess.STDOUT,
                     text=True,
                     errors="replace",
+                    env=os.environ | {"TMPDIR": str(temporary)},
                     start_new_session=True,  # with the compiler's own children
                 )
             )
