@@ -48,7 +48,6 @@ def controller_files(name: str, chain: Chain) -> dict[str, str]:
     return {
         f"{name}_impedance.h": "impedance.h.j2",
         f"{name}_impedance.c": "impedance.c.j2",
-        f"{name}_controller.c": "controller_module.c.j2",
         "impedance.py": "impedance.py.j2",
     }
 
