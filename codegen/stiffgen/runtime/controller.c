@@ -30,6 +30,8 @@ enum { READY = 0x51f7, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
  * unstable from M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
 static const double FARTHEST = 1e6; /* beyond it an angle has lost its last digits */
+/* Paper's law [rad]: up to here a sine is within 10 % of its angle, which is what the law takes it for. */
+static const double PAPER_DEFLECTION = 0.7853981633974483;
 static const double TANK_FLOOR = 0.1;  /* of the tank's maximum, that stiffness is not paid from */
 static const double CURVATURE = 1.1; /* how much the tangent may grow within a step, for the reserve */
 
@@ -898,9 +900,14 @@ static double design_damping(frame *f, const double *J, double *follow)
     output_t *const out = f->out;
     double *const L = f->state->scratch, *const C = L + NN, *const rows = L + 2 * NN;
     double b[N], y[N], mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
-    const double T = c->sample_time, most = LARGEST_DAMPING / T;
+    const double T = c->sample_time, most = f->state->memory.law == ID(LAW_PAPER) ? 1e6 : LARGEST_DAMPING / T;
+    for (int i = 0; i < NN; ++i) {
+        /* the conventional formula's antisymmetric part has no say in the damping */
+        out->damping[i] = (out->joint_stiffness[i] + out->joint_stiffness[i % N * N + i / N]) / 2.0;
+    }
+    const int error = pencil(N, out->damping, out->mass_matrix, L, C, out->eigenvalues, rows, &mass);
     memset(out->damping, 0, sizeof out->damping);
-    if (pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
+    if (error != 0) {
         f->status |= ID(STATUS_MASS_MATRIX);
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
         if (follow != NULL) {
@@ -913,7 +920,7 @@ static double design_damping(frame *f, const double *J, double *follow)
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     f->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS) {
+    if (stiffest * delayed > LARGEST_STIFFNESS && f->state->memory.law == ID(LAW_POTENTIAL)) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         f->status |= ID(STATUS_STIFFNESS_CAPPED);
     }
@@ -1107,19 +1114,12 @@ static void act(frame *f, const double *last, int moved)
     double deflection = 0.0;
     for (int i = 0; i < N; ++i) {
         slip[i] = s->memory.posture[i] - q[i];
-        deflection += fabs(slip[i]);
+        deflection = fmax(deflection, fabs(slip[i]));
         pull[i] = s->memory.posture_stiffness[i] * slip[i] - pull[i];
     }
     if (paper) {
         for (int i = 0; i < N; ++i) {
             pull[i] += dot(N, out->joint_stiffness + i * N, slip);
-        }
-        for (int i = 0; i < N; ++i) {
-            /* the conventional formula's antisymmetric part has no say in the damping */
-            for (int j = 0; j < i; ++j) {
-                double *const a = out->joint_stiffness + i * N + j, *const b = out->joint_stiffness + j * N + i;
-                *a = *b = (*a + *b) / 2.0;
-            }
         }
     }
     for (int i = 0; i < N; ++i) {
@@ -1138,7 +1138,7 @@ static void act(frame *f, const double *last, int moved)
         add_joint_torque(J, wrench, follow);
     }
     const double cap = design_damping(f, J, by_pose ? follow : NULL);
-    if (paper && (out->eigenvalues[0] < 0.0 || deflection > 0.5)) {
+    if (paper && s->memory.engaged && (dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION)) {
         latch(f, ID(REASON_PAPER_BOUND));
     }
     if (s->memory.engaged) {
