@@ -12,8 +12,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "generated" / "iiwa14"
-SOURCES = ("iiwa14.c", "iiwa14_impedance.c", "stiffgen_damping.c", "stiffgen_error.c")
-DESIGNS = ("modal damping (default)", "factorised damping", "projected nullspace, positive part, modal damping")
+SOURCES = ("iiwa14.c", "iiwa14_impedance.c")
+DESIGNS = ("spring, the equilibrium moves", "spring, equilibrium and stiffness move", "the paper's law")
 
 
 def main() -> int:

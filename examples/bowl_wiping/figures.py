@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -15,38 +14,9 @@ from matplotlib.figure import Figure
 from examples.bowl_wiping.analysis import closed_form
 from examples.bowl_wiping.trajectory import APPROACH_TIME, SAMPLE_TIME, Comparison, recorded
 from examples.bowl_wiping.trial import Trace
+from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, SHADES, STYLE, themed_svg
 
 Column = Callable[[Trace], Any]
-INK = "#010203"  # stands for the page's text colour until the SVG is written
-CORRECTED, CONVENTIONAL, THIRD = "#1f8fd6", "#e0702a", "#2fa36b"  # seen on white and on near-black
-AXES = (CORRECTED, CONVENTIONAL, THIRD)
-SHADES = ("#1f8fd6", "#e0702a", "#2fa36b", "#b35fc9", "#c9a227", "#d6456b", "#6f8fa3")  # of the seven joints
-STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "bowl_wiping",  # the same bytes every time
-    "font.family": "sans-serif",
-    "font.size": 9,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "axes.titlecolor": INK,
-    "axes.titlesize": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": INK,
-    "grid.alpha": 0.15,
-    "grid.linewidth": 0.6,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "lines.linewidth": 1.2,
-    "legend.frameon": False,
-    "path.simplify_threshold": 0.6,
-}
-THEME = (
-    "<style>svg{color:#1f2328;background:#ffffff}"
-    "@media(prefers-color-scheme:dark){svg{color:#e6edf3;background:#0d1117}}</style>"
-)
 
 
 def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: Comparison) -> dict[str, str]:
@@ -167,14 +137,14 @@ def energy(trials: list[Trace]) -> Figure:
     figure = Figure(figsize=(7.5, 5.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     large = (
-        ("elastic_energy", "elastic V", CORRECTED),
-        ("variation_total", "put in: stiffness variation", CONVENTIONAL),
-        ("dissipated_total", "taken out: damping", THIRD),
+        ("elastic_energy", "elastic V", SHADES[0]),
+        ("variation_total", "put in: stiffness variation", SHADES[1]),
+        ("dissipated_total", "taken out: damping", SHADES[3]),
         ("port_total", "put out to robot\nand reference", INK),
     )
     small = (
-        ("antisymmetric_total", "put in: antisymmetric part", CONVENTIONAL),
-        ("sampling_total", "put in: torque held\nbetween samples", THIRD),
+        ("antisymmetric_total", "put in: antisymmetric part", SHADES[4]),
+        ("sampling_total", "put in: torque held\nbetween samples", SHADES[5]),
     )
     for axes, rows in zip(panels, (large, small), strict=True):
         _wipe(axes)
@@ -194,8 +164,8 @@ def trajectory(robot: ModuleType, stated: Comparison, measured: Comparison) -> F
     left, right = figure.subplots(1, 2)
     for name, q, line, colour in (
         ("recorded", record, "-", INK),
-        ("stated geometry", stated.q, ":", CONVENTIONAL),
-        ("measured geometry", measured.q, "--", CORRECTED),
+        ("stated geometry", stated.q, ":", AXES[1]),
+        ("measured geometry", measured.q, "--", AXES[0]),
     ):
         tip = robot.forward_kinematics(q)[:, :3, 3]
         left.plot(tip[:, 0], tip[:, 1], line, color=colour, label=name)
@@ -234,13 +204,3 @@ def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     figure.legend(once.values(), once.keys(), loc="outside lower center", ncols=len(once))
-
-
-def themed_svg(figure: Figure) -> str:
-    """SVG text of a figure drawn with STYLE, in the colours of the page it is on."""
-    text = io.StringIO()
-    figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
-    opening = svg.index(">") + 1
-    return svg[:opening] + "\n " + THEME + svg[opening:]

@@ -60,7 +60,7 @@ std::string reason(const WipingClient &client, const Settings &settings)
     case REFUSAL_TORQUE_MODE:
         return "the robot is not in torque mode; give its joint overlay the client command mode TORQUE in the robot "
                "application";
-    case REFUSAL_CONTROLLER: return std::string("controller: ") + stiffgen_error_text(client.controller_error());
+    case REFUSAL_CONTROLLER: return std::string("controller: ") + robot::error_text(client.controller_error());
     default: return "";
     }
 }

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from examples.bowl_wiping.figures import AXES, CONVENTIONAL, CORRECTED, INK, SHADES, STYLE, themed_svg
+from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, SHADES, STYLE, themed_svg
 from stiffgen.errors import StiffgenError
 
 from .__main__ import ROBOT, ROOT, RefusedError, load_robot
@@ -183,7 +183,7 @@ def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDAr
     every = slice(None, None, max(1, len(log) // 400))
     time = log["time"][every]
     row = np.rint(log["time"] / log.summary["sample_time"]).astype(int)[every]
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "fri_robot"}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.5, 6.6), layout="constrained")
         panels = figure.subplots(2, 2, sharex=True)
         (joints, torque), (wrench, stiffness) = panels

@@ -14,9 +14,10 @@ import pyarrow as pa
 import pytest
 
 import stiffgen
-from stiffgen.analyze import analysis
+from stiffgen.analyze import analysis, recording
 from stiffgen.analyze import measures as ms
-from stiffgen.analyze.analysis import _tip, checked_stiffness, late_rows, stiffness_unit
+from stiffgen.analyze.analysis import _tip, checked_stiffness
+from stiffgen.analyze.measures import late_rows, stiffness_unit
 from stiffgen.analyze.recording import Request, csv_file, npz_file, open_recording, parquet_file
 from stiffgen.check.verify import References
 from stiffgen.cli import main
@@ -570,7 +571,7 @@ def test_a_missing_extra_is_named(here, robot_folder, capsys, monkeypatch):
             raise ImportError(name)
         return find(name, *rest)
 
-    monkeypatch.setattr("stiffgen.analyze.recording.importlib.import_module", absent)
+    monkeypatch.setattr(recording.importlib, "import_module", absent)
     log = recordings.write_csv(here / "log.csv", ROWS)
     code, _, err = run(capsys, *command(robot_folder, log))
     assert code == 2
