@@ -519,6 +519,9 @@ enum { READY = 0x51f7, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
  * unstable from M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
 static const double FARTHEST = 1e6; /* beyond it an angle has lost its last digits */
+static const double GOVERNOR = 0.8; /* of its velocity limits: the rest is for the arm, which overshoots a ramp */
+/* Paper's law [rad]: up to here a sine is within 10 % of its angle, which is what the law takes it for. */
+static const double PAPER_DEFLECTION = 0.7853981633974483;
 static const double TANK_FLOOR = 0.1;  /* of the tank's maximum, that stiffness is not paid from */
 static const double CURVATURE = 1.1; /* how much the tangent may grow within a step, for the reserve */
 
@@ -787,7 +790,14 @@ static double avoid_limits(frame *f, const double *q)
 
 static void tank_income(frame *f, double income)
 {
-    f->state->memory.tank = fmin(f->state->memory.tank + income, f->c->tank_maximum);
+    state_t *const s = f->state;
+    /* what the full tank cannot hold goes to the engagement: their sum is what bounds the work put out */
+    const double lost = s->memory.tank + income - f->c->tank_maximum;
+    s->memory.tank += income;
+    if (lost > 0.0) {
+        s->memory.tank = f->c->tank_maximum;
+        s->memory.engagement = fmin(s->memory.engagement + lost, f->c->engagement_limit);
+    }
 }
 
 static void book_stiffness(frame *f, double v)
@@ -817,25 +827,25 @@ static double fastest(const frame *f, int i)
 }
 
 /*
- * Intervals without a believed position: the work is that of the first interval's torque over the whole way, and at most
- * what the others' torques differ from it at the velocity limit.
+ * Intervals without a believed position: the work is at most that of the last interval's torque over the whole way, and,
+ * at every change of torque, the change over the way that can have been gone before it.
  */
 static void bridge(frame *f, const double *last, int periods)
 {
     const double *const torque = acting(f, last);
-    for (int period = 0; period < periods; ++period) {
-        if (f->state->memory.gap == 0) {
-            memcpy(f->state->memory.gap_torque, torque, N * sizeof(double));
-            f->state->memory.gap_work = 0.0;
-            f->state->memory.gap_feed = 0.0;
-        }
-        f->state->memory.gap_feed += period == 0 ? f->state->memory.feed[f->c->delay_samples] : 0.0;
+    state_t *const s = f->state;
+    if (s->memory.gap == 0) {
+        s->memory.gap_work = 0.0;
+        s->memory.gap_feed = 0.0;
+    } else {
         for (int i = 0; i < N; ++i) {
-            f->state->memory.gap_work +=
-                fabs(torque[i] - f->state->memory.gap_torque[i]) * f->c->velocity_limit[i] * f->c->sample_time;
+            s->memory.gap_work += fabs(torque[i] - s->memory.gap_torque[i]) * f->c->velocity_limit[i] *
+                                  f->c->sample_time * s->memory.gap;
         }
-        f->state->memory.gap += f->state->memory.gap < 1000000 ? 1 : 0;
     }
+    memcpy(s->memory.gap_torque, torque, N * sizeof(double));
+    s->memory.gap_feed += s->memory.feed[f->c->delay_samples];
+    s->memory.gap = s->memory.gap < 1000000 - periods ? s->memory.gap + periods : 1000000;
 }
 
 /*
@@ -920,8 +930,7 @@ static int doubt(frame *f, const double *last)
         }
         if (ahead > 0) {
             f->status |= ID(STATUS_MISSED);
-            bridge(f, last, ahead < 3 ? ahead : 3);
-            s->memory.gap = ahead < 1000000 ? s->memory.gap + ahead - (ahead < 3 ? ahead : 3) : 1000000;
+            bridge(f, last, ahead < 1000000 ? ahead : 1000000);
             if (ahead >= c->missed_limit) {
                 latch(f, ID(REASON_SKIPPED));
             }
@@ -1145,16 +1154,17 @@ static int want(frame *f, int by_posture)
 {
     const config_t *const c = f->c;
     state_t *const s = f->state;
-    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    double away[MAX_ROWS], moved[MAX_ROWS], goal[16 * TIPS];
+    const double tip_limits[2] = {GOVERNOR * c->tip_velocity_limit, GOVERNOR * c->tip_rotation_limit};
+    double away[MAX_ROWS], moved[MAX_ROWS], goal[16 * TIPS], limits[N];
     int moving = 0;
     const int frozen = f->input->command == ID(COMMAND_POSITION) && !by_posture;
     for (int i = 0; i < N; ++i) {
         away[i] = f->commanded && !frozen ? f->input->q0[i] - s->memory.posture[i] : 0.0;
         moved[i] = f->commanded && !frozen ? f->input->q0[i] - s->memory.wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
+        limits[i] = GOVERNOR * c->reference_velocity_limit[i];
     }
-    approach(c, N, 1, away, moved, c->reference_velocity_limit, s->memory.posture_velocity);
+    approach(c, N, 1, away, moved, limits, s->memory.posture_velocity);
     if (by_posture) {
         return moving;
     }
@@ -1193,7 +1203,7 @@ static void govern(frame *f)
 {
     const config_t *const c = f->c;
     state_t *const s = f->state;
-    const double T = c->sample_time, tip_limits[2] = {c->tip_velocity_limit * T, c->tip_rotation_limit * T};
+    const double T = c->sample_time, tip_limits[2] = {GOVERNOR * c->tip_velocity_limit * T, GOVERNOR * c->tip_rotation_limit * T};
     double posture[N], equilibrium[16 * TIPS], rise = 0.0, share = 1.0;
     if (f->commanded) {
         const int same = memcmp(f->input->q0, s->memory.wanted_posture, N * sizeof(double)) == 0 &&
@@ -1279,7 +1289,10 @@ static void settle(frame *f)
     if (f->commanded && s->memory.fault == ID(FAULT_NONE)) {
         s->memory.engaged = 1;
         s->memory.scale = 1.0;
-        s->memory.engagement = f->c->engagement_limit;
+        /* the engagement's energy first makes up for what the tank lacks */
+        const double lack = clamp(f->c->tank_initial - s->memory.tank, 0.0, f->c->engagement_limit);
+        s->memory.tank += lack;
+        s->memory.engagement = f->c->engagement_limit - lack;
     }
 }
 
@@ -1375,9 +1388,9 @@ static void vary_stiffness(frame *f)
 /* ---- damping ---- */
 
 /*
- * B = M V diag(b) V^T M + d I, Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003), with
- * b = 2 zeta sqrt(l) + (delay + 1/2) T l, l = max(lambda, 0): the second part makes up for the stiffness that is felt late
- * by delay and half a sample. Task design: B = J^T task_damping J + d I. Both capped: no eigenvalue of M^-1 B above
+ * B = M V diag(b) V^T M + d I, Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003). b is 2 zeta sqrt(l),
+ * l = max(lambda, 0), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T: the stiffness takes l h
+ * of damping away, the damping b h of inertia, so that zeta = (b - l h) / (2 sqrt(l (1 - b h))) is solved for b. Task design: B = J^T task_damping J + d I. Both capped: no eigenvalue of M^-1 B above
  * LARGEST_DAMPING / T. follow (n): torque rate of the moved equilibrium; becomes the velocity of the arm that would follow
  * it at rest. Returns the largest scale that the sample time allows.
  */
@@ -1387,9 +1400,14 @@ static double design_damping(frame *f, const double *J, double *follow)
     output_t *const out = f->out;
     double *const L = f->state->scratch, *const C = L + NN, *const rows = L + 2 * NN;
     double b[N], y[N], mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
-    const double T = c->sample_time, most = LARGEST_DAMPING / T;
+    const double T = c->sample_time, most = f->state->memory.law == ID(LAW_PAPER) ? 1e6 : LARGEST_DAMPING / T;
+    for (int i = 0; i < NN; ++i) {
+        /* the conventional formula's antisymmetric part has no say in the damping */
+        out->damping[i] = (out->joint_stiffness[i] + out->joint_stiffness[i % N * N + i / N]) / 2.0;
+    }
+    const int error = pencil(N, out->damping, out->mass_matrix, L, C, out->eigenvalues, rows, &mass);
     memset(out->damping, 0, sizeof out->damping);
-    if (pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
+    if (error != 0) {
         f->status |= ID(STATUS_MASS_MATRIX);
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
         if (follow != NULL) {
@@ -1402,7 +1420,7 @@ static double design_damping(frame *f, const double *J, double *follow)
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     f->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS) {
+    if (stiffest * delayed > LARGEST_STIFFNESS && f->state->memory.law == ID(LAW_POTENTIAL)) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         f->status |= ID(STATUS_STIFFNESS_CAPPED);
     }
@@ -1461,7 +1479,8 @@ static double design_damping(frame *f, const double *J, double *follow)
     } else {
         for (int k = 0; k < N; ++k) {
             const double l = fmax(out->eigenvalues[k], 0.0) * scale;
-            b[k] = 2.0 * c->damping_ratio[k] * sqrt(l) + (c->delay_samples + 0.5) * T * l;
+            const double zeta = c->damping_ratio[k], late = (c->delay_samples + 0.5) * T, p = l * late * (2.0 * zeta * zeta - 1.0);
+            b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
         }
     }
     int capped = 0;
@@ -1596,19 +1615,12 @@ static void act(frame *f, const double *last, int moved)
     double deflection = 0.0;
     for (int i = 0; i < N; ++i) {
         slip[i] = s->memory.posture[i] - q[i];
-        deflection += fabs(slip[i]);
+        deflection = fmax(deflection, fabs(slip[i]));
         pull[i] = s->memory.posture_stiffness[i] * slip[i] - pull[i];
     }
     if (paper) {
         for (int i = 0; i < N; ++i) {
             pull[i] += dot(N, out->joint_stiffness + i * N, slip);
-        }
-        for (int i = 0; i < N; ++i) {
-            /* the conventional formula's antisymmetric part has no say in the damping */
-            for (int j = 0; j < i; ++j) {
-                double *const a = out->joint_stiffness + i * N + j, *const b = out->joint_stiffness + j * N + i;
-                *a = *b = (*a + *b) / 2.0;
-            }
         }
     }
     for (int i = 0; i < N; ++i) {
@@ -1627,7 +1639,7 @@ static void act(frame *f, const double *last, int moved)
         add_joint_torque(J, wrench, follow);
     }
     const double cap = design_damping(f, J, by_pose ? follow : NULL);
-    if (paper && (out->eigenvalues[0] < 0.0 || deflection > 0.5)) {
+    if (paper && s->memory.engaged && (dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION)) {
         latch(f, ID(REASON_PAPER_BOUND));
     }
     if (s->memory.engaged) {
@@ -1647,7 +1659,17 @@ static void act(frame *f, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= s->memory.scale;
     }
-    const double feed = c->sample_time * dot(N, out->damping_torque, out->reference_velocity);
+    double feed = c->sample_time * dot(N, out->damping_torque, out->reference_velocity);
+    if (feed > fmax(s->memory.engagement, 0.0)) {
+        /* the damper must not do work that is not left: it holds the arm as if the reference stood */
+        feed = 0.0;
+        memset(out->reference_velocity, 0, sizeof out->reference_velocity);
+        multiply(out->damping, f->velocity, slip);
+        for (int i = 0; i < N; ++i) {
+            out->damping_torque[i] = -slip[i];
+        }
+        f->status |= ID(STATUS_GOVERNOR);
+    }
     memmove(s->memory.feed + 1, s->memory.feed, 2 * sizeof(double));
     double damped = 1.0, quadratic = 0.0;
     for (int attempt = 0; attempt < 2; ++attempt) {
@@ -1770,6 +1792,10 @@ static void blind(frame *f, const double *last)
     } else {
         robot_poses(s->memory.q, s->memory.tool_pose, f->pose);
         s->memory.limit_energy = avoid_limits(f, s->memory.q);
+        for (int i = 0; i < N; ++i) {
+            /* a torque that depends on the position must not stay when that is no longer known */
+            f->out->limit_torque[i] *= exp(-f->c->sample_time * s->memory.gap / f->c->velocity_decay_time);
+        }
         act(f, last, 0);
     }
 }
