@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import re
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -94,8 +95,11 @@ class Loop:
             (HERE / "episode.h", "episode_t"),
             (HERE / "episode.h", "summary_t"),
             (HERE / "episode.h", "row_t"),
+            (HERE / "law.h", "sample_t"),
+            (HERE / "law.h", "command_t"),
         ):
             known[name] = struct(header, name, known, sizes)
+        self._known = known
         if law == FREE:
             self.Config = self.Output = ctypes.c_int
         else:
@@ -185,6 +189,20 @@ class Loop:
         for part in parts:
             made.append(self.segment(made[-1] if made else None, **part))
         return made
+
+    def stepper(self, config: Any) -> Callable[..., Any]:
+        """The law alone, for another plant: takes fields of sample_t, returns command_t."""
+        assert self.library.law_init(ctypes.byref(config), self.state) == 0
+        sample, command, output = self._known["sample_t"](), self._known["command_t"](), self.Output()
+
+        def step(**values: Any) -> Any:
+            sample.counter += 1
+            fill(sample, valid=1, **values)
+            pointers = (ctypes.byref(part) for part in (config, self.state, sample, output, command))
+            self.library.law_step(*pointers)
+            return command
+
+        return step
 
     def run(
         self,
