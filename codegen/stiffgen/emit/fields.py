@@ -288,7 +288,7 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("rate_limited", "a torque was cut to its rate limit"),
     ("damping_capped", "the damping is capped: M^-1 B T would be too large for the sample time"),
     ("stiffness_capped", "the scale is lowered: M^-1 L T^2 would be too large for the sample time"),
-    ("indefinite", "the tangent has a negative eigenvalue; its modes have joint_damping only"),
+    ("indefinite", "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not"),
     ("mass_matrix", "the mass matrix is not positive definite: damping is joint_damping only"),
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
 )
