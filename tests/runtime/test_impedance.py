@@ -785,4 +785,4 @@ def tip_names(arm: ModuleType) -> list[str]:
     return [name for name in dir(arm) if hasattr(getattr(arm, name), "forward_kinematics")]
 
 
-DUAL_TIPS = ("left_tool", "right_tool")
+DUAL_TIPS = ["left hand", "right-hand"]
