@@ -128,6 +128,7 @@ private:
     int since_position_;                    /* periods since the last position */
     bool valid_;                            /* this cycle's positions and torques are there */
     double q_[JOINTS];                      /* [rad] last measured position */
+    double dq0_[JOINTS];                    /* [rad/s] of the wanted motion, for the log */
     double sent_[JOINTS];                   /* [N m] last torque sent */
     bool controlling_;                      /* the controller runs since COMMANDING_ACTIVE began */
     int start_;                             /* the next step is the controller's first */

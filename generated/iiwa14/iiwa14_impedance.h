@@ -102,7 +102,7 @@ enum {
     IIWA14_STATUS_RATE_LIMITED = 1 << 13, /* a torque was cut to its rate limit */
     IIWA14_STATUS_DAMPING_CAPPED = 1 << 14, /* the damping is capped: M^-1 B T would be too large for the sample time */
     IIWA14_STATUS_STIFFNESS_CAPPED = 1 << 15, /* the scale is lowered: M^-1 L T^2 would be too large for the sample time */
-    IIWA14_STATUS_INDEFINITE = 1 << 16, /* the tangent has a negative eigenvalue; its modes have joint_damping only */
+    IIWA14_STATUS_INDEFINITE = 1 << 16, /* the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not */
     IIWA14_STATUS_MASS_MATRIX = 1 << 17, /* the mass matrix is not positive definite: damping is joint_damping only */
     IIWA14_STATUS_CONFIG = 1 << 18 /* the configuration is refused or the state is not initialised; the return value says why */
 };

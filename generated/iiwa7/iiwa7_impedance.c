@@ -1389,8 +1389,10 @@ static void vary_stiffness(frame *f)
 
 /*
  * B = M V diag(b) V^T M + d I, Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003). b is 2 zeta sqrt(l),
- * l = max(lambda, 0), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T: the stiffness takes l h
- * of damping away, the damping b h of inertia, so that zeta = (b - l h) / (2 sqrt(l (1 - b h))) is solved for b. Task design: B = J^T task_damping J + d I. Both capped: no eigenvalue of M^-1 B above
+ * l = |lambda| (so that a mode with negative stiffness, which falls, falls slowly), where nothing is late. Held torque
+ * and delay act late by h = (delay + 1/2) T: the stiffness takes l h of damping away, the damping b h of inertia, so that
+ * zeta = (b - l h) / (2 sqrt(l (1 - b h))) is solved for b.
+ * Task design: B = J^T task_damping J + d I. Both capped, but for the paper's law: no eigenvalue of M^-1 B above
  * LARGEST_DAMPING / T. follow (n): torque rate of the moved equilibrium; becomes the velocity of the arm that would follow
  * it at rest. Returns the largest scale that the sample time allows.
  */
@@ -1478,7 +1480,7 @@ static double design_damping(frame *f, const double *J, double *follow)
         }
     } else {
         for (int k = 0; k < N; ++k) {
-            const double l = fmax(out->eigenvalues[k], 0.0) * scale;
+            const double l = fabs(out->eigenvalues[k]) * scale;
             const double zeta = c->damping_ratio[k], late = (c->delay_samples + 0.5) * T, p = l * late * (2.0 * zeta * zeta - 1.0);
             b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
         }

@@ -1020,7 +1020,7 @@ static const status statuses[] = {
     {"rate_limited", IIWA7_STATUS_RATE_LIMITED, "a torque was cut to its rate limit"},
     {"damping_capped", IIWA7_STATUS_DAMPING_CAPPED, "the damping is capped: M^-1 B T would be too large for the sample time"},
     {"stiffness_capped", IIWA7_STATUS_STIFFNESS_CAPPED, "the scale is lowered: M^-1 L T^2 would be too large for the sample time"},
-    {"indefinite", IIWA7_STATUS_INDEFINITE, "the tangent has a negative eigenvalue; its modes have joint_damping only"},
+    {"indefinite", IIWA7_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not"},
     {"mass_matrix", IIWA7_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
     {"config", IIWA7_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
 };

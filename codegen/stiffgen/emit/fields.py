@@ -164,7 +164,16 @@ CONFIG: tuple[Field, ...] = (
     Field("force_limit", _SCALAR, "N", "largest given force (norm) that is believed", "500.0", 1e-3, 1e6),
     Field("moment_limit", _SCALAR, "N m", "largest given moment (norm) that is believed", "100.0", 1e-3, 1e6),
     Field("missed_limit", _SCALAR, "samples", "consecutive missed samples that are a fault", "3", 1, 1000, "int"),
-    Field("position_quantum", _SCALAR, "rad or m", "resolution of the measured positions", "1e-4", 0.0, 0.1),
+    Field(
+        "position_quantum",
+        _SCALAR,
+        "rad or m",
+        "resolution of the positions that velocities are differenced from; with it, the damping's velocity is the mean of "
+        "as many samples (up to 8) as the torque's rate limit needs",
+        "0.0",
+        0.0,
+        0.1,
+    ),
     Field(
         "frozen_window",
         _SCALAR,
@@ -176,15 +185,6 @@ CONFIG: tuple[Field, ...] = (
         "int",
     ),
     Field(
-        "velocity_decay_time",
-        _SCALAR,
-        "s",
-        "time constant with which the last believed velocity fades in a fault without one",
-        "0.02",
-        1e-4,
-        10.0,
-    ),
-    Field(
         "automatic_reset_time",
         _SCALAR,
         "s",
@@ -193,8 +193,8 @@ CONFIG: tuple[Field, ...] = (
         0.0,
         1e4,
     ),
-    Field("tank_initial", _SCALAR, "J", "tank energy at the start", "2.0", 0.0, 1e4),
-    Field("tank_maximum", _SCALAR, "J", "tank energy above which income is lost", "5.0", 0.0, 1e4),
+    Field("tank_initial", _SCALAR, "J", "tank energy at the start", "5.0", 0.0, 1e4),
+    Field("tank_maximum", _SCALAR, "J", "tank energy above which income goes to the engagement, or is lost", "10.0", 0.0, 1e4),
 )
 
 INPUT: tuple[Field, ...] = (
@@ -243,7 +243,7 @@ OUTPUT: tuple[Field, ...] = (
     Field("unaccounted", _SCALAR, "", "times the energy account had to begin anew", type="uint32_t"),
     Field("fault_time", _SCALAR, "s", "since the fault was latched"),
     Field("position", _N, "rad or m", "last believed q"),
-    Field("velocity", _N, "rad/s or m/s", "that the damping used: dq, or the faded last one"),
+    Field("velocity", _N, "rad/s or m/s", "that the damping used: dq, its mean, or what is credible of it; 0 without a sample"),
     Field("reference", _N, "rad or m", "posture that the springs pull to, the governor's r"),
     Field("reference_velocity", _N, "rad/s or m/s", "dr, that the damping is relative to"),
     Field("equilibrium", _POSE, "m", "pose where the spring is at rest"),
@@ -288,7 +288,7 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("rate_limited", "a torque was cut to its rate limit"),
     ("damping_capped", "the damping is capped: M^-1 B T would be too large for the sample time"),
     ("stiffness_capped", "the scale is lowered: M^-1 L T^2 would be too large for the sample time"),
-    ("indefinite", "the tangent has a negative eigenvalue; its modes have joint_damping only"),
+    ("indefinite", "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not"),
     ("mass_matrix", "the mass matrix is not positive definite: damping is joint_damping only"),
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
 )

@@ -24,7 +24,7 @@ typedef struct {
     double limit_slope[N]; /* of the limit avoidance, where it acts */
 } frame;
 
-enum { READY = 0x51f7, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
+enum { READY = 0x51f7, RECENT = 8, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
 
 /* Bounds on B and on the stiffness, against M, at the sample time: a double integrator with differenced velocity is
  * unstable from M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
@@ -124,24 +124,24 @@ static uint64_t checksum(const state_t *state)
     return sums[0] ^ (sums[1] << 1) ^ (sums[2] << 2) ^ (sums[3] << 3);
 }
 
-/* What two of the three copies say, bit by bit. */
-static void last_torque(const state_t *state, double *torque)
+/* What two of three copies say, bit by bit. */
+static void majority(const double *copies, double *result)
 {
     for (int i = 0; i < N; ++i) {
         uint64_t a, b, c;
-        memcpy(&a, state->torque + i, sizeof a);
-        memcpy(&b, state->torque + N + i, sizeof b);
-        memcpy(&c, state->torque + 2 * N + i, sizeof c);
+        memcpy(&a, copies + i, sizeof a);
+        memcpy(&b, copies + N + i, sizeof b);
+        memcpy(&c, copies + 2 * N + i, sizeof c);
         a = (a & b) | (b & c) | (a & c);
-        memcpy(torque + i, &a, sizeof a);
-        torque[i] = fabs(torque[i]) <= DBL_MAX ? torque[i] : 0.0;
+        memcpy(result + i, &a, sizeof a);
+        result[i] = fabs(result[i]) <= DBL_MAX ? result[i] : 0.0;
     }
 }
 
-static void keep_torque(state_t *state, const double *torque)
+static void keep(double *copies, const double *values)
 {
     for (int copy = 0; copy < 3; ++copy) {
-        memcpy(state->torque + copy * N, torque, N * sizeof(double));
+        memcpy(copies + copy * N, values, N * sizeof(double));
     }
 }
 
@@ -151,6 +151,7 @@ static void begin(const config_t *c, state_t *state)
     for (int i = 0; i < N; ++i) {
         state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
+    keep(state->rate, state->memory.rate);
     state->memory.tank = c->tank_initial;
     state->memory.ready = READY;
 }
@@ -172,7 +173,7 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
     }
     begin(c, state);
     if (torque != NULL) {
-        keep_torque(state, torque);
+        keep(state->torque, torque);
     }
     state->checksum = checksum(state);
     return ID(OK);
@@ -801,6 +802,11 @@ static void settle(frame *f)
         s->memory.engaged = 1;
         s->memory.scale = 1.0;
         /* the engagement's energy first makes up for what the tank lacks */
+        if (s->memory.tank < -f->c->engagement_limit) {
+            /* more than an engagement brings in: the account ends here, and begins anew */
+            s->memory.unaccounted += s->memory.unaccounted < UINT32_MAX ? 1u : 0u;
+            s->memory.tank = 0.0;
+        }
         const double lack = clamp(f->c->tank_initial - s->memory.tank, 0.0, f->c->engagement_limit);
         s->memory.tank += lack;
         s->memory.engagement = f->c->engagement_limit - lack;
@@ -900,8 +906,10 @@ static void vary_stiffness(frame *f)
 
 /*
  * B = M V diag(b) V^T M + d I, Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003). b is 2 zeta sqrt(l),
- * l = max(lambda, 0), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T: the stiffness takes l h
- * of damping away, the damping b h of inertia, so that zeta = (b - l h) / (2 sqrt(l (1 - b h))) is solved for b. Task design: B = J^T task_damping J + d I. Both capped: no eigenvalue of M^-1 B above
+ * l = |lambda| (so that a mode with negative stiffness, which falls, falls slowly), where nothing is late. Held torque
+ * and delay act late by h = (delay + 1/2) T: the stiffness takes l h of damping away, the damping b h of inertia, so that
+ * zeta = (b - l h) / (2 sqrt(l (1 - b h))) is solved for b.
+ * Task design: B = J^T task_damping J + d I. Both capped, but for the paper's law: no eigenvalue of M^-1 B above
  * LARGEST_DAMPING / T. follow (n): torque rate of the moved equilibrium; becomes the velocity of the arm that would follow
  * it at rest. Returns the largest scale that the sample time allows.
  */
@@ -989,7 +997,7 @@ static double design_damping(frame *f, const double *J, double *follow)
         }
     } else {
         for (int k = 0; k < N; ++k) {
-            const double l = fmax(out->eigenvalues[k], 0.0) * scale;
+            const double l = fabs(out->eigenvalues[k]) * scale;
             const double zeta = c->damping_ratio[k], late = (c->delay_samples + 0.5) * T, p = l * late * (2.0 * zeta * zeta - 1.0);
             b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
         }
@@ -1014,6 +1022,34 @@ static double design_damping(frame *f, const double *J, double *follow)
 }
 
 /* ---- torque ---- */
+
+/*
+ * One quantum of position in a differenced velocity is a torque of B quantum / T. Where that is more than the rate limit
+ * lets through, the damping would be lost: the velocity is then the mean of the last few samples.
+ */
+static void smooth_velocity(frame *f)
+{
+    const state_t *const s = f->state;
+    double most = 1.0;
+    for (int i = 0; f->c->position_quantum > 0.0 && i < N; ++i) {
+        double torque = 0.0;
+        for (int j = 0; j < N; ++j) {
+            torque += fabs(f->out->damping[i * N + j]) * f->c->position_quantum / f->c->sample_time;
+        }
+        most = fmax(most, torque / s->memory.rate[i]);
+    }
+    const int wanted = most < RECENT ? (int)ceil(most) : RECENT;
+    const int count = wanted < s->memory.recent_count ? wanted : s->memory.recent_count;
+    if (count > 1 && s->memory.gap == 0) {
+        for (int i = 0; i < N; ++i) {
+            double sum = 0.0;
+            for (int k = 0; k < count; ++k) {
+                sum += s->memory.recent[k * N + i];
+            }
+            f->velocity[i] = sum / count;
+        }
+    }
+}
 
 /* New scale: to zero in a fault, as fast as the torque's rate limit lets; else as far as caps and effort limits allow. */
 static void vary_scale(frame *f, const double *pull, double energy, double cap)
@@ -1064,8 +1100,9 @@ static void limit_torque(frame *f, const double *last)
 }
 
 /*
- * Largest energy that the torques on their way can put in over |change of q| <= v T in every interval:
- * |torque + dU/dq| v T of each (returned), and 1/2 D |L| D over all of them together (quadratic).
+ * Largest energy that the torques on their way can put in while no joint is faster than v: |torque + dU/dq| v T of each
+ * (returned), and 1/2 D |L| D over all of them together (quadratic), D = v T for every interval. A torque is on its way
+ * for delay intervals and, if samples are missed, for up to missed_limit more and its fall to zero at the rate limit.
  */
 static double reserve(const frame *f, const double *last, const double *gradient, double *quadratic)
 {
@@ -1078,11 +1115,11 @@ static double reserve(const frame *f, const double *last, const double *gradient
         linear += fmax(-s->memory.feed[k], 0.0);
     }
     for (int i = 0; i < N; ++i) {
-        const double v = fastest(f, i) * T;
-        linear += fabs(f->out->torque[i] + gradient[i]) * v;
+        const double v = fastest(f, i) * T, excess = fabs(f->out->torque[i] + gradient[i]);
+        linear += excess * v * (f->c->missed_limit + 0.5 * excess / s->memory.rate[i]);
         linear += delay > 0 ? fabs(last[i] + gradient[i]) * v : 0.0;
         linear += delay > 1 ? fabs(s->memory.older[i] + gradient[i]) * v : 0.0;
-        D[i] = (delay + 1) * v;
+        D[i] = (delay + f->c->missed_limit) * v;
     }
     for (int i = 0; i < N; ++i) {
         const double near = fmin(f->c->upper_limit[i] - s->memory.q[i], s->memory.q[i] - f->c->lower_limit[i]);
@@ -1156,6 +1193,7 @@ static void act(frame *f, const double *last, int moved)
     if (s->memory.engaged) {
         vary_scale(f, pull, energy, cap);
     }
+    smooth_velocity(f);
     double speed = 1.0;
     for (int i = 0; i < N; ++i) {
         out->reference_velocity[i] = by_pose ? follow[i] : moved ? s->memory.posture_velocity[i] : 0.0;
@@ -1235,6 +1273,9 @@ static void sighted(frame *f, const double *last)
     }
     memcpy(s->memory.q, in->q, sizeof s->memory.q);
     memcpy(s->memory.dq, f->velocity, sizeof s->memory.dq);
+    s->memory.recent_count = s->memory.gap == 0 && s->memory.recent_count < RECENT ? s->memory.recent_count + 1 : s->memory.gap == 0 ? RECENT : 1;
+    memmove(s->memory.recent + N, s->memory.recent, (RECENT - 1) * N * sizeof(double));
+    memcpy(s->memory.recent, f->velocity, N * sizeof(double));
     s->memory.counter = in->counter;
     s->memory.gap = 0;
     s->memory.missed = 0;
@@ -1277,7 +1318,7 @@ static void sighted(frame *f, const double *last)
     act(f, last, moved);
 }
 
-/* No believed sample: the torque is held, or, in a fault, goes on towards damping at the position known last. */
+/* No believed sample: the torque is held, or, in a fault, goes to zero as fast as the rate limit lets. */
 static void blind(frame *f, const double *last)
 {
     state_t *const s = f->state;
@@ -1285,10 +1326,6 @@ static void blind(frame *f, const double *last)
     s->memory.missed += s->memory.missed < 1000000 ? 1 : 0;
     s->memory.good_time = 0.0;
     f->budget = 0.0;
-    const double fade = exp(-f->c->sample_time / f->c->velocity_decay_time);
-    for (int i = 0; i < N; ++i) {
-        f->velocity[i] = s->memory.fault != ID(FAULT_NONE) ? s->memory.dq[i] *= fade : s->memory.dq[i];
-    }
     if (!s->memory.known || (s->memory.fault != ID(FAULT_NONE) && s->memory.law == ID(LAW_PAPER))) {
         memset(f->out->torque, 0, sizeof f->out->torque);
         memmove(s->memory.feed + 1, s->memory.feed, 2 * sizeof(double));
@@ -1303,10 +1340,8 @@ static void blind(frame *f, const double *last)
     } else {
         robot_poses(s->memory.q, s->memory.tool_pose, f->pose);
         s->memory.limit_energy = avoid_limits(f, s->memory.q);
-        for (int i = 0; i < N; ++i) {
-            /* a torque that depends on the position must not stay when that is no longer known */
-            f->out->limit_torque[i] *= exp(-f->c->sample_time * s->memory.gap / f->c->velocity_decay_time);
-        }
+        /* what depends on a position or a velocity that is no longer known must not stay; nor is there a tank for it */
+        memset(f->out->limit_torque, 0, sizeof f->out->limit_torque);
         act(f, last, 0);
     }
 }
@@ -1359,12 +1394,17 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         return ID(E_NULL);
     }
     frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
-    double last[N];
+    double last[N], rate[N];
     int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     const int intact = state->checksum == checksum(state) && state->memory.ready == READY;
-    last_torque(state, last);
+    majority(state->torque, last);
+    majority(state->rate, rate);
     if (!intact) {
         if (error != ID(OK) || state->checksum == 0u) {
+            for (int i = 0; i < N; ++i) {
+                output->torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
+            }
+            keep(state->torque, output->torque);
             return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
         }
         /* memory was overwritten: nothing is believed but the torque, of which there are three */
@@ -1376,6 +1416,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         for (int i = 0; i < N; ++i) {
             state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
         }
+        keep(state->rate, state->memory.rate);
         const int valid = input->sample_valid == 1;
         if (valid) {
             observe_wrench(&f);
@@ -1406,12 +1447,12 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         f.status |= ID(STATUS_CONFIG);
         state->memory.gap += state->memory.gap < 1000000 ? 1 : 0;
         for (int i = 0; i < N; ++i) {
-            output->torque[i] = last[i] - clamp(last[i], -state->memory.rate[i], state->memory.rate[i]);
+            output->torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
         }
     }
     memmove(state->memory.older + N, state->memory.older, N * sizeof(double));
     memcpy(state->memory.older, last, sizeof last);
-    keep_torque(state, output->torque);
+    keep(state->torque, output->torque);
     report(&f);
     state->checksum = checksum(state);
     return error;
