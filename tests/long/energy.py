@@ -15,8 +15,13 @@ each change that brings the output nearer to the bound or beyond.
 
 from __future__ import annotations
 
+import argparse
 import copy
+import sys
+import tempfile
+import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np

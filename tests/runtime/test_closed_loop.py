@@ -58,7 +58,7 @@ def test_mujoco_sees_the_same(loop: Loop) -> None:
     model, data = arm.model, arm.data
     model.opt.gravity[:] = 0
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    model.opt.timestep = 5e-4
+    model.opt.timestep = 2e-4
     model.dof_armature[:] = MOTOR
     site = model.site("tip").id
     step = loop.stepper(config(loop))
@@ -67,7 +67,7 @@ def test_mujoco_sees_the_same(loop: Loop) -> None:
         command = step(
             q=data.qpos, dq=data.qvel, wanted=Q0 if k < 300 else wanted, translation=TRANSLATION, rotation=ROTATION
         )
-        for _ in range(2):
+        for _ in range(5):
             mujoco.mj_forward(model, data)
             mujoco.mj_jacSite(model, data, J[:3], J[3:], site)
             data.qfrc_applied[:] = np.array(command.torque) + J.T @ load
