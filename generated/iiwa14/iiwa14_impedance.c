@@ -99,10 +99,9 @@ static const rule_t RULES[] = {
     {offsetof(config_t, missed_limit), sizeof(((config_t *)0)->missed_limit) / sizeof(int), 1.0, 1000.0, 1, -49},
     {offsetof(config_t, position_quantum), sizeof(((config_t *)0)->position_quantum) / sizeof(double), 0.0, 0.1, 0, -50},
     {offsetof(config_t, frozen_window), sizeof(((config_t *)0)->frozen_window) / sizeof(int), 2.0, 1000000.0, 1, -51},
-    {offsetof(config_t, velocity_decay_time), sizeof(((config_t *)0)->velocity_decay_time) / sizeof(double), 0.0001, 10.0, 0, -52},
-    {offsetof(config_t, automatic_reset_time), sizeof(((config_t *)0)->automatic_reset_time) / sizeof(double), 0.0, 10000.0, 0, -53},
-    {offsetof(config_t, tank_initial), sizeof(((config_t *)0)->tank_initial) / sizeof(double), 0.0, 10000.0, 0, -54},
-    {offsetof(config_t, tank_maximum), sizeof(((config_t *)0)->tank_maximum) / sizeof(double), 0.0, 10000.0, 0, -55},
+    {offsetof(config_t, automatic_reset_time), sizeof(((config_t *)0)->automatic_reset_time) / sizeof(double), 0.0, 10000.0, 0, -52},
+    {offsetof(config_t, tank_initial), sizeof(((config_t *)0)->tank_initial) / sizeof(double), 0.0, 10000.0, 0, -53},
+    {offsetof(config_t, tank_maximum), sizeof(((config_t *)0)->tank_maximum) / sizeof(double), 0.0, 10000.0, 0, -54},
 };
 
 /* Class of every reason. */
@@ -513,7 +512,7 @@ typedef struct {
     double limit_slope[N]; /* of the limit avoidance, where it acts */
 } frame;
 
-enum { READY = 0x51f7, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
+enum { READY = 0x51f7, RECENT = 8, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
 
 /* Bounds on B and on the stiffness, against M, at the sample time: a double integrator with differenced velocity is
  * unstable from M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
@@ -610,27 +609,31 @@ static uint64_t checksum(const state_t *state)
         memcpy(&word, at + k * sizeof word, sizeof word);
         sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
     }
-    return sums[0] ^ (sums[1] << 1) ^ (sums[2] << 2) ^ (sums[3] << 3);
+    uint64_t sum = 0;
+    for (int lane = 0; lane < 4; ++lane) {
+        sum = (sum ^ sums[lane] ^ (sums[lane] >> 29)) * 0x9e3779b97f4a7c15u;
+    }
+    return sum;
 }
 
-/* What two of the three copies say, bit by bit. */
-static void last_torque(const state_t *state, double *torque)
+/* What two of three copies say, bit by bit. */
+static void majority(const double *copies, double *result)
 {
     for (int i = 0; i < N; ++i) {
         uint64_t a, b, c;
-        memcpy(&a, state->torque + i, sizeof a);
-        memcpy(&b, state->torque + N + i, sizeof b);
-        memcpy(&c, state->torque + 2 * N + i, sizeof c);
+        memcpy(&a, copies + i, sizeof a);
+        memcpy(&b, copies + N + i, sizeof b);
+        memcpy(&c, copies + 2 * N + i, sizeof c);
         a = (a & b) | (b & c) | (a & c);
-        memcpy(torque + i, &a, sizeof a);
-        torque[i] = fabs(torque[i]) <= DBL_MAX ? torque[i] : 0.0;
+        memcpy(result + i, &a, sizeof a);
+        result[i] = fabs(result[i]) <= DBL_MAX ? result[i] : 0.0;
     }
 }
 
-static void keep_torque(state_t *state, const double *torque)
+static void keep(double *copies, const double *values)
 {
     for (int copy = 0; copy < 3; ++copy) {
-        memcpy(state->torque + copy * N, torque, N * sizeof(double));
+        memcpy(copies + copy * N, values, N * sizeof(double));
     }
 }
 
@@ -640,6 +643,7 @@ static void begin(const config_t *c, state_t *state)
     for (int i = 0; i < N; ++i) {
         state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
+    keep(state->rate, state->memory.rate);
     state->memory.tank = c->tank_initial;
     state->memory.ready = READY;
 }
@@ -661,7 +665,7 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
     }
     begin(c, state);
     if (torque != NULL) {
-        keep_torque(state, torque);
+        keep(state->torque, torque);
     }
     state->checksum = checksum(state);
     return ID(OK);
@@ -944,14 +948,19 @@ static int doubt(frame *f, const double *last)
         const double way = s->memory.known ? in->q[i] - s->memory.q[i] : in->dq[i] * elapsed;
         const double far = c->velocity_limit[i] * elapsed, measured = way / elapsed;
         const int still = frozen(c, s, in->q, in->dq, i);
+        const int differ =
+            fabs(in->dq[i] * elapsed - way) > fmax(0.5 * far, 0.3 * fabs(way)) + 2.0 * c->position_quantum;
         f->velocity[i] = in->dq[i];
-        if (still != 0) {
+        if (differ && fabs(way) > 2.0 * far + 2.0 * c->position_quantum) {
+            f->velocity[i] = 0.0;
+            f->jumped = 1;
+            reason = ID(REASON_JUMP);
+        } else if (still != 0) {
             f->velocity[i] = still == FROZEN_VELOCITY ? measured : in->dq[i];
             reason = ID(REASON_FROZEN);
-        } else if (fabs(in->dq[i] * elapsed - way) > 0.5 * far + 2.0 * c->position_quantum) {
+        } else if (differ) {
             f->velocity[i] = measured * in->dq[i] <= 0.0 ? 0.0 : fabs(measured) < fabs(in->dq[i]) ? measured : in->dq[i];
             reason = ID(REASON_MISMATCH);
-            f->jumped |= fabs(way) > 2.0 * far + 2.0 * c->position_quantum;
         }
         if (fabs(way) > speeds * far + 2.0 * c->position_quantum) {
             f->located = 0;
@@ -1290,6 +1299,11 @@ static void settle(frame *f)
         s->memory.engaged = 1;
         s->memory.scale = 1.0;
         /* the engagement's energy first makes up for what the tank lacks */
+        if (s->memory.tank < -f->c->engagement_limit) {
+            /* more than an engagement brings in: the account ends here, and begins anew */
+            s->memory.unaccounted += s->memory.unaccounted < UINT32_MAX ? 1u : 0u;
+            s->memory.tank = 0.0;
+        }
         const double lack = clamp(f->c->tank_initial - s->memory.tank, 0.0, f->c->engagement_limit);
         s->memory.tank += lack;
         s->memory.engagement = f->c->engagement_limit - lack;
@@ -1506,6 +1520,34 @@ static double design_damping(frame *f, const double *J, double *follow)
 
 /* ---- torque ---- */
 
+/*
+ * One quantum of position in a differenced velocity is a torque of B quantum / T. Where that is more than the rate limit
+ * lets through, the damping would be lost: the velocity is then the mean of the last few samples.
+ */
+static void smooth_velocity(frame *f)
+{
+    const state_t *const s = f->state;
+    double most = 1.0;
+    for (int i = 0; f->c->position_quantum > 0.0 && i < N; ++i) {
+        double torque = 0.0;
+        for (int j = 0; j < N; ++j) {
+            torque += fabs(f->out->damping[i * N + j]) * f->c->position_quantum / f->c->sample_time;
+        }
+        most = fmax(most, torque / s->memory.rate[i]);
+    }
+    const int wanted = most < RECENT ? (int)ceil(most) : RECENT;
+    const int count = wanted < s->memory.recent_count ? wanted : s->memory.recent_count;
+    if (count > 1 && s->memory.gap == 0) {
+        for (int i = 0; i < N; ++i) {
+            double sum = 0.0;
+            for (int k = 0; k < count; ++k) {
+                sum += s->memory.recent[k * N + i];
+            }
+            f->velocity[i] = sum / count;
+        }
+    }
+}
+
 /* New scale: to zero in a fault, as fast as the torque's rate limit lets; else as far as caps and effort limits allow. */
 static void vary_scale(frame *f, const double *pull, double energy, double cap)
 {
@@ -1555,8 +1597,9 @@ static void limit_torque(frame *f, const double *last)
 }
 
 /*
- * Largest energy that the torques on their way can put in over |change of q| <= v T in every interval:
- * |torque + dU/dq| v T of each (returned), and 1/2 D |L| D over all of them together (quadratic).
+ * Largest energy that the torques on their way can put in while no joint is faster than v: |torque + dU/dq| v T of each
+ * (returned), and 1/2 D |L| D over all of them together (quadratic), D = v T for every interval. A torque is on its way
+ * for delay intervals and, if samples are missed, for up to missed_limit more and its fall to zero at the rate limit.
  */
 static double reserve(const frame *f, const double *last, const double *gradient, double *quadratic)
 {
@@ -1569,11 +1612,11 @@ static double reserve(const frame *f, const double *last, const double *gradient
         linear += fmax(-s->memory.feed[k], 0.0);
     }
     for (int i = 0; i < N; ++i) {
-        const double v = fastest(f, i) * T;
-        linear += fabs(f->out->torque[i] + gradient[i]) * v;
+        const double v = fastest(f, i) * T, excess = fabs(f->out->torque[i] + gradient[i]);
+        linear += excess * v * (f->c->missed_limit + 0.5 * excess / s->memory.rate[i]);
         linear += delay > 0 ? fabs(last[i] + gradient[i]) * v : 0.0;
         linear += delay > 1 ? fabs(s->memory.older[i] + gradient[i]) * v : 0.0;
-        D[i] = (delay + 1) * v;
+        D[i] = (delay + f->c->missed_limit) * v;
     }
     for (int i = 0; i < N; ++i) {
         const double near = fmin(f->c->upper_limit[i] - s->memory.q[i], s->memory.q[i] - f->c->lower_limit[i]);
@@ -1647,6 +1690,7 @@ static void act(frame *f, const double *last, int moved)
     if (s->memory.engaged) {
         vary_scale(f, pull, energy, cap);
     }
+    smooth_velocity(f);
     double speed = 1.0;
     for (int i = 0; i < N; ++i) {
         out->reference_velocity[i] = by_pose ? follow[i] : moved ? s->memory.posture_velocity[i] : 0.0;
@@ -1679,25 +1723,26 @@ static void act(frame *f, const double *last, int moved)
         for (int i = 0; i < N; ++i) {
             const double conservative = out->elastic_torque[i] + out->limit_torque[i];
             gradient[i] = -conservative;
-            out->torque[i] = conservative + damped * out->damping_torque[i];
+            out->damping_torque[i] *= damped;
+            out->torque[i] = conservative + out->damping_torque[i];
         }
-        s->memory.feed[0] = damped * feed;
+        feed *= damped;
+        s->memory.feed[0] = feed;
         limit_torque(f, last);
         if (paper) {
             return;
         }
         const double linear = reserve(f, last, gradient, &quadratic);
         s->memory.reserve = linear + quadratic;
-        if (s->memory.reserve <= s->memory.tank || attempt > 0) {
+        if (s->memory.reserve <= s->memory.tank) {
             break;
         }
-        /* what the tank cannot cover is not risked: less damping, and no energy is left to be damped */
+        /* what the tank cannot cover is not risked: less damping, and, where that is not enough, no energy to be damped */
         f->status |= ID(STATUS_RESERVE);
-        latch(f, ID(REASON_RESERVE));
+        if (attempt > 0) {
+            latch(f, ID(REASON_RESERVE));
+        }
         damped = linear > 0.0 ? clamp((s->memory.tank - quadratic) / linear, 0.0, 1.0) : 0.0;
-    }
-    for (int i = 0; i < N; ++i) {
-        out->damping_torque[i] *= damped;
     }
 }
 
@@ -1726,6 +1771,9 @@ static void sighted(frame *f, const double *last)
     }
     memcpy(s->memory.q, in->q, sizeof s->memory.q);
     memcpy(s->memory.dq, f->velocity, sizeof s->memory.dq);
+    s->memory.recent_count = s->memory.gap == 0 && s->memory.recent_count < RECENT ? s->memory.recent_count + 1 : s->memory.gap == 0 ? RECENT : 1;
+    memmove(s->memory.recent + N, s->memory.recent, (RECENT - 1) * N * sizeof(double));
+    memcpy(s->memory.recent, f->velocity, N * sizeof(double));
     s->memory.counter = in->counter;
     s->memory.gap = 0;
     s->memory.missed = 0;
@@ -1768,7 +1816,7 @@ static void sighted(frame *f, const double *last)
     act(f, last, moved);
 }
 
-/* No believed sample: the torque is held, or, in a fault, goes on towards damping at the position known last. */
+/* No believed sample: the torque is held, or, in a fault, goes to zero as fast as the rate limit lets. */
 static void blind(frame *f, const double *last)
 {
     state_t *const s = f->state;
@@ -1776,10 +1824,6 @@ static void blind(frame *f, const double *last)
     s->memory.missed += s->memory.missed < 1000000 ? 1 : 0;
     s->memory.good_time = 0.0;
     f->budget = 0.0;
-    const double fade = exp(-f->c->sample_time / f->c->velocity_decay_time);
-    for (int i = 0; i < N; ++i) {
-        f->velocity[i] = s->memory.fault != ID(FAULT_NONE) ? s->memory.dq[i] *= fade : s->memory.dq[i];
-    }
     if (!s->memory.known || (s->memory.fault != ID(FAULT_NONE) && s->memory.law == ID(LAW_PAPER))) {
         memset(f->out->torque, 0, sizeof f->out->torque);
         memmove(s->memory.feed + 1, s->memory.feed, 2 * sizeof(double));
@@ -1794,10 +1838,8 @@ static void blind(frame *f, const double *last)
     } else {
         robot_poses(s->memory.q, s->memory.tool_pose, f->pose);
         s->memory.limit_energy = avoid_limits(f, s->memory.q);
-        for (int i = 0; i < N; ++i) {
-            /* a torque that depends on the position must not stay when that is no longer known */
-            f->out->limit_torque[i] *= exp(-f->c->sample_time * s->memory.gap / f->c->velocity_decay_time);
-        }
+        /* what depends on a position or a velocity that is no longer known must not stay; nor is there a tank for it */
+        memset(f->out->limit_torque, 0, sizeof f->out->limit_torque);
         act(f, last, 0);
     }
 }
@@ -1850,12 +1892,17 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         return ID(E_NULL);
     }
     frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
-    double last[N];
+    double last[N], rate[N];
     int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     const int intact = state->checksum == checksum(state) && state->memory.ready == READY;
-    last_torque(state, last);
+    majority(state->torque, last);
+    majority(state->rate, rate);
     if (!intact) {
         if (error != ID(OK) || state->checksum == 0u) {
+            for (int i = 0; i < N; ++i) {
+                output->torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
+            }
+            keep(state->torque, output->torque);
             return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
         }
         /* memory was overwritten: nothing is believed but the torque, of which there are three */
@@ -1867,6 +1914,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         for (int i = 0; i < N; ++i) {
             state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
         }
+        keep(state->rate, state->memory.rate);
         const int valid = input->sample_valid == 1;
         if (valid) {
             observe_wrench(&f);
@@ -1897,12 +1945,12 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         f.status |= ID(STATUS_CONFIG);
         state->memory.gap += state->memory.gap < 1000000 ? 1 : 0;
         for (int i = 0; i < N; ++i) {
-            output->torque[i] = last[i] - clamp(last[i], -state->memory.rate[i], state->memory.rate[i]);
+            output->torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
         }
     }
     memmove(state->memory.older + N, state->memory.older, N * sizeof(double));
     memcpy(state->memory.older, last, sizeof last);
-    keep_torque(state, output->torque);
+    keep(state->torque, output->torque);
     report(&f);
     state->checksum = checksum(state);
     return error;
@@ -1932,12 +1980,11 @@ void iiwa14_impedance_default_config(config_t *config)
     config->force_limit = 500.0;
     config->moment_limit = 100.0;
     config->missed_limit = 3;
-    config->position_quantum = 1e-4;
+    config->position_quantum = 0.0;
     config->frozen_window = 20;
-    config->velocity_decay_time = 0.02;
     config->automatic_reset_time = 0.0;
-    config->tank_initial = 2.0;
-    config->tank_maximum = 5.0;
+    config->tank_initial = 5.0;
+    config->tank_maximum = 10.0;
     for (int i = 0; i < N; ++i) {
         config->posture_stiffness[i] = 1.0;
         config->damping_ratio[i] = 0.7;
@@ -2055,8 +2102,6 @@ const char *iiwa14_impedance_error_text(int code)
         return "position_quantum: must lie between 0 and 0.1";
     case IIWA14_E_CONFIG_FROZEN_WINDOW:
         return "frozen_window: must lie between 2 and 1e+06";
-    case IIWA14_E_CONFIG_VELOCITY_DECAY_TIME:
-        return "velocity_decay_time: must lie between 0.0001 and 10";
     case IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME:
         return "automatic_reset_time: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_TANK_INITIAL:

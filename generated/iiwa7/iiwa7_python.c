@@ -939,7 +939,6 @@ static const field fields[] = {
     {"config", "missed_limit", "i4", offsetof(iiwa7_impedance_config, missed_limit), 0, {1, 1, 1}},
     {"config", "position_quantum", "f8", offsetof(iiwa7_impedance_config, position_quantum), 0, {1, 1, 1}},
     {"config", "frozen_window", "i4", offsetof(iiwa7_impedance_config, frozen_window), 0, {1, 1, 1}},
-    {"config", "velocity_decay_time", "f8", offsetof(iiwa7_impedance_config, velocity_decay_time), 0, {1, 1, 1}},
     {"config", "automatic_reset_time", "f8", offsetof(iiwa7_impedance_config, automatic_reset_time), 0, {1, 1, 1}},
     {"config", "tank_initial", "f8", offsetof(iiwa7_impedance_config, tank_initial), 0, {1, 1, 1}},
     {"config", "tank_maximum", "f8", offsetof(iiwa7_impedance_config, tank_maximum), 0, {1, 1, 1}},

@@ -72,10 +72,9 @@ enum {
     MED7_E_CONFIG_MISSED_LIMIT = -49,
     MED7_E_CONFIG_POSITION_QUANTUM = -50,
     MED7_E_CONFIG_FROZEN_WINDOW = -51,
-    MED7_E_CONFIG_VELOCITY_DECAY_TIME = -52,
-    MED7_E_CONFIG_AUTOMATIC_RESET_TIME = -53,
-    MED7_E_CONFIG_TANK_INITIAL = -54,
-    MED7_E_CONFIG_TANK_MAXIMUM = -55
+    MED7_E_CONFIG_AUTOMATIC_RESET_TIME = -52,
+    MED7_E_CONFIG_TANK_INITIAL = -53,
+    MED7_E_CONFIG_TANK_MAXIMUM = -54
 };
 
 /* No choice has the value 0: a configuration or an input of zeros is refused rather than taken for one. */
@@ -220,20 +219,20 @@ typedef struct {
     double moment_limit;
     /* [samples] consecutive missed samples that are a fault. Must lie between 1 and 1000. Default: 3. */
     int missed_limit;
-    /* [rad or m] resolution of the measured positions. Must lie between 0 and 0.1. Default: 1e-4. */
+    /* [rad or m] resolution of the positions that velocities are differenced from; with it, the damping's
+     * velocity is the mean of as many samples (up to 8) as the torque's rate limit needs. Must lie between 0
+     * and 0.1. Default: 0.0. */
     double position_quantum;
     /* [samples] after which a value that stands still while the other signal moves is a bad sample. Must lie
      * between 2 and 1e+06. Default: 20. */
     int frozen_window;
-    /* [s] time constant with which the last believed velocity fades in a fault without one. Must lie between
-     * 0.0001 and 10. Default: 0.02. */
-    double velocity_decay_time;
     /* [s] of good samples after which a fault resets itself; 0: never. Must lie between 0 and 10000. Default:
      * 0.0. */
     double automatic_reset_time;
-    /* [J] tank energy at the start. Must lie between 0 and 10000. Default: 2.0. */
+    /* [J] tank energy at the start. Must lie between 0 and 10000. Default: 5.0. */
     double tank_initial;
-    /* [J] tank energy above which income is lost. Must lie between 0 and 10000. Default: 5.0. */
+    /* [J] tank energy above which income goes to the engagement, or is lost. Must lie between 0 and 10000.
+     * Default: 10.0. */
     double tank_maximum;
 } med7_impedance_config;
 
@@ -287,7 +286,7 @@ typedef struct {
     double fault_time;
     /* [rad or m] last believed q. */
     double position[7];
-    /* [rad/s or m/s] that the damping used: dq, or the faded last one. */
+    /* [rad/s or m/s] that the damping used: dq, its mean, or what is credible of it; 0 without a sample. */
     double velocity[7];
     /* [rad or m] posture that the springs pull to, the governor's r. */
     double reference[7];
@@ -344,12 +343,14 @@ typedef struct {
 /* What a controller knows from step to step; opaque, prepared by med7_impedance_init. */
 typedef struct {
     double torque[21]; /* the last one, three times */
+    double rate[21]; /* by how much it may change in a step, three times */
     uint64_t checksum; /* of memory */
     struct {
         double older[14];
         double feed[3];
         double gap_torque[7];
         double rate[7];
+        double recent[56];
         double q[7];
         double dq[7];
         double still_q[7];
@@ -391,6 +392,8 @@ typedef struct {
         int32_t bad;
         int32_t missed;
         int32_t gap;
+        int32_t recent_count;
+        int32_t spare;
         uint32_t counter;
         uint32_t unaccounted;
     } memory;

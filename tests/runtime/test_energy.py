@@ -44,7 +44,7 @@ def test_elastic_energy_is_the_springs(robot: ModuleType) -> None:
 
 
 def test_the_identity_holds_through_faults_and_gaps(robot: ModuleType) -> None:
-    inputs, _ = hostile(np.random.default_rng(5), robot, 4000, 0.005)
+    inputs, _ = hostile(np.random.default_rng(5), robot, 4000, 0.1)
     out = robot.Impedance(motor_inertia=0.1, automatic_reset_time=0.05).run(**inputs)
     assert np.abs(residual(out)).max() < 1e-9
     assert np.unique(out.mode).size >= 3
@@ -98,34 +98,32 @@ def test_fault_cycles_put_out_nothing_without_an_end(robot: ModuleType) -> None:
 
 def test_stiffness_change_is_split(robot: ModuleType) -> None:
     """Tank empty: softer in three directions and stiffer in one; the softer part is not held back."""
-    controller = robot.Impedance(tank_initial=0.0, stiffness_time=1e-4, engagement_limit=1e-6, motor_inertia=0.1,
-                                 velocity_limit=1e-6 + 1.0)  # fmt: skip
     q = Q + 0.05
-    controller.step(q=Q, dq=np.zeros(7), q0=Q, **SPRING)
-    for _ in range(300):
-        out = controller.step(q=Q, dq=np.zeros(7), q0=Q, **SPRING)
     wanted = np.diag([350.0, 1400.0, 400.0])
     tilted = KT * 0.5 + np.array([[0, 60.0, 0], [60.0, 0, 0], [0, 0, 0]])
-    assert out.fault in (robot.Fault.NONE, robot.Fault.ENERGY)
+
+    def displaced(**fields: float) -> Any:
+        controller = robot.Impedance(stiffness_time=0.02, motor_inertia=0.1, **fields)
+        for k in range(600):
+            phase = np.pi * min(1, k / 500)
+            way, rate = 0.5 - 0.5 * np.cos(phase), np.pi * np.sin(phase)
+            out = controller.step(q=Q + way * (q - Q), dq=rate * (q - Q), q0=Q, **SPRING)
+        assert not out.fault, repr(out)
+        assert out.elastic_energy > 0.1
+        return controller
+
     # With energy in the tank, all of it passes; with the tank kept from paying, the release alone.
-    rich = robot.Impedance(tank_initial=5.0, stiffness_time=0.001, motor_inertia=0.1, frozen_window=1000000)
-    for step in range(400):
-        out = rich.step(q=Q + (q - Q) * min(step, 100) / 100, dq=np.zeros(7), q0=Q, **SPRING)
-    assert not out.fault, repr(out)
-    assert out.elastic_energy > 0.1
-    for _ in range(400):
+    rich = displaced()
+    for _ in range(1000):
         out = rich.step(q=q, dq=np.zeros(7), q0=Q, translation_stiffness=wanted, rotation_stiffness=KO)
     np.testing.assert_allclose(out.translation_stiffness, wanted, rtol=1e-8)
-    poor = robot.Impedance(tank_initial=1.0, tank_maximum=1.0, stiffness_time=0.001, motor_inertia=0.1,
-                           frozen_window=1000000)  # fmt: skip
-    for step in range(400):
-        out = poor.step(q=Q + (q - Q) * min(step, 100) / 100, dq=np.zeros(7), q0=Q, **SPRING)
-    for _ in range(400):
-        out = poor.step(q=q, dq=np.zeros(7), q0=Q, translation_stiffness=30 * wanted / 8, rotation_stiffness=KO)
+    poor = displaced(tank_initial=1.0, tank_maximum=1.0)
+    for _ in range(1000):
+        out = poor.step(q=q, dq=np.zeros(7), q0=Q, translation_stiffness=3 * wanted, rotation_stiffness=KO)
     assert out.status & robot.Status.TANK_LIMITED
     assert out.tank_energy > 0
     assert not out.fault
-    for _ in range(400):
+    for _ in range(1000):
         out = poor.step(q=q, dq=np.zeros(7), q0=Q, translation_stiffness=tilted, rotation_stiffness=KO)
     assert np.linalg.eigvalsh(out.translation_stiffness - KT * 0.62).max() < 700  # released where it was wanted softer
     assert out.translation_stiffness[2, 2] == pytest.approx(400, rel=1e-6)

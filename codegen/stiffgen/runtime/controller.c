@@ -121,7 +121,11 @@ static uint64_t checksum(const state_t *state)
         memcpy(&word, at + k * sizeof word, sizeof word);
         sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
     }
-    return sums[0] ^ (sums[1] << 1) ^ (sums[2] << 2) ^ (sums[3] << 3);
+    uint64_t sum = 0;
+    for (int lane = 0; lane < 4; ++lane) {
+        sum = (sum ^ sums[lane] ^ (sums[lane] >> 29)) * 0x9e3779b97f4a7c15u;
+    }
+    return sum;
 }
 
 /* What two of three copies say, bit by bit. */
@@ -456,14 +460,19 @@ static int doubt(frame *f, const double *last)
         const double way = s->memory.known ? in->q[i] - s->memory.q[i] : in->dq[i] * elapsed;
         const double far = c->velocity_limit[i] * elapsed, measured = way / elapsed;
         const int still = frozen(c, s, in->q, in->dq, i);
+        const int differ =
+            fabs(in->dq[i] * elapsed - way) > fmax(0.5 * far, 0.3 * fabs(way)) + 2.0 * c->position_quantum;
         f->velocity[i] = in->dq[i];
-        if (still != 0) {
+        if (differ && fabs(way) > 2.0 * far + 2.0 * c->position_quantum) {
+            f->velocity[i] = 0.0;
+            f->jumped = 1;
+            reason = ID(REASON_JUMP);
+        } else if (still != 0) {
             f->velocity[i] = still == FROZEN_VELOCITY ? measured : in->dq[i];
             reason = ID(REASON_FROZEN);
-        } else if (fabs(in->dq[i] * elapsed - way) > 0.5 * far + 2.0 * c->position_quantum) {
+        } else if (differ) {
             f->velocity[i] = measured * in->dq[i] <= 0.0 ? 0.0 : fabs(measured) < fabs(in->dq[i]) ? measured : in->dq[i];
             reason = ID(REASON_MISMATCH);
-            f->jumped |= fabs(way) > 2.0 * far + 2.0 * c->position_quantum;
         }
         if (fabs(way) > speeds * far + 2.0 * c->position_quantum) {
             f->located = 0;
@@ -1226,25 +1235,26 @@ static void act(frame *f, const double *last, int moved)
         for (int i = 0; i < N; ++i) {
             const double conservative = out->elastic_torque[i] + out->limit_torque[i];
             gradient[i] = -conservative;
-            out->torque[i] = conservative + damped * out->damping_torque[i];
+            out->damping_torque[i] *= damped;
+            out->torque[i] = conservative + out->damping_torque[i];
         }
-        s->memory.feed[0] = damped * feed;
+        feed *= damped;
+        s->memory.feed[0] = feed;
         limit_torque(f, last);
         if (paper) {
             return;
         }
         const double linear = reserve(f, last, gradient, &quadratic);
         s->memory.reserve = linear + quadratic;
-        if (s->memory.reserve <= s->memory.tank || attempt > 0) {
+        if (s->memory.reserve <= s->memory.tank) {
             break;
         }
-        /* what the tank cannot cover is not risked: less damping, and no energy is left to be damped */
+        /* what the tank cannot cover is not risked: less damping, and, where that is not enough, no energy to be damped */
         f->status |= ID(STATUS_RESERVE);
-        latch(f, ID(REASON_RESERVE));
+        if (attempt > 0) {
+            latch(f, ID(REASON_RESERVE));
+        }
         damped = linear > 0.0 ? clamp((s->memory.tank - quadratic) / linear, 0.0, 1.0) : 0.0;
-    }
-    for (int i = 0; i < N; ++i) {
-        out->damping_torque[i] *= damped;
     }
 }
 
