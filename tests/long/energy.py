@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from support.plant.loop import Q0, Loop, N
+from support.project import ROOT
 
 SAMPLES = 2000
 TOLERANCE = 1e-9
