@@ -1,4 +1,4 @@
-"""Run the bowl-wiping experiment, the paper's law corrected and conventional and the potential law, and write its report.
+"""Run the bowl-wiping experiment, paper's law corrected and conventional and the potential law.
 
 ``python -m examples.bowl_wiping`` in the repository's root, or ``make experiment``.
 """

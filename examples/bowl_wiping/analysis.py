@@ -147,7 +147,11 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
         largest_force=all_three(lambda t, w: np.linalg.norm(t["wrench_used"][w, :3], axis=1).max()),
         moment_range=(float(at_tool[:, 3:].min()), float(at_tool[:, 3:].max())),
         force_range=(float(at_tool[:, :3].min()), float(at_tool[:, :3].max())),
-        faults=(faults(robot, paper[0]["status"]), faults(robot, paper[1]["status"]), faults(robot, potential["status"])),
+        faults=(
+            faults(robot, paper[0]["status"]),
+            faults(robot, paper[1]["status"]),
+            faults(robot, potential["status"]),
+        ),
         joint_difference=np.abs(paper[0]["q"] - paper[1]["q"]).max(axis=0),
         tip_difference=float(np.linalg.norm(tips[0] - tips[1], axis=1).max()),
         deflection=all_three(lambda t, w: np.abs(t["error"]).max()),
@@ -220,8 +224,8 @@ def summary(found: Findings) -> list[Row]:
         Row(
             "contact during the wipe",
             unknown,
-            f"corrected {found.contact[0]:.1%}, conventional {found.contact[1]:.1%}, potential {found.contact[2]:.1%} of the "
-            "samples",
+            f"corrected {found.contact[0]:.1%}, conventional {found.contact[1]:.1%}, potential "
+            f"{found.contact[2]:.1%} of the samples",
             "",
         ),
         Row(

@@ -22,7 +22,7 @@ Column = Callable[[Trace], Any]
 def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: Comparison) -> dict[str, str]:
     """All figures of the trials and of the two regenerated trajectories.
 
-    Those about the joint stiffness compare the paper's law corrected and conventional; the energy is that of all trials.
+    Those about the joint stiffness compare the paper's law corrected and conventional; the energy is that of all.
 
     Returns:
         File name to SVG text.
@@ -142,9 +142,7 @@ def energy(trials: list[Trace]) -> Figure:
     for axes in panels:
         _wipe(axes)
         axes.set(ylabel="energy [J]")
-    for trace, name, line, colour in zip(
-        trials, LAWS, ("-", "--", "-"), (CORRECTED, CONVENTIONAL, INK), strict=True
-    ):
+    for trace, name, line, colour in zip(trials, LAWS, ("-", "--", "-"), (CORRECTED, CONVENTIONAL, INK), strict=True):
         panels[0].plot(trace["time"], trace["port_total"], line, color=colour, label=name)
     for name, label, colour in (
         ("elastic_energy", "elastic", SHADES[0]),

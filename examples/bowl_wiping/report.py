@@ -32,8 +32,8 @@ CAPTIONS = {
     "the smallest one is below zero, with and without the correction. There the spring pushes away from its "
     "zero-force position, and damping alone slows it.",
     "energy.svg": "Energy account of the controller (docs/controller.md). The paper's law is the gradient of no energy: "
-    "what it puts out is all that is known of it. The potential law stores what the moving equilibrium puts in, and "
-    "damping takes it out.",
+    "what it puts out is all that is known. The potential law stores what the moving equilibrium puts in, and damping "
+    "takes it out.",
     "trajectory.svg": "The zero-force trajectory: as recorded, and by inverse kinematics from the stated and from the "
     "measured geometry.",
 }

@@ -1,7 +1,7 @@
 """One trial: the plant under the C controller with the paper's gains, recorded step by step.
 
-Three laws: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and ``potential``, the gradient of a
-spring with the same gains at the tool point.
+Three laws: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and ``potential``, the gradient
+of a spring with the same gains at the tool point.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ FORCE_NOISE, MOMENT_NOISE = 0.05, 0.002
 LAWS = ("corrected", "conventional", "potential")
 """The trials, in this order."""
 EXPECTED = ("MOVING", "INDEFINITE", "JOINT_LIMIT", "DAMPING_CAPPED")
-"""Status bits that are no fault: the equilibrium moves, the stiffness may be indefinite, joints may come near their limits
-(which do not push back here), and 5 ms allow no more damping. All others must not show."""
+"""Status bits that are no fault: the equilibrium moves, the stiffness may be indefinite, joints may come near their
+limits (which do not push back here), and 5 ms allow no more damping. All others must not show."""
 
 COLUMNS = {
     "trial": "0 corrected, 1 conventional, 2 potential",
@@ -49,14 +49,14 @@ COLUMNS = {
     "arm_contact": "whether a link of the arm touches the bowl",
     "position": "[m] of the tool point, base frame",
     "error": "[rad] deflection r - q from the equilibrium posture",
-    "stiffness": "[N m/rad] joint stiffness Kq, posture stiffness included: applied in the paper's law, the tangent of "
-    "the energy in the potential law",
+    "stiffness": "[N m/rad] joint stiffness Kq, posture stiffness included: applied in the paper's law, the tangent "
+    "of the energy in the potential law",
     "symmetric": "[N m/rad] largest singular value of the symmetric part of the controller's joint stiffness",
     "antisymmetric": "[N m/rad] the same of its antisymmetric part",
     "eigenvalues": "[N m/rad] of the symmetric part, ascending",
     "elastic_energy": "[J] of the springs; 0 in the paper's law, which has none",
     "port_total": "[J] put out at the robot's port since the start",
-    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; in the paper's law "
+    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; paper's law: "
     "all that its torque puts in",
     "reference_total": "[J] put in by moving the equilibrium",
     "stiffness_total": "[J] put in by changing the stiffness",

@@ -1535,7 +1535,7 @@ static void smooth_velocity(frame *f)
         }
         most = fmax(most, torque / s->memory.rate[i]);
     }
-    const int wanted = most < RECENT ? (int)ceil(most) : RECENT;
+    const int wanted = (int)ceil(fmin(most, (double)RECENT));
     const int count = wanted < s->memory.recent_count ? wanted : s->memory.recent_count;
     if (count > 1 && s->memory.gap == 0) {
         for (int i = 0; i < N; ++i) {

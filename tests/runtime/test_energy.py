@@ -73,7 +73,7 @@ def test_constant_equilibrium_puts_out_no_more_than_it_was_given(robot: ModuleTy
 
 def test_fault_cycles_put_out_nothing_without_an_end(robot: ModuleType) -> None:
     """A fault, the limp arm displaced by hand, a reset, the way back: the old law put 4.4 J out a lap."""
-    controller = robot.Impedance(motor_inertia=0.1, tank_maximum=2.0)
+    controller = robot.Impedance(motor_inertia=0.1, tank_initial=2.0, tank_maximum=2.0)
     arm, resets, start = Arm(robot, Q), 0, []
     port = 0.0
     for k in range(6 * 2500):

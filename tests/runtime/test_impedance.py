@@ -163,7 +163,9 @@ def test_energy_limit_holds_the_equilibrium_back(robot: ModuleType) -> None:
 
 def test_engagement_limit(robot: ModuleType) -> None:
     """The equilibrium wound up against a hand that gives way and holds again: no more work than the limit."""
-    controller = robot.Impedance(motor_inertia=0.1, energy_limit=0.5, engagement_limit=0.8, tank_initial=1.0, tank_maximum=2.0)
+    controller = robot.Impedance(
+        motor_inertia=0.1, energy_limit=0.5, engagement_limit=0.8, tank_initial=1.0, tank_maximum=2.0
+    )
     q, goal, held = Q.copy(), Q + 1.2, False
     for k in range(6000):
         out = controller.step(q=q, dq=np.full(7, 0.2 * (k > 0)), q0=goal, **SPRING)
@@ -272,7 +274,7 @@ def test_every_reason_of_the_samples(robot: ModuleType, change: Any, reason: str
     assert latched is not None
     assert latched <= latest
     assert outs[latched].reason == robot.Reason[reason]
-    assert outs[latched].fault == robot.Fault[dict((r, f) for r, f, _ in REASONS)[reason.lower()].upper()]
+    assert outs[latched].fault == robot.Fault[{r: f for r, f, _ in REASONS}[reason.lower()].upper()]
     assert all(out.fault == outs[latched].fault for out in outs[latched:])  # it stays
     assert outs[-1].scale == 0
     assert outs[-1].elastic_energy == 0

@@ -33,8 +33,9 @@ def test_pencils(matrices: Matrices) -> None:
 def test_eigenvectors_of_special_matrices(matrices: Matrices) -> None:
     random = np.random.default_rng(2)
     tridiagonal = np.diag([2.0] * 6) + np.diag([-1.0] * 5, 1) + np.diag([-1.0] * 5, -1)
-    for A in (np.zeros((4, 4)), np.eye(5), np.diag([3.0, -1, 2]), np.ones((6, 6)), tridiagonal, np.array([[2.5]]),
-              symmetric(random, np.array([1.0, 1.0, 1.0, 1e-12, -1e-12])), np.fliplr(np.diag([1.0, 2, 1]))):  # fmt: skip
+    nearly_zero = symmetric(random, np.array([1.0, 1.0, 1.0, 1e-12, -1e-12]))
+    cases = [np.zeros((4, 4)), np.eye(5), np.diag([3.0, -1, 2]), np.ones((6, 6)), tridiagonal, np.array([[2.5]])]
+    for A in [*cases, nearly_zero, np.ascontiguousarray(np.eye(3)[::-1])]:
         code, values, V = matrices.eigen_symmetric(A)
         assert code == 0
         np.testing.assert_allclose(V @ np.diag(values) @ V.T, A, atol=1e-14 * max(1, np.abs(A).max()))

@@ -76,7 +76,9 @@ def controller_context(name: str, chain: Chain) -> dict[str, Any] | None:
             {
                 "name": struct,
                 "summary": summary,
-                "fields": [_field(field, sizes, prefix) for field in fields if field.when != "tool" or chain.runtime_tool],
+                "fields": [
+                    _field(field, sizes, prefix) for field in fields if field.when != "tool" or chain.runtime_tool
+                ],
             }
             for struct, summary, fields in _STRUCTS
         ],
@@ -96,7 +98,8 @@ def _errors(name: str) -> list[tuple[str, int, str]]:
     """(name, code, text) of every error."""
     own = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(ERRORS)]
     return own + [
-        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}") for k, field in enumerate(CONFIG)
+        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
+        for k, field in enumerate(CONFIG)
     ]
 
 

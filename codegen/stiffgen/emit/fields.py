@@ -1,7 +1,7 @@
 """The fields of a robot's impedance controller, its status bits, faults and reasons: the only list of them.
 
-The C structs and enumerations, the error codes and texts, the check of every configuration field, their documentation,
-the layout that Python reads, and the tables of the docs are made from it. What the controller does with the fields is C:
+The C structs and enumerations, the error codes and texts, the check of every configuration field, their
+documentation, and the layout that Python reads are made from it. What the controller does with the fields is C:
 ``runtime/controller.c``.
 """
 
@@ -73,14 +73,14 @@ CONFIG: tuple[Field, ...] = (
     ),
     _choice(
         "law",
-        "potential: the torque is the gradient of a spring's energy; paper: Kq(q, wrench) (q0 - q), for reproducing the "
-        "paper, within bounds",
+        "potential: the torque is the gradient of a spring's energy; paper: Kq(q, wrench) (q0 - q), for reproducing "
+        "the paper, within bounds",
         ("potential", "paper"),
         "potential",
     ),
     _choice(
         "stiffness_formula",
-        "paper's law only: corrected (symmetric) or, for comparison, conventional (without the connection's correction)",
+        "paper's law only: corrected (symmetric) or conventional (without the connection's correction)",
         ("corrected", "conventional"),
         "corrected",
     ),
@@ -90,8 +90,8 @@ CONFIG: tuple[Field, ...] = (
     Field("stiffness_time", _SCALAR, "s", "time constant of a change of stiffness", "0.05", 1e-4, 100.0),
     _choice(
         "damping_design",
-        "modal (double diagonalisation of tangent and mass matrix) or task, J^T task_damping J; to each joint_damping I "
-        "is added",
+        "modal (double diagonalisation of tangent and mass matrix) or task, J^T task_damping J; to each "
+        "joint_damping I is added",
         ("modal", "task"),
         "modal",
     ),
@@ -110,7 +110,7 @@ CONFIG: tuple[Field, ...] = (
         "motor_inertia",
         _N,
         "kg m^2",
-        "of the rotors, seen at the joints; a URDF does not have them, and the damping of light joints is wrong without",
+        "of the rotors, seen at the joints; a URDF has none, and the damping of light joints is wrong without",
         "0.0",
         0.0,
         1e4,
@@ -168,8 +168,8 @@ CONFIG: tuple[Field, ...] = (
         "position_quantum",
         _SCALAR,
         "rad or m",
-        "resolution of the positions that velocities are differenced from; with it, the damping's velocity is the mean of "
-        "as many samples (up to 8) as the torque's rate limit needs",
+        "resolution of the positions that velocities are differenced from; with it, the damping's velocity is the mean "
+        "of as many samples (up to 8) as the torque's rate limit needs",
         "0.0",
         0.0,
         0.1,
@@ -194,7 +194,15 @@ CONFIG: tuple[Field, ...] = (
         1e4,
     ),
     Field("tank_initial", _SCALAR, "J", "tank energy at the start", "5.0", 0.0, 1e4),
-    Field("tank_maximum", _SCALAR, "J", "tank energy above which income goes to the engagement, or is lost", "10.0", 0.0, 1e4),
+    Field(
+        "tank_maximum",
+        _SCALAR,
+        "J",
+        "tank energy above which income goes to the engagement, or is lost",
+        "10.0",
+        0.0,
+        1e4,
+    ),
 )
 
 INPUT: tuple[Field, ...] = (
@@ -206,7 +214,9 @@ INPUT: tuple[Field, ...] = (
         type="int",
     ),
     _choice("command", "what q0 means, and whether equilibrium is read", ("position", "equilibrium"), ""),
-    Field("wrench_valid", _SCALAR, "", "1: wrench is measured (the paper's law needs it); 0: it is not read", type="int"),
+    Field(
+        "wrench_valid", _SCALAR, "", "1: wrench is measured (the paper's law needs it); 0: it is not read", type="int"
+    ),
     Field("counter", _SCALAR, "", "of the samples; advances by one a sample time, missed ones too", type="uint32_t"),
     Field("q", _N, "rad or m", "measured joint positions"),
     Field("dq", _N, "rad/s or m/s", "measured, differenced or filtered joint velocities"),
@@ -220,9 +230,7 @@ INPUT: tuple[Field, ...] = (
     Field("equilibrium", _POSE, "m", "command equilibrium: pose [R p; 0 1] of the tip where its spring is at rest"),
     Field("tool_pose", _POSE, "m", "pose of the tool in the tip's frame; constant while engaged", when="tool"),
     Field("translation_stiffness", _SPRING, "N/m", "Kt, base axes; symmetric, positive semidefinite"),
-    Field(
-        "rotation_stiffness", _SPRING, "N m/rad", "Ko, axes of the equilibrium; symmetric, positive semidefinite"
-    ),
+    Field("rotation_stiffness", _SPRING, "N m/rad", "Ko, axes of the equilibrium; symmetric, positive semidefinite"),
     Field(
         "wrench",
         _WRENCH,
@@ -243,7 +251,12 @@ OUTPUT: tuple[Field, ...] = (
     Field("unaccounted", _SCALAR, "", "times the energy account had to begin anew", type="uint32_t"),
     Field("fault_time", _SCALAR, "s", "since the fault was latched"),
     Field("position", _N, "rad or m", "last believed q"),
-    Field("velocity", _N, "rad/s or m/s", "that the damping used: dq, its mean, or what is credible of it; 0 without a sample"),
+    Field(
+        "velocity",
+        _N,
+        "rad/s or m/s",
+        "that the damping used: dq, its mean, or what is credible of it; 0 without a sample",
+    ),
     Field("reference", _N, "rad or m", "posture that the springs pull to, the governor's r"),
     Field("reference_velocity", _N, "rad/s or m/s", "dr, that the damping is relative to"),
     Field("equilibrium", _POSE, "m", "pose where the spring is at rest"),
@@ -288,7 +301,10 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("rate_limited", "a torque was cut to its rate limit"),
     ("damping_capped", "the damping is capped: M^-1 B T would be too large for the sample time"),
     ("stiffness_capped", "the scale is lowered: M^-1 L T^2 would be too large for the sample time"),
-    ("indefinite", "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not"),
+    (
+        "indefinite",
+        "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not",
+    ),
     ("mass_matrix", "the mass matrix is not positive definite: damping is joint_damping only"),
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
 )
