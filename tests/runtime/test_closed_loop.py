@@ -274,7 +274,7 @@ def test_a_fast_arm_is_braked(loop: Loop) -> None:
     Before: believed up to ten times the limit. A first version of this controller disbelieved the samples from twice
     the limit on, let the damping fade, and the arm ran away at 30 times the limit.
     """
-    parts = loop.segments({}, {"start": 100, "push": [0, 0, 0, 60.0, 0, 8, 8]}, {"start": 400, "push": 0.0})
+    parts = loop.segments({}, {"start": 100, "push": [0, 0, 0, 60.0, 0, 8, 8]}, {"start": 180, "push": 0.0})
     summary, rows = loop.run(1500, parts, configs=config(loop), rows=True)
     assert_contract(summary)
     assert summary.faults == 1
@@ -402,6 +402,45 @@ def test_lowered_limits_come_down_at_the_rate_limit(loop: Loop) -> None:
         if "effort_limit" in change:
             assert np.abs(rows["acted"][2990]).max() > 10
             assert np.abs(rows["acted"][-1]).max() <= 5
+
+
+LIMIT_CHANGES = (
+    {"limit_zone": 0.6},
+    {"limit_zone": 0.6, "limit_stiffness": 3e3},
+    {"limit_stiffness": 5e4},
+    {"lower_limit": None},
+    {"velocity_limit": 0.05},
+    {"delay_samples": 2},
+    {"posture_stiffness": 500.0, "stiffness_time": 1e-4},
+    {"tank_initial": 5.0},
+    {"damping_ratio": 5.0, "joint_damping": 20.0},
+)
+
+
+@pytest.mark.parametrize("change", LIMIT_CHANGES, ids=lambda change: "-".join(change))
+def test_energy_of_a_changed_configuration(loop: Loop, change: dict[str, Any]) -> None:
+    """Limits and gains changed while it runs, near a joint limit and with the arm held away: nothing is put out by it.
+
+    A first version of this controller threw the arm out of a limit zone that had become wider: 984 J.
+    """
+    near = Q0.copy()
+    near[3] = loop.lower[3] + 0.15
+    if "lower_limit" in change:
+        change = {"lower_limit": loop.lower + 0.4 * (np.arange(7) == 3)}
+    before, after = config(loop, tank_initial=0.5), config(loop, **({"tank_initial": 0.5} | change))
+    for q, driven in ((near, 0), (Q0, 2)):
+        held = {"driven": driven, "driven_to": Q0 + 0.3, "driven_at": 0.5, "driven_by": 10.0}
+        parts = loop.segments(
+            {"wanted": q, **held},
+            {"start": 1500, "config": 1},
+            {"start": 1600, "driven": 0},
+            {"start": 2500, "config": 0, "driven": driven},
+            {"start": 3200, "config": 1},
+            {"start": 3300, "driven": 0},
+        )
+        summary = loop.run(4500, parts, loop.episode(q=q), [before, after])
+        assert_contract(summary)
+        assert summary.port_most <= 0.5 + 1e-9
 
 
 def test_every_accepted_configuration_keeps_the_torque(loop: Loop) -> None:
