@@ -42,6 +42,8 @@ class Function:
     lines: tuple[str, ...]
     operations: Operations
     meaning: str = ""
+    columns: int = 0
+    """Of the outputs, so many are columns of joints."""
 
 
 @dataclass(frozen=True)
@@ -139,10 +141,11 @@ class _ChainPrinter:
         """The internal function of a shared block, printed once however many kernels call it."""
         name = scope.prefix + step.name
         if name not in self.recursions:
-            columns = (6, len(scope.chain.joints))
-            targets = tuple(Array("J", t.shape) if t.shape == columns else t for t in step.targets)
+            targets = (*(Array("J", t.shape) for t in step.targets[: step.columns]), *step.targets[step.columns :])
             body = self.block_body(scope, step, targets)
-            function = Function(name, step.arguments, targets, tuple(body.lines), body.operations, step.meaning)
+            function = Function(
+                name, step.arguments, targets, tuple(body.lines), body.operations, step.meaning, step.columns
+            )
             self.recursions[name] = scope, function
         return self.recursions[name][1]
 
@@ -184,19 +187,20 @@ class _ChainPrinter:
         entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
         m = len(chain.joints)
-        by_rows = [] if self.body.many else [target for target in targets if target.shape == (6, m)]
+        columns = targets[: step.columns]
+        by_rows = () if self.body.many else columns
         outputs: list[tuple[str, ca.SX]] = []
         start = 0
         for target in targets:
             own, start = entries[start : start + target.size], start + target.size
             if target in by_rows:
                 places = [f"{target.name}{r}_{c}" for r in range(6) for c in range(m)]
-            elif target.shape == (6, m):
+            elif target in columns:
                 places = [element(target, k) for k in range(target.size)]
             else:
                 places = [f"{target.name}[{k}]" for k in range(target.size)]
             known = set()
-            if zeros is not None and target.name in private and target.shape != (6, m):
+            if zeros is not None and target.name in private and target not in columns:
                 known = zeros[target.name] = {k for k, value in enumerate(own) if value.is_zero()}
             outputs += [(place, own[k]) for k, place in enumerate(places) if k not in known]
         printed = print_statements(
@@ -351,13 +355,13 @@ class _Body:
             self._map(step)
 
     def _block(self, step: Block) -> None:
-        columns = (6, len(self.scope.chain.joints))
         # Columns of joints are lanes; the public Jacobian is copied out of them.
-        targets = tuple(
-            Array("J", t.shape) if self._public(t) and t.shape == columns and not self.many else t for t in step.targets
+        columns = tuple(
+            Array("J", t.shape) if self._public(t) and not self.many else t for t in step.targets[: step.columns]
         )
+        targets = (*columns, *step.targets[step.columns :])
         for target in targets:
-            if target.shape == columns:
+            if target in columns:
                 if not self._public(target):
                     self._declare(target, "j")
             elif not self._public(target):
@@ -366,7 +370,7 @@ class _Body:
         if step.name:
             function = self.printer.shared_block(self.scope, step)
             operations = function.operations
-            into = ", ".join(self._passed(target) for target in targets)
+            into = ", ".join([*map(self._passed, columns), *(target.name for target in targets[step.columns :])])
             self.lines.append(f"{function.name}{self._suffix}({self._given(step)}, {into});")
         else:
             private = {target.name for target in targets if not self._public(target)}
@@ -377,7 +381,7 @@ class _Body:
             self.lines += ["", *body.lines] if self.lines else body.lines
         self.operations = self.operations + operations
         if targets != step.targets:
-            (public,) = (target for target in step.targets if target.shape == columns)
+            public = step.targets[0]
             self.lines += [
                 f"for (int k = 0; k < {public.shape[0]}; ++k) {{",
                 f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
@@ -385,8 +389,8 @@ class _Body:
             ]
 
     def _passed(self, target: Array) -> str:
-        """C text of an array that a block's function is to fill."""
-        if self.many and self._public(target) and target.shape == (6, len(self.scope.chain.joints)):
+        """C text of the array of columns that a block's function is to fill."""
+        if self.many and self._public(target):
             return f"({self.number} (*)[{target.shape[1]}]){target.name}"
         return target.name
 

@@ -69,10 +69,10 @@ class Operand:
 class Block:
     """Straight-line code: the rows of ``expressions(chain, *arguments)`` fill the ``targets`` one after the other.
 
-    The arguments are those of the kernel or arrays that earlier steps wrote. Targets of shape (6, m) come first. A
-    block that several kernels use has a ``name``, under which C code holds it as a function of its own (its arguments
-    are then those of the kernel); without a name it is part of its kernel. ``heading`` is the comment over the
-    statements that fill the targets, ``meaning`` the one over the function.
+    The arguments are those of the kernel or arrays that earlier steps wrote. The first ``columns`` targets have the
+    shape (6, m): a column a joint. A block that several kernels use has a ``name``, under which C code holds it as a
+    function of its own (its arguments are then those of the kernel); without a name it is part of its kernel.
+    ``heading`` is the comment over the statements that fill the targets, ``meaning`` the one over the function.
     """
 
     targets: tuple[Array, ...]
@@ -81,6 +81,7 @@ class Block:
     name: str = ""
     heading: str = "result"
     meaning: str = ""
+    columns: int = 0
 
 
 @dataclass(frozen=True)

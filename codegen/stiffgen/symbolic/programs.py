@@ -28,7 +28,7 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
-    return Block((array,), expressions, _posture(chain), f"{representation}_columns", heading, meaning), array
+    return Block((array,), expressions, _posture(chain), f"{representation}_columns", heading, meaning, 1), array
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
@@ -207,14 +207,13 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
     m = len(chain.joints)
     # Sums over sliding joints can overflow: only the loops' results are guarded against infinity.
     if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
-        flat = Array(result.name, (m * m,))
         heading = "M_ij = J_i . h_j: the turn about joint i's axis, seen from its link"
-        return (Block((flat,), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
+        return (Block((result.array(chain),), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
 
     def steps(target: Array) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J and the momenta h that they cause"
-        recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading)
+        recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
         if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
             return recursion, _pairs(J, h, "i<=j", target, "M_ij = J_i . h_j for i<=j, mirrored", mirror=True)
         nothing = Map(
@@ -251,7 +250,7 @@ def spring_joint_terms(
     J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
     heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
     expressions = kinematics.hybrid_jacobian_and_pose
-    columns = Block((J, pose), expressions, _posture(chain), "hybrid_columns_and_pose", heading, meaning)
+    columns = Block((J, pose), expressions, _posture(chain), "hybrid_columns_and_pose", heading, meaning, 1)
     targets = [F, K] if joint_stiffness else [F]
     parts = "Fk" if joint_stiffness else "F"
     if energy:
