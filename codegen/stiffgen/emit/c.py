@@ -372,7 +372,7 @@ class _Body:
         return ", ".join(array.name for array in step.arguments)
 
     def _public(self, array: Array) -> bool:
-        return array in self.results
+        return array.name in {result.name for result in self.results}  # whatever shape a block fills it in
 
     def _declare(self, array: Array, at: str) -> None:
         """Declare a local array that is written as a whole (at ""), by joints ("j") or by pairs of joints ("ij")."""

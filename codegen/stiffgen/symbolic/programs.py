@@ -190,11 +190,20 @@ def connection_correction(chain: Chain, representation: Representation, result: 
     )
 
 
+MAX_UNROLLED_MASS_JOINTS = 12
+"""Up to here a mass matrix without loops has fewer statements than one with loops."""
+
+
 def mass_matrix(chain: Chain, result: Argument) -> Program:
     """M_ij = J_i . h_j with the momenta h of composite bodies."""
+    m = len(chain.joints)
+    # Sums over sliding joints can overflow: only the loops' results are guarded against infinity.
+    if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
+        flat = Array(result.name, (m * m,))
+        heading = "M_ij = J_i . h_j: the turn about joint i's axis, seen from its link"
+        return (Block((flat,), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
 
     def steps(target: Array) -> Program:
-        m = len(chain.joints)
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J and the momenta h that they cause"
         recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading)
