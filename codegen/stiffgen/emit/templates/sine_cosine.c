@@ -1,5 +1,6 @@
 /*
- * Sine and cosine of count lanes of angles, by libm beyond FAR. ULP
+ * Sine and cosine of count lanes of angles: up to FAR within 1.1 ulp (tested; a search of 10^8 angles found at most
+ * 1.056), by libm beyond it.
  *
  * k is the nearest integer to x / (pi/2): adding 1.5 * 2^52 leaves it in the low bits of a double. One is taken from
  * the exponent, as an integer, before 0.75 * 2^52 is subtracted: the rest is the turn k/2, and no compiler can cancel
