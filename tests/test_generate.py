@@ -17,7 +17,7 @@ from support.project import ROOT, URDF
 
 FILES = {
     "iiwa14.h", "iiwa14.c", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_python.c", "CMakeLists.txt",
-    "__init__.py", "__init__.pyi", "impedance.py", "py.typed", "README.md", "manifest.json",
+    "__init__.py", "__init__.pyi", "impedance.py", "py.typed", "README.md", "pyproject.toml", "manifest.json",
 }  # fmt: skip
 
 
