@@ -6,7 +6,6 @@ docs/performance.md has the table of all that were tried.
 from __future__ import annotations
 
 import ctypes
-import os
 import subprocess
 from pathlib import Path
 
@@ -65,7 +64,15 @@ def named(build: tuple) -> str:
 
 def compiled(build: tuple, folder: Path, target: Path) -> subprocess.CompletedProcess[str]:
     compiler, flags = build[:2]
-    command = [require_compiler(compiler), *flags.split(), "-shared", "-fPIC", str(folder / "iiwa14.c"), "-o", str(target)]
+    command = [
+        require_compiler(compiler),
+        *flags.split(),
+        "-shared",
+        "-fPIC",
+        str(folder / "iiwa14.c"),
+        "-o",
+        str(target),
+    ]
     return subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)
 
 
@@ -128,4 +135,4 @@ def test_the_build_runs_the_self_check(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", f"{clang} -fno-honor-nans -fno-signed-zeros")
     with pytest.raises(stiffgen.BuildError, match=r"change its arithmetic \(self-check 2"):
         stiffgen.generate(URDF, output=tmp_path)
-    assert os.listdir(tmp_path) == []
+    assert list(tmp_path.iterdir()) == []

@@ -115,7 +115,9 @@ def by_mpmath(angles):
 
 def test_against_mpmath(sine_cosine):
     random = np.random.default_rng(1)
-    angles = np.concatenate([WORST, hard_angles(random, 6000), random.uniform(-FAR, FAR, 2000), random.uniform(-4, 4, 2000)])
+    angles = np.concatenate(
+        [WORST, hard_angles(random, 6000), random.uniform(-FAR, FAR, 2000), random.uniform(-4, 4, 2000)]
+    )
     for found, exact in zip(sine_cosine(angles), by_mpmath(angles), strict=True):
         assert ulps(found, exact) <= BOUND
 
