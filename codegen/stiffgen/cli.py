@@ -29,7 +29,8 @@ from stiffgen.errors import DescriptionError, EmptyRecordingError, StiffgenError
 from stiffgen.generate import generate
 from stiffgen.names import comment
 from stiffgen.robot.chain import Tool
-from stiffgen.robot.description import Description, JointElement, read_description
+from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.connection import REPRESENTATIONS
 
 

@@ -11,6 +11,7 @@ and ones, and the printed kinematics its short form.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -192,6 +193,27 @@ class Inertia:
         x, y, z = (rounded(v, moment) for v in self.moment)
         first, second, third = (_vector(row, inertia) for row in self.tensor)
         return rounded(self.mass, of.mass), (x, y, z), (first, second, third)
+
+
+def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
+    """Whether a rigid body can have this inertia tensor about its centre of mass (1 % slack: exports are rounded)."""
+    # Principal moments of a symmetric 3x3 matrix in closed form.
+    largest = max(map(abs, (xx, xy, xz, yy, yz, zz)))
+    if largest == 0:
+        return True
+    xx, xy, xz, yy, yz, zz = (value / largest for value in (xx, xy, xz, yy, yz, zz))
+    mean = (xx + yy + zz) / 3
+    spread = math.sqrt(((xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2 * (xy**2 + xz**2 + yz**2)) / 6)
+    if spread == 0:
+        return mean >= 0
+    a, b, c = ((value - mean) / spread for value in (xx, yy, zz))
+    d, e, f = xy / spread, xz / spread, yz / spread
+    half_det = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2
+    angle = math.acos(min(1.0, max(-1.0, half_det))) / 3
+    high = mean + 2 * spread * math.cos(angle)
+    low = mean + 2 * spread * math.cos(angle + 2 * math.pi / 3)
+    middle = 3 * mean - high - low
+    return low >= -0.01 * abs(high) and high <= 1.01 * (low + middle)
 
 
 def _cos_sin(angle: float) -> tuple[Real, Real]:
