@@ -4,9 +4,9 @@ URDF gives orientations as decimal roll-pitch-yaw. The generated code holds rota
 must not depend on the machine's libm: matrices are made and multiplied with 50 digits (mpmath, pure integer
 arithmetic) and rounded to double once, at the end.
 
-An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple, and an axis within 1e-11 of a coordinate
-axis or plane as lying in it: files write 1.57079632679 and mean a right angle. The matrix then has its exact zeros
-and ones, and the printed kinematics its short form.
+An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple, and an axis within 1e-11 rad of a coordinate
+axis or plane as lying in it (:data:`SNAP`): files write 1.57079632679 and mean a right angle. The matrix then has its
+exact zeros and ones, and the printed kinematics its short form.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from typing import Any, TypeAlias
 import mpmath
 
 _DIGITS = 50
-_RIGHT_ANGLE_TOLERANCE = 1e-11  # [rad]
+SNAP = 1e-11
+"""The one threshold [rad]: an angle this near a multiple of pi/2 is that multiple, an axis this near a coordinate plane
+lies in it (and so on a coordinate axis, near two). Anything farther off is taken as it is written."""
 _NEGLIGIBLE = 1e-15  # of the scale of a number: what is left of a cancellation
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -113,10 +115,10 @@ def apply(a: Sequence[Sequence[Real]], v: Sequence[Real]) -> tuple[Real, ...]:
 
 
 def unit(vector: Sequence[float]) -> Vector:
-    """A vector (not zero) at unit length; entries below 1e-11 of it are zero, as with angles."""
+    """A vector (not zero) at unit length; entries within SNAP of zero are zero, as with angles."""
     entries = [exact(v) for v in vector]
     length = _context.sqrt(sum(v * v for v in entries))
-    kept = [v if abs(v) > _RIGHT_ANGLE_TOLERANCE * length else mpf(0) for v in entries]
+    kept = [v if abs(v) > SNAP * length else mpf(0) for v in entries]
     length = _context.sqrt(sum(v * v for v in kept))
     return _vector([v / length for v in kept])
 
@@ -220,7 +222,7 @@ def _cos_sin(angle: float) -> tuple[Real, Real]:
     quarter = _context.pi / 2
     position = exact(angle)
     turns = int(_context.nint(position / quarter))
-    if abs(position - turns * quarter) < _RIGHT_ANGLE_TOLERANCE:
+    if abs(position - turns * quarter) < SNAP:
         return ((mpf(1), mpf(0)), (mpf(0), mpf(1)), (mpf(-1), mpf(0)), (mpf(0), mpf(-1)))[turns % 4]
     return _context.cos(position), _context.sin(position)
 
