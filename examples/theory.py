@@ -14,9 +14,10 @@ import itertools
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Moment = Callable[[Array, Array], Array]
@@ -144,8 +145,18 @@ def draw() -> dict[str, str]:
         }
 
 
-def _arrow(axes, start, way, colour, *, width=1.6, text="", shift=(0.04, 0.04)) -> None:
+def _arrow(
+    axes: Any,
+    start: ArrayLike,
+    way: ArrayLike,
+    colour: str,
+    *,
+    width: float = 1.6,
+    text: str = "",
+    shift: tuple[float, float] = (0.04, 0.04),
+) -> None:
     """An arrow [start, start + way] with a name at its end."""
+    start, way = np.asarray(start), np.asarray(way)
     axes.annotate(
         "", xy=(start[0] + way[0], start[1] + way[1]), xytext=start,
         arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": width, "shrinkA": 0, "shrinkB": 0},
@@ -154,7 +165,7 @@ def _arrow(axes, start, way, colour, *, width=1.6, text="", shift=(0.04, 0.04)) 
         axes.text(start[0] + way[0] + shift[0], start[1] + way[1] + shift[1], text, color=colour)
 
 
-def _basis_figure():
+def _basis_figure() -> Any:
     from matplotlib.figure import Figure
 
     from examples.style import AXES, INK
@@ -201,7 +212,7 @@ def _basis_figure():
     return figure
 
 
-def _tangent_figure():
+def _tangent_figure() -> Any:
     from matplotlib.figure import Figure
 
     from examples.style import CORRECTED, INK, POTENTIAL
@@ -230,7 +241,7 @@ def _tangent_figure():
     return figure
 
 
-def _orbit_figure():
+def _orbit_figure() -> Any:
     from matplotlib.figure import Figure
 
     from examples.style import CONVENTIONAL, INK, POTENTIAL, SHADES

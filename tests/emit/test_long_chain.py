@@ -13,6 +13,8 @@ from stiffgen.check.verify import argument_samples, check_against_casadi, import
 from stiffgen.symbolic.kernels import chain_kernels
 from support.c_program import STRICT
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

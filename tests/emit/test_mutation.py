@@ -81,7 +81,9 @@ def failures(checks):
     return {(check.kernel, check.oracle) for check in checks if not check.passed}
 
 
-@pytest.mark.parametrize("rep", REPRESENTATIONS)
+@pytest.mark.parametrize(
+    "rep", [pytest.param(rep, marks=() if rep == "hybrid" else pytest.mark.slow) for rep in REPRESENTATIONS]
+)
 def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
     kernels = memoised(kernels_of(robot, chain))
     assert failures(check_kernels(kernels, references)) == set()

@@ -614,6 +614,7 @@ def deepest_kernel(source: str, frames: dict[str, int]) -> int:
     return most
 
 
+@pytest.mark.slow
 def test_controller_of_32_joints_and_none_beyond(tmp_path: Path) -> None:
     folder = stiffgen.generate(chain_of(32, tmp_path), output=tmp_path)
     arm = import_robot(folder)
