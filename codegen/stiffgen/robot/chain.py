@@ -224,10 +224,15 @@ def load_chain(
 
     """
     options = ChainOptions(tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock)
+    return read_chain(urdf, options)
+
+
+def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
+    """:func:`load_chain` with its options in one; the warning names the line that called the caller."""
     description = read_description(urdf)
     selection = select(description, options)
     if selection.beside:
-        warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=2)
+        warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
     return _assembled(description, options, selection)
 
 
@@ -287,7 +292,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
             f"{file}: {len(moving)} moving joints between '{printable(base)}' and '{printable(tips[0])}', more than "
             f"{MAX_MOVING_JOINTS}; choose a nearer base"
         )
-    carried = _carried(description, moving) if options.masses else {}
+    carried = carried_links(description, moving) if options.masses else {}
     beside = _beside(description, couplings, elements, moving, carried)
     for tip, path in zip(tips, paths, strict=True):
         if not any(couplings.moves(element) for element in path):
@@ -592,8 +597,10 @@ def _held(couplings: _Couplings, element: JointElement) -> Placement:
     return placement @ Placement.rotation_about(element.axis, position)
 
 
-def _carried(description: Description, moving: list[JointElement]) -> _Carried:
-    """Joints off the chain are held at zero (or where they are locked), so a gripper's fingers count as payload."""
+def carried_links(description: Description, moving: Sequence[JointElement]) -> _Carried:
+    """The links that ride on each moving joint. Joints off the chain are held at zero (or where they are locked), so a
+    gripper's fingers count as payload.
+    """
     children: dict[str, list[JointElement]] = {}
     for element in description.joints.values():
         children.setdefault(element.parent, []).append(element)
