@@ -249,7 +249,8 @@ class Selection:
     """What the options select: links ``base`` and ``tips``, the joints on the way to each tip, those of them that
     move, the joints that are coordinates, and the links that ride on each moving joint.
 
-    ``beside`` are the problems of the file that cannot change this chain; the others refused it.
+    ``beside`` are the problems of the file that cannot change this chain; the others refused it. Those of links are not
+    among them where all masses are left out on request.
     """
 
     base: str
@@ -293,7 +294,8 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
             f"{MAX_MOVING_JOINTS}; choose a nearer base"
         )
     carried = carried_links(description, moving) if options.masses else {}
-    beside = _beside(description, couplings, elements, moving, carried)
+    problems = _beside(description, couplings, elements, moving, carried)
+    beside = tuple(p.text for p in problems if options.masses or not p.element.startswith("link "))
     for tip, path in zip(tips, paths, strict=True):
         if not any(couplings.moves(element) for element in path):
             raise ChainError(
@@ -641,7 +643,7 @@ def _beside(
     elements: list[JointElement],
     moving: list[JointElement],
     carried: _Carried,
-) -> tuple[str, ...]:
+) -> tuple[Problem, ...]:
     """Refuse the problems that can change the chain; what is left of them stands beside it."""
     held = [above for links in carried.values() for _, above in links if above is not None]
     coordinates = _followed(description, moving)
@@ -655,7 +657,7 @@ def _beside(
     refusing = [problem.text for problem in description.problems if problem.element in used[problem.affects]]
     if refusing:
         raise DescriptionError(description.file, refusing)
-    return tuple(problem.text for problem in description.problems)
+    return description.problems
 
 
 def _followed(description: Description, elements: list[JointElement]) -> set[str]:
