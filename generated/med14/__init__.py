@@ -22,6 +22,7 @@ DOF = 7
 JOINTS = ('A1', 'A2', 'A3', 'A4', 'A5', 'A6', 'A7', )
 BASE = 'link_0'
 TIP = 'link_ee'
+TOOL = None
 LOWER = _np.array([-2.96706, -2.094395, -2.96706, -2.094395, -2.96706, -2.094395, -3.054326])
 UPPER = _np.array([2.96706, 2.094395, 2.96706, 2.094395, 2.96706, 2.094395, 3.054326])
 VELOCITY = _np.array([1.48353, 1.48353, 1.745329, 1.308997, 2.268928, 2.356194, 2.356194])
@@ -59,7 +60,7 @@ hybrid = _SimpleNamespace(
 from .impedance import Impedance, Mode, Status
 
 __all__ = [
-    "DOF", "JOINTS", "BASE", "TIP", "LOWER", "UPPER", "VELOCITY", "EFFORT",
+    "DOF", "JOINTS", "BASE", "TIP", "TOOL", "LOWER", "UPPER", "VELOCITY", "EFFORT",
     "forward_kinematics",
     "mass_matrix",
     "body",
