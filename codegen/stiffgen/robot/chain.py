@@ -14,7 +14,7 @@ from pathlib import Path
 
 from stiffgen.errors import ChainError, DescriptionError, DescriptionWarning, listed, printable
 from stiffgen.names import identifier
-from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement
+from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Problem
 from stiffgen.robot.geometry import Inertia, Matrix, Placement, Real, Vector, exact, mpf, physical_inertia
 from stiffgen.robot.reader import read_description
 
