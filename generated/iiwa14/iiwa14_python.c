@@ -1219,6 +1219,11 @@ static int execute(PyObject *module)
             "run 'stiffgen generate' here", missing);
         return -1;
     }
+    if (iiwa14_self_check() != 0) {
+        PyErr_SetString(PyExc_ImportError, "iiwa14: compiled with flags that change its arithmetic; "
+            "compile it without -Ofast and its like (see CC, CFLAGS)");
+        return -1;
+    }
     if (PyArray_ImportNumPyAPI() < 0 || PyUFunc_ImportUFuncAPI() < 0) {
         return -1;
     }
