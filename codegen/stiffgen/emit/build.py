@@ -57,6 +57,21 @@ def build_module(folder: Path, name: str) -> None:
         link = [*command, *_link_options(), *objects, "-o", str(module), *_libraries()]
         for commands in (compile_each, [link]):
             _run(commands, compiler[0], Path(build))
+        _self_check([*command, objects[0]], folder, name, Path(build))
+
+
+def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
+    """Raise BuildError if the compiled kernels compute something else, for flags in CC that change arithmetic."""
+    source, program = build / "self_check.c", build / "self_check"
+    source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(); }}\n')
+    libraries = ["-lm"] if os.name != "nt" else []
+    _run([[*command, f"-I{folder}", str(source), "-o", str(program), *libraries]], command[0], build)
+    wrong = subprocess.run([str(program)], stdin=subprocess.DEVNULL, check=False).returncode
+    if wrong != 0:
+        raise BuildError(
+            f"{shlex.join(command[:1])} compiles with flags that change its arithmetic (self-check {wrong}, see "
+            f"{name}.h); take them out of CC"
+        )
 
 
 def _compiler() -> list[str]:
