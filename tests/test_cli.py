@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import Check, import_robot
+from stiffgen import open_robot
+from stiffgen.check.result import Check
 from stiffgen.cli import main
 from support.project import ROOT, URDF
 
@@ -287,4 +288,4 @@ def test_any_character_in_the_output_folder(tmp_path, name):
     )
     folder = stiffgen.generate(robot, output=tmp_path / name)
     assert folder == tmp_path / name / "one"
-    assert import_robot(folder).forward_kinematics([0.0]).shape == (4, 4)
+    assert open_robot(folder).module.forward_kinematics([0.0]).shape == (4, 4)

@@ -14,6 +14,7 @@ from stiffgen.errors import (
     StiffgenError,
 )
 from stiffgen.generate import generate
+from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain, Tool, load_chain
 from stiffgen.symbolic.model import StiffnessModel
 
@@ -25,6 +26,7 @@ __all__ = [
     "DescriptionError",
     "DescriptionWarning",
     "EmptyRecordingError",
+    "GeneratedRobot",
     "MissingExtraError",
     "OutputError",
     "RecordingError",
@@ -35,4 +37,5 @@ __all__ = [
     "analyze",
     "generate",
     "load_chain",
+    "open_robot",
 ]

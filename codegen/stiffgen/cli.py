@@ -30,7 +30,8 @@ from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
-from stiffgen.check.verify import Check, verify
+from stiffgen.check.result import Check
+from stiffgen.check.verify import verify
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
@@ -236,8 +237,11 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("verify", help="check a robot's compiled kernels against independent oracles")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
-    command.add_argument("--samples", type=_positive, default=200, help="random postures (default: 200)")
-    command.add_argument("--seed", type=int, default=0, help="of the random postures (default: 0)")
+    command.add_argument("--urdf", type=Path, metavar="URDF", help="read the robot's file again and compare the chain")
+    command.add_argument(
+        "--samples", type=_positive, help="random postures (default: 200 up to 7 joints, fewer for more)"
+    )
+    command.add_argument("--seed", type=_natural, default=0, help="of the random postures (default: 0)")
     command.set_defaults(run=_verify)
 
     command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
@@ -293,6 +297,13 @@ def _add_analyze(commands: Any) -> None:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
+
+
+def _natural(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("must not be negative")
+    return value
 
 
 def _positive(text: str) -> int:
@@ -463,10 +474,15 @@ def _from_root(description: Description) -> Iterator[JointElement]:
 def _verify(options: argparse.Namespace) -> int:
     console = _Console(stderr=True, highlight=False)
     with _Progress(console).shown() as progress:
-        checks = verify(options.folder, count=options.samples, seed=options.seed, progress=progress)
+        checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
     _table_console().print(_check_table(checks))
-    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound, {options.samples} postures")
+    for check in failed:
+        if check.detail:
+            print(f"{check.kernel}, {check.oracle}: {check.detail}")
+    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
+    if options.urdf is None:
+        print("the chain is the manifest's; --urdf URDF compares it with the robot's file")
     return 1 if failed else 0
 
 

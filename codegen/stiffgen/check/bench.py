@@ -8,10 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.check.verify import argument_samples, import_robot, kernels_of
-from stiffgen.emit.render import chain_from_manifest
-from stiffgen.errors import OutputError
-from stiffgen.generate import read_manifest
+from stiffgen.check.verify import argument_samples
+from stiffgen.opened import open_robot
 from stiffgen.symbolic.kernels import chain_kernels
 
 _BATCH = 4096
@@ -42,13 +40,9 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
         OutputError: the folder is none of stiffgen's.
 
     """
-    folder = Path(folder)
-    manifest = read_manifest(folder)
-    if manifest is None:
-        raise OutputError(f"{folder}: is not a folder that 'stiffgen generate' wrote; give the robot's own folder")
-    chain = chain_from_manifest(manifest)
+    robot = open_robot(folder)
+    chain, kernels = robot.chain, robot.kernels
     pool = argument_samples(chain, _BATCH, seed=0)
-    kernels = kernels_of(import_robot(folder), chain)
     timings = []
     for kernel in chain_kernels(chain):
         progress(f"timing {kernel.qualified_name}")

@@ -60,6 +60,20 @@ def build_module(folder: Path, name: str) -> None:
         _self_check([*command, objects[0]], folder, name, Path(build))
 
 
+def build_library(folder: Path, name: str, build: Path, flags: Sequence[str] = ("-O1",)) -> Path:
+    """Compile the kernels of a generated folder, NAME.c alone, into a shared library in ``build``.
+
+    Raises:
+        BuildError: no compiler, or it failed; with its last lines.
+
+    """
+    compiler = _compiler()
+    library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
+    command = [*compiler, "-std=gnu99", *flags, "-fPIC", "-shared", str(folder.resolve() / f"{name}.c")]
+    _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
+    return library
+
+
 def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
     """Raise BuildError if the compiled kernels compute something else, for flags in CC that change arithmetic."""
     source, program = build / "self_check.c", build / "self_check"
