@@ -46,6 +46,10 @@ def check_stacks(kernels: Kernels, single: Kernels, chain: Chain, pool: Mapping[
         for title, order in (("backwards", slice(None, None, -1)), ("every second", slice(1, None, 2))):
             if not _agree(as_results(call(*(stack[order] for stack in stacks))), [each[order] for each in expected]):
                 faults.append(f"a stack {title}")
+        out = tuple(np.empty(each.shape[::-1]).T for each in expected)
+        call(*(np.asfortranarray(stack) for stack in stacks), out=out)
+        if not _agree(out, expected):
+            faults.append("columns first in memory")
         for k, argument in enumerate(kernel.arguments):
             given: list[Any] = list(stacks)
             given[k] = stacks[k][3]

@@ -214,7 +214,7 @@ class References:
 
     def _evaluate(self, expression: ca.SX) -> Array:
         count = len(self.samples.q)
-        function = ca.Function("f", list(self._symbols), [ca.densify(expression)], {"cse": True})
+        function = ca.Function("f", list(self._symbols), [ca.densify(expression)], {})
         rows, columns = expression.shape
         mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
@@ -230,7 +230,7 @@ class References:
         results = {}
         for name, expression in differentiated(spring, pose, q, symbols).items():
             rows, width = expression.shape
-            function = ca.Function("f", given, [ca.densify(expression)], {"cse": True})
+            function = ca.Function("f", given, [ca.densify(expression)], {})
             mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
             shape = {"energy": (count,), "wrench": (count, rows), "torque": (count, rows)}.get(name, mapped.shape)
             results[name] = np.ascontiguousarray(mapped).reshape(shape)
@@ -286,7 +286,7 @@ def kinetic_hessian(chain: Chain, q: Array) -> Array:
         form = ca.vertcat(ca.horzcat(joint.body.mass * ca.DM.eye(3), -moment), ca.horzcat(moment, tensor))
         jacobian = _jacobian(pose, symbol, "body")
         total += jacobian.T @ form @ jacobian
-    function = ca.Function("M", [symbol], [ca.densify(total)], {"cse": True})
+    function = ca.Function("M", [symbol], [ca.densify(total)], {})
     return np.stack([np.asarray(function(each)) for each in q])
 
 
@@ -416,10 +416,32 @@ def argument_samples(chain: Chain, count: int, seed: int) -> dict[str, Array]:
     return pool
 
 
+FAR = (1.5e4, -1.0e6, 3.0e9)
+"""Angles beyond those that the generated code reduces itself."""
+
+
+def check_far_angles(kernels: Kernels, chain: Chain, seed: int) -> list[Check]:
+    """One joint many turns away at a time, against the CasADi functions.
+
+    Not where joints mimic: their positions, multiplied and shifted, are rounded there, in either code its own way.
+    """
+    turning = [k for k, coordinate in enumerate(chain.coordinates) if coordinate.type != "prismatic"]
+    if chain.coupled or not turning:
+        return []
+    pool = argument_samples(chain, len(FAR) * len(turning), seed)
+    for row, (angle, joint) in enumerate((angle, joint) for angle in FAR for joint in turning):
+        pool["q"][row, joint] = angle
+    return [replace(check, oracle="CasADi, many turns away") for check in _against_casadi(kernels, chain, pool)]
+
+
 def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
     """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
     pool = argument_samples(chain, count, seed)
     pool["task_stiffness"] = Samples.draw(chain, count, seed).general_stiffness
+    return _against_casadi(kernels, chain, pool)
+
+
+def _against_casadi(kernels: Kernels, chain: Chain, pool: dict[str, Array]) -> list[Check]:
     checks = []
     for kernel in chain_kernels(chain):
         arguments = [pool[argument.name] for argument in kernel.arguments]
@@ -506,6 +528,7 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("names and limits", lambda: check_tables(robot, library)),
         ("differentiating and comparing", lambda: check_robot(single, chain, count, seed)),
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed)),
+        ("angles many turns away", lambda: check_far_angles(single, chain, seed)),
         ("stacks of every length", lambda: check_stacks(kernels, single, chain, pool)),
         ("NaN and infinity", lambda: check_not_finite(kernels, chain, pool)),
     ]
