@@ -1,5 +1,6 @@
 # make generate   virtual environment, then generate and build every robot in urdf/, and print one real result
-# make test       all tests                      make check-generated   regenerate and compare with what is committed
+# make test       the tests to wait for (4 min)  make check-generated   regenerate the robots of urdf/ and compare with
+# make test-slow  the rest of the tests                                what is committed
 # make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
 # make robots     real robots against Pinocchio, into docs/robots.md
@@ -15,15 +16,13 @@ BIN := $(VENV)/bin
 URDFS := $(sort $(wildcard urdf/*.urdf))
 WORKERS ?= 2
 CONFIGURATIONS ?= 4194304
-# The tool of the bowl-wiping experiment, as examples/bowl_wiping/plant.py has it
-PLATE := --tool-xyz 0 0 0.24 --tool-mass 0.455 --tool-com 0 0 0.0947 --tool-inertia 0.00469 0 0 0.00469 0 0.00079
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz soak clean
+.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz soak clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -41,7 +40,10 @@ generate: $(VENV)/installed
 	@$(BIN)/python examples/bowl_posture.py
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n $(WORKERS)
+	$(BIN)/python -m pytest -n $(WORKERS) -m 'not slow'
+
+test-slow: $(VENV)/installed-test
+	$(BIN)/python -m pytest -n $(WORKERS) -m slow
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .
@@ -51,12 +53,14 @@ lint: $(VENV)/installed-test
 check-generated: $(VENV)/installed
 	@set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
 	for urdf in $(URDFS); do $(BIN)/stiffgen generate $$urdf --no-build --output "$$fresh" >/dev/null; done; \
-	diff -r -x '*.so' -x '*.pyd' -x __pycache__ "$$fresh" generated \
-	  || { echo "generated/ is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
+	for folder in "$$fresh"/*; do \
+	  diff -r -x '*.so' -x '*.pyd' -x __pycache__ "$$folder" "generated/$${folder##*/}" \
+	    || { echo "generated/ is out of date; run 'make generate' and commit what it changes" >&2; exit 1; }; \
+	done; \
 	echo "generated/ is what the generator writes"
 
-build/robots/iiwa14_plate: urdf/iiwa14.urdf Makefile $(GENERATOR) $(VENV)/installed
-	$(BIN)/stiffgen generate urdf/iiwa14.urdf --name iiwa14_plate $(PLATE) --output build/robots
+build/robots/iiwa14_plate: urdf/iiwa14.urdf examples/bowl_wiping/tool.py $(GENERATOR) $(VENV)/installed
+	$(BIN)/python -m examples.bowl_wiping.tool --output build/robots
 	@touch $@
 
 $(VENV)/installed-examples: $(VENV)/installed

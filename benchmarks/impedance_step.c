@@ -62,12 +62,12 @@ int main(int count, char **arguments)
     }
     iiwa14_impedance_default_config(&config);
     if (design == 1) {
-        config.damping_design = STIFFGEN_DAMPING_DESIGN_FACTORISED;
+        config.damping_design = IIWA14_DAMPING_DESIGN_FACTORISED;
     } else if (design == 2) {
-        config.nullspace = STIFFGEN_NULLSPACE_PROJECTED;
-        config.stiffness_sign = STIFFGEN_STIFFNESS_SIGN_POSITIVE_PART;
+        config.nullspace = IIWA14_NULLSPACE_PROJECTED;
+        config.stiffness_sign = IIWA14_STIFFNESS_SIGN_POSITIVE_PART;
     }
-    if (iiwa14_impedance_init(&config, &state) != STIFFGEN_OK) {
+    if (iiwa14_impedance_init(&config, &state) != IIWA14_OK) {
         return 2;
     }
     in.sample_valid = 1;
@@ -99,7 +99,7 @@ int main(int count, char **arguments)
             sink += sin(in.q[i]) + cos(in.q[i]);
         }
         sincos_times[k] = now() - start;
-        if (out.status & STIFFGEN_STATUS_FALLBACK) {
+        if (out.status & IIWA14_STATUS_FALLBACK) {
             fprintf(stderr, "step %ld fell back, status %u\n", k, (unsigned)out.status);
             return 1;
         }

@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "generated" / "iiwa14"
-SOURCES = ("iiwa14.c", "iiwa14_impedance.c", "stiffgen_damping.c", "stiffgen_error.c")
+SOURCES = ("iiwa14.c", "iiwa14_impedance.c")
 DESIGNS = ("modal damping (default)", "factorised damping", "projected nullspace, positive part, modal damping")
 
 

@@ -16,11 +16,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 import stiffgen
 from stiffgen.check.verify import Samples, import_robot, joint_poses, product_of_poses
@@ -37,10 +40,13 @@ NATIVE, AVX2, PLAIN = "-O3 -march=native", "-O3 -mavx2 -mfma", "-O2"
 JOINTS = (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30)
 SAME_FUNCTIONS = f"10 to {MAX_BATCH_JOINTS} joints (longer chains have fewer functions)"
 left_out: list[str] = []
+Array = NDArray[np.float64]
+Row = tuple[str, float, float, float]
+"""Name, median, lower and upper quartile."""
 
 
-def run(command: list[str], **options: object) -> str:
-    return subprocess.run(command, check=True, capture_output=True, text=True, **options).stdout
+def run(command: list[str], cwd: Path | None = None) -> str:
+    return subprocess.run(command, check=True, capture_output=True, text=True, cwd=cwd).stdout
 
 
 def pinned(command: list[str]) -> list[str]:
@@ -171,7 +177,7 @@ def quartiles(values: list[float]) -> tuple[float, float, float]:
     return median, lower, upper
 
 
-def timed(call, repeat: int = 15, target: float = 0.02) -> tuple[float, float, float]:
+def timed(call: Callable[[], object], repeat: int = 15, target: float = 0.02) -> tuple[float, float, float]:
     """Microseconds a call: median and quartiles of batches of calls."""
     start = time.perf_counter()
     call()
@@ -185,7 +191,7 @@ def timed(call, repeat: int = 15, target: float = 0.02) -> tuple[float, float, f
     return quartiles(values)
 
 
-def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list, list]:
+def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]:
     """Rows (name, median, quartiles) for one call [us], and for a batch of 65536 [us a configuration]."""
     module = import_robot(robot)
     size = 65536
@@ -200,10 +206,12 @@ def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list, list]:
     J, dJ = module.hybrid.jacobian(q), module.hybrid.jacobian_transpose_derivative(q)
     correction = module.hybrid.connection_correction(F)
 
-    def einsum(s: slice | int) -> np.ndarray:
-        return np.einsum("...ibk,...k->...bi", dJ[s], F[s]) + np.einsum(
+    def einsum(s: slice | int) -> Array:
+        kinematic: Array = np.einsum("...ibk,...k->...bi", dJ[s], F[s])
+        task: Array = np.einsum(
             "...ka,...kl,...lb->...ab", J[s], K + correction[s], J[s], optimize=["einsum_path", (0, 1), (0, 1)]
         )
+        return kinematic + task
 
     assert np.allclose(einsum(slice(None)), expected, rtol=1e-10, atol=1e-8)
     single = [
@@ -222,10 +230,10 @@ def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list, list]:
     batch.append(("CasADi map", *timed(lambda: mapped(q.T, F.T, repeated), 5)))
     in_pinocchio(chain, q0, F0, K, expected[0], single)
     in_jax(chain, q, F, K, expected, single, batch)
-    return single, [(name, *(t / size for t in times)) for name, *times in batch]
+    return single, [(name, median / size, lower / size, upper / size) for name, median, lower, upper in batch]
 
 
-def in_pinocchio(chain: stiffgen.Chain, q, F, K, expected, single: list) -> None:
+def in_pinocchio(chain: stiffgen.Chain, q: Array, F: Array, K: Array, expected: Array, single: list[Row]) -> None:
     try:
         import pinocchio as pin
     except ImportError:
@@ -243,7 +251,8 @@ def in_pinocchio(chain: stiffgen.Chain, q, F, K, expected, single: list) -> None
         A = K.copy()
         A[3:, 3:] -= pin.skew(F[3:] / 2)
         # Column-major memory that the binding labels row-major: [i, b, k] = dJ[k, b]/dq_i.
-        return (H.ravel().reshape(7, 7, 6) @ F).T + J.T @ A @ J
+        Kq: Array = (H.ravel().reshape(7, 7, 6) @ F).T + J.T @ A @ J
+        return Kq
 
     if not np.allclose(stiffness(), expected, rtol=1e-9, atol=1e-7):
         left_out.append("Pinocchio's bindings: the result disagrees")
@@ -251,7 +260,9 @@ def in_pinocchio(chain: stiffgen.Chain, q, F, K, expected, single: list) -> None
     single.append(("Pinocchio's bindings, kinematic Hessian", *timed(stiffness)))
 
 
-def in_jax(chain: stiffgen.Chain, q, F, K, expected, single: list, batch: list) -> None:
+def in_jax(
+    chain: stiffgen.Chain, q: Array, F: Array, K: Array, expected: Array, single: list[Row], batch: list[Row]
+) -> None:
     try:
         import jax
         import jax.numpy as jnp
@@ -260,10 +271,10 @@ def in_jax(chain: stiffgen.Chain, q, F, K, expected, single: list, batch: list) 
         return
     jax.config.update("jax_enable_x64", True)
 
-    def skew(v):
+    def skew(v: Any) -> Any:
         return jnp.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
-    def jacobian(q):
+    def jacobian(q: Any) -> Any:
         rotation, origin, axes, origins = jnp.eye(3), jnp.zeros(3), [], []
         for k, joint in enumerate(chain.joints):
             origin = origin + rotation @ jnp.array(joint.translation)
@@ -276,7 +287,7 @@ def in_jax(chain: stiffgen.Chain, q, F, K, expected, single: list, batch: list) 
         columns = [jnp.concatenate([jnp.cross(a, tip - o), a]) for a, o in zip(axes, origins, strict=True)]
         return jnp.stack(columns, axis=1)
 
-    def stiffness(q, F, K):
+    def stiffness(q: Any, F: Any, K: Any) -> Any:
         J = jacobian(q)
         A = K.at[3:, 3:].add(-skew(F[3:] / 2))
         return jax.jacfwd(lambda x: jacobian(x).T @ F)(q) + J.T @ A @ J
@@ -412,7 +423,7 @@ def machine() -> str:
     return f"{platform.machine()}, {model}, {os.cpu_count()} cores, {', '.join(widths)}; virtual and shared"
 
 
-def table(head: str, rows: list, unit: str, reference: float, named: str) -> list[str]:
+def table(head: str, rows: list[Row], unit: str, reference: float, named: str) -> list[str]:
     lines = [f"| {head} | {unit} | quartiles | to {named} |", "|---|---|---|---|"]
     for name, median, lower, upper in rows:
         figures = [f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in (median, lower, upper)]
@@ -420,7 +431,7 @@ def table(head: str, rows: list, unit: str, reference: float, named: str) -> lis
     return [*lines, ""]
 
 
-def svg(rows: list, floor: float) -> str:
+def svg(rows: list[Row], floor: float) -> str:
     height, left, scale = 22, 390, 300 / math.log10(max(r[1] for r in rows) / 10)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="820" height="{height * len(rows) + 70}" '
@@ -443,7 +454,7 @@ def svg(rows: list, floor: float) -> str:
     return "\n".join([*lines, "</svg>", ""])
 
 
-def bars(rows: list, single: list, batch: list, grown: list) -> list[str]:
+def bars(rows: list[Row], single: list[Row], batch: list[Row], grown: list[tuple[int, float, int, int]]) -> list[str]:
     ns = {name: median for name, median, *_ in rows}
     us = {name: median for name, median, *_ in single}
     own = min(ns[f"stiffgen; {c} {NATIVE}"] for c in ("gcc", "clang") if f"stiffgen; {c} {NATIVE}" in ns)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
-import re
-import shlex
+import os
 from pathlib import Path
 from types import ModuleType
+
+# Matrices here are small: threads of the linear algebra would only keep the workers from their cores.
+for _library in ("OPENBLAS", "OMP", "MKL"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
 from filelock import FileLock
 
 import stiffgen
+from examples.bowl_wiping.tool import NAME, tool
 from stiffgen.check.verify import import_robot
-from stiffgen.cli import main
 from support.project import ROOT, URDF
 
 
@@ -65,16 +68,13 @@ def robot(robot_folder: Path) -> ModuleType:
 
 @pytest.fixture(scope="session")
 def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """The arm with the bowl-wiping tool, generated with the Makefile's options and compiled once for all workers."""
-    found = re.search(r"^PLATE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert found
+    """The arm with the bowl-wiping tool, generated and compiled once for all workers."""
     base = tmp_path_factory.getbasetemp()
     output = (base if worker_id == "master" else base.parent) / "robots"
     with FileLock(str(output) + ".lock"):
-        if not (output / "iiwa14_plate").exists():
-            options = [*shlex.split(found[1]), "--output", str(output)]
-            assert main(["generate", str(URDF), "--name", "iiwa14_plate", *options]) == 0
-    return output / "iiwa14_plate"
+        if not (output / NAME).exists():
+            stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
+    return output / NAME
 
 
 @pytest.fixture(scope="session")

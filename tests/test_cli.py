@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
-from stiffgen.check.verify import Check
+import stiffgen
+from stiffgen.check.verify import Check, import_robot
 from stiffgen.cli import main
 from support.project import ROOT, URDF
 
@@ -138,3 +144,147 @@ def test_a_nan_fails_a_check():
 def test_installed_command():
     command = [sys.executable, "-m", "stiffgen.cli", "--version"]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.startswith("stiffgen ")
+
+
+LONG = "a" * 300
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["generate", URDF, "--no-build", "--output", LONG],
+        ["generate", f"{LONG}.urdf"],
+        ["inspect", LONG],
+        ["verify", LONG],
+        ["analyze", f"{LONG}.csv", "--robot", LONG, "--task-stiffness", *"111111"],
+    ],
+)
+def test_a_name_too_long_for_the_file_system(capsys, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1].startswith("stiffgen: ") and "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["generate", URDF, "--name", "a", "--name", "b"], "--name is given twice"),
+        (["generate", URDF, "--cuda", "--cuda"], "--cuda is given twice"),
+        (["generate", URDF, "--tool-xyz", *"000", "--tool-xyz", *"001"], "--tool-xyz is given twice"),
+        (["verify", "x", "--seed", "1", "--seed", "1"], "--seed is given twice"),
+        (["analyze", "x", "--robot", "x", "--robot", "y", "--task-stiffness", "1"], "--robot is given twice"),
+    ],
+)
+def test_an_option_given_twice_is_refused(capsys, arguments, named):
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--lock", "A1=0", "--lock", "A1=1"], "'A1' twice"),
+        (["--no-masses", "--tool-mass", "1"], "--no-masses"),
+        (["--name", "numpy"], "--name robot_numpy"),
+        (["--name", "stddef"], "--name robot_stddef"),
+    ],
+)
+def test_options_that_contradict_are_refused(capsys, tmp_path, options, named):
+    code, out, err = run(capsys, "generate", URDF, "--no-build", "--output", tmp_path, *options)
+    assert (code, out) == (2, "")
+    assert named in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_robot_in_the_folder_asks_for_force(capsys, tmp_path):
+    generate = ("generate", URDF, "--no-build", "--output", tmp_path)
+    assert run(capsys, *generate)[0] == 0
+    before = (tmp_path / "iiwa14" / "iiwa14.h").read_text()
+    assert run(capsys, *generate, "--tool-mass", "1")[0] == 0  # the same q, frames and arguments
+    for options, named in (
+        (["--lock", "A3=0"], ("A1, A2, A3", "A1, A2, A4")),
+        (["--tip", "link_6"], ("link_ee", "link_6")),
+        (["--tool", "runtime"], ("tool_pose",)),
+    ):
+        assert run(capsys, *generate)[0] == 0
+        code, out, err = run(capsys, *generate, *options)
+        assert (code, out) == (2, "")
+        assert "--force" in err and all(name in err for name in named)
+        assert (tmp_path / "iiwa14" / "iiwa14.h").read_text() == before
+        assert run(capsys, *generate, *options, "--force")[0] == 0
+        assert (tmp_path / "iiwa14" / "iiwa14.h").read_text() != before
+        assert run(capsys, *generate, "--force")[0] == 0
+
+
+def stiffgen_process(*arguments, **options):
+    command = [sys.executable, "-m", "stiffgen.cli", *map(str, arguments)]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["inspect", URDF]], ids=["help", "inspect"])
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_standard_output_that_cannot_be_written(arguments, unbuffered, monkeypatch):
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
+    reading, writing = os.pipe()
+    os.close(reading)
+    with Path("/dev/full").open("w") as full:
+        processes = [stiffgen_process(*arguments, stdout=output) for output in (full, writing)]
+    os.close(writing)
+    processes.append(stiffgen_process(*arguments, stdout=subprocess.DEVNULL, preexec_fn=lambda: os.close(1)))
+    for process in processes:
+        error = process.communicate()[1]
+        assert process.returncode == 2, error
+        assert error.startswith("stiffgen: standard output: ") and len(error.splitlines()) == 1
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGTERM") or os.name == "nt", reason="no POSIX signals")
+def test_a_signal_leaves_nothing_behind(tmp_path):
+    """While the compiler runs: neither folders nor the compiler stay."""
+    compiler = tmp_path / "slow-cc"
+    compiler.write_text('#!/bin/sh\ncase "$*" in *_python.c*) echo $$ > "$0.pid"; sleep 600;; esac\nexec cc "$@"\n')
+    compiler.chmod(0o755)
+    output, temporary = tmp_path / "new" / "out", tmp_path / "tmp"
+    temporary.mkdir()
+    process = stiffgen_process(
+        "generate", URDF, "--output", output, env=os.environ | {"CC": str(compiler), "TMPDIR": str(temporary)}
+    )
+    pid = tmp_path / "slow-cc.pid"
+    while not (pid.exists() and pid.read_text().strip()):
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    error = process.communicate()[1]
+    assert process.returncode == 128 + signal.SIGTERM
+    assert error.splitlines()[-1] == "stiffgen: ended by SIGTERM"
+    assert not (tmp_path / "new").exists()
+    assert list(temporary.iterdir()) == []
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
+
+
+def test_a_full_disk(capsys, tmp_path, monkeypatch):
+    def full(self, *arguments, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
+
+    monkeypatch.setattr("pathlib.Path.write_text", full)
+    code, out, err = run(capsys, "generate", URDF, "--no-build", "--output", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert "No space left on device" in err and "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["semi;colon", "new\nline", "back\\slash", "sp ace $HOME", '(paren) "quote" #'])
+def test_any_character_in_the_output_folder(tmp_path, name):
+    """The whole build goes through; the compiler and Python get the path as it is."""
+    robot = tmp_path / "one.urdf"
+    robot.write_text(
+        '<robot name="one"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    folder = stiffgen.generate(robot, output=tmp_path / name)
+    assert folder == tmp_path / name / "one"
+    assert import_robot(folder).forward_kinematics([0.0]).shape == (4, 4)

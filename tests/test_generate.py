@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit.controller import COPIED
 from stiffgen.emit.render import chain_from_manifest, render
 from stiffgen.errors import BuildError, OutputError, StiffgenError
 from support.project import ROOT, URDF
 
 FILES = {
-    "iiwa14.h", "iiwa14.c", "iiwa14_ufunc.c", "CMakeLists.txt", "__init__.py", "__init__.pyi", "README.md",
-    "manifest.json", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_controller.c", "impedance.py", *COPIED,
+    "iiwa14.h", "iiwa14.c", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_python.c", "CMakeLists.txt",
+    "__init__.py", "__init__.pyi", "impedance.py", "py.typed", "README.md", "manifest.json",
 }  # fmt: skip
 
 
@@ -33,7 +32,12 @@ def test_same_bytes_again(chain):
 def test_same_bytes_in_another_process_and_place(chain, tmp_path):
     """Another hash seed, working directory and output path."""
     code = f"import stiffgen; stiffgen.generate({str(URDF)!r}, output='deep/er', build=False)"
-    environment = {"PYTHONHASHSEED": "12345", "PATH": "/usr/bin:/bin", "LC_ALL": "C"}
+    environment = {
+        "PYTHONHASHSEED": "12345",
+        "PYTHONPATH": str(ROOT / "codegen"),
+        "PATH": "/usr/bin:/bin",
+        "LC_ALL": "C",
+    }
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, env=environment)
     written = {p.name: p.read_text(encoding="utf-8") for p in (tmp_path / "deep" / "er" / "iiwa14").iterdir()}
     assert written == render(chain, "iiwa14")
@@ -49,10 +53,7 @@ def test_committed_folder_is_up_to_date(robot):
 
 def test_files(robot_folder):
     built = {path.name for path in robot_folder.iterdir()} - FILES
-    assert sorted(name.split(".")[0] for name in built if name != "__pycache__") == [
-        "iiwa14_controller",
-        "iiwa14_ufunc",
-    ]
+    assert sorted(name.split(".")[0] for name in built if name != "__pycache__") == ["iiwa14_python"]
 
 
 def test_no_traces_of_the_machine(chain):
@@ -107,7 +108,7 @@ def test_unbuilt_folder_says_what_to_do(tmp_path):
 def test_regenerating_replaces_the_folder(tmp_path):
     folder = stiffgen.generate(URDF, output=tmp_path, build=False)
     (folder / "iiwa14.c").write_text("edited")
-    (folder / "iiwa14_ufunc.cpython-00.so").write_text("old build")
+    (folder / "iiwa14_python.cpython-00.so").write_text("old build")
     assert stiffgen.generate(URDF, output=tmp_path, build=False) == folder
     assert {path.name for path in folder.iterdir()} == FILES
     assert [path.name for path in tmp_path.iterdir()] == ["iiwa14"]

@@ -6,6 +6,7 @@ import ast
 from pathlib import Path
 
 import stiffgen
+from support.project import ROOT
 
 PACKAGE = Path(stiffgen.__file__).parent
 LAYERS = (
@@ -61,3 +62,18 @@ def test_no_module_imports_itself_through_others() -> None:
         for module in leaves:
             del graph[module]
     assert not graph, f"a circle among {sorted(graph)}"
+
+
+def test_no_test_imports_a_test_and_their_folders_are_the_rooms() -> None:
+    tests = ROOT / "tests"
+    files = list(tests.rglob("test_*.py"))
+    names = {file.stem for file in files}
+    for file in files:
+        nodes = list(ast.walk(ast.parse(file.read_text())))
+        taken = {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+        taken |= {
+            alias.name for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names
+        }
+        assert not {part for module in taken for part in module.split(".")} & names, file.name
+        room = file.relative_to(tests).parts[0]
+        assert file.parent == tests or room == "examples" or (PACKAGE / room).is_dir(), file

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import keyword
 import re
+import sys
 
 import pytest
 from hypothesis import given, settings
@@ -24,7 +25,8 @@ SLOW = settings(derandomize=True, max_examples=500, deadline=None)
         ("---", "robot"),
         ("Käfer", "Kafer"), ("机器人", "robot"), ("double", "robot_double"), ("Class", "robot_Class"),
         ("None", "robot_None"),
-        ("match", "robot_match"), ("AUX", "robot_AUX"), ("__x__", "x"), ("a//../b", "a_b"),
+        ("match", "robot_match"), ("numpy", "robot_numpy"), ("stddef", "robot_stddef"), ("Turtle", "robot_Turtle"),
+        ("AUX", "robot_AUX"), ("__x__", "x"), ("a//../b", "a_b"),
         ("../../etc/passwd", "etc_passwd"),
         ("stiffgen", "robot_stiffgen"), ("stiffgen_damping", "robot_stiffgen_damping"), ("a" * 99, "a" * 40),
         ("a" * 39 + "_b", "a" * 39), ("9" * 99, "robot_" + "9" * 34), ("x;rm -rf /", "x_rm_rf"), ("١٢", "robot"),
@@ -54,6 +56,17 @@ def test_a_chosen_name_is_checked_and_the_nearest_offered(name):
     nearest = str(refusal.value).split()[-1]
     assert checked_identifier(nearest) == nearest
     assert "\n" not in str(refusal.value)
+
+
+def test_no_name_hides_a_module_of_this_python():
+    for module in sys.stdlib_module_names:
+        assert identifier(module) != module or module.startswith("_"), module
+
+
+@pytest.mark.parametrize("name", ["numpy", "stddef", "Random"])
+def test_a_name_that_hides_another_is_refused(name):
+    with pytest.raises(StiffgenError, match=f"hide another.*--name robot_{name}"):
+        checked_identifier(name)
 
 
 @SLOW

@@ -1,17 +1,21 @@
 """The command line: ``stiffgen generate | inspect | verify | bench | analyze``.
 
-Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage. Refusals are one
-message on standard error.
+Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage, or output that
+cannot be written. Refusals are one message on standard error.
 """
 
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import math
+import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +29,7 @@ from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows, warnings
 from stiffgen.check.bench import bench
 from stiffgen.check.verify import Check, verify
-from stiffgen.errors import DescriptionError, EmptyRecordingError, StiffgenError
+from stiffgen.errors import DescriptionError, EmptyRecordingError, StiffgenError, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
 from stiffgen.robot.chain import Tool
@@ -35,21 +39,128 @@ from stiffgen.symbolic.connection import REPRESENTATIONS
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    options = _parser().parse_args(arguments)
+    try:
+        with _stopped_by_signals():
+            if sys.stdout is None:  # closed
+                raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+            code = _run(arguments)
+            sys.stdout.flush()
+            return code
+    except StiffgenError as error:
+        message, code = str(error), 2
+    except KeyboardInterrupt:
+        message, code = "interrupted", 130
+    except _Terminated as error:
+        message, code = f"ended by {signal.Signals(error.number).name}", 128 + error.number
+    except OSError as error:
+        where = "standard output" if error.filename is None else printable(str(error.filename), 200)
+        message, code = f"{where}: {error.strerror or error}", 2
+        _discard_output()
+    with suppress(OSError):
+        print(f"stiffgen: {message}", file=sys.stderr, flush=True)
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of any script, terminals of any encoding
     try:
-        return int(options.run(options))
-    except StiffgenError as error:
-        print(f"stiffgen: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stiffgen: interrupted", file=sys.stderr)
-        return 130
+        options = _parser().parse_args(arguments)
+    except SystemExit:
+        sys.stdout.flush()  # of --help and --version
+        raise
+    return int(options.run(options))
+
+
+class _Terminated(BaseException):
+    """A signal that asks the process to end; passes through every block that cleans up."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the block by an exception, so that nothing half-written stays."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: object) -> None:
+        raise _Terminated(number)
+
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = [(number, signal.getsignal(number)) for number in numbers]
+    for number, handler in before:
+        if handler is signal.SIG_DFL:  # nohup and whoever calls this from Python keep their own way
+            signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in before:
+            if handler is not None:
+                signal.signal(number, handler)
+
+
+def _discard_output() -> None:
+    """Python flushes standard output once more when it ends, and would say so if that fails."""
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with Path(os.devnull).open("w") as nowhere, suppress(OSError):
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+class _Console(Console):
+    """A console on which a closed pipe is an error like any other; rich would end the process with exit code 1."""
+
+    def on_broken_pipe(self) -> None:
+        raise
+
+
+class _Once(argparse.Action):
+    """Stores a value, and refuses the option's second appearance: the one before would be lost without a word."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
+    ) -> None:
+        given = namespace.__dict__.setdefault("_given", set())
+        if option is not None and self.dest in given:
+            parser.error(f"{option} is given twice; leave one of them out")
+        given.add(self.dest)
+        setattr(namespace, self.dest, values)
+
+
+class _OnceTrue(_Once):
+    """The same for an option without a value."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=False, help=help)
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
+    ) -> None:
+        super().__call__(parser, namespace, True, option)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Options that hold one value may be given once."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.register("action", None, _Once)
+        self.register("action", "store_true", _OnceTrue)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if message:  # argparse would hide that it cannot be written
+            (file or sys.stderr).write(message)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="stiffgen", description=stiffgen.__doc__)
+    parser = _Parser(prog="stiffgen", description=stiffgen.__doc__)
     parser.add_argument("--version", action="version", version=f"stiffgen {stiffgen.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
@@ -69,6 +180,9 @@ def _parser() -> argparse.ArgumentParser:
         "--cuda", action="store_true", help="also write NAME.cu: CUDA for the functions that take many configurations"
     )
     command.add_argument("--no-build", action="store_true", help="write the sources only, do not compile")
+    command.add_argument(
+        "--force", action="store_true", help="replace a folder whose robot has other joints, tips or arguments"
+    )
     command.add_argument(
         "--lock",
         metavar="JOINT=VALUE",
@@ -173,6 +287,14 @@ def _lock(text: str) -> tuple[str, float]:
     return joint, float(value)
 
 
+def _locks(options: argparse.Namespace) -> dict[str, float]:
+    names = [joint for joint, _ in options.lock]
+    for joint in names:
+        if names.count(joint) > 1:
+            raise StiffgenError(f"--lock names joint '{printable(joint)}' twice; leave one of them out")
+    return dict(options.lock)
+
+
 def _tool(options: argparse.Namespace) -> Tool | None:
     given: dict[str, Any] = {}
     for field in ("xyz", "rpy", "mass", "com", "inertia"):
@@ -181,6 +303,10 @@ def _tool(options: argparse.Namespace) -> Tool | None:
             given[field] = tuple(value) if isinstance(value, list) else value
     if not given:
         return None
+    if options.no_masses and given.keys() - {"xyz", "rpy"}:
+        raise StiffgenError(
+            "--no-masses ignores all masses; leave out --tool-mass, --tool-com and --tool-inertia, or it"
+        )
     if options.tool == "runtime" and ("xyz" in given or "rpy" in given):
         raise StiffgenError("--tool runtime takes the tool's pose at run time; leave out --tool-xyz and --tool-rpy")
     return Tool(**given)
@@ -209,7 +335,7 @@ class _Progress:
 
 
 def _generate(options: argparse.Namespace) -> int:
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = _Console(stderr=True, highlight=False, soft_wrap=True)
     with _Progress(console).shown() as progress:
         folder = generate(
             options.urdf,
@@ -217,12 +343,13 @@ def _generate(options: argparse.Namespace) -> int:
             base=options.base,
             tool=_tool(options),
             runtime_tool=options.tool == "runtime",
-            lock=dict(options.lock),
+            lock=_locks(options),
             name=options.name,
             output=options.output,
             build=not options.no_build,
             masses=not options.no_masses,
             cuda=options.cuda,
+            force=options.force,
             progress=progress,
         )
     print(folder)
@@ -286,7 +413,7 @@ def _from_root(description: Description) -> Iterator[JointElement]:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    console = Console(stderr=True, highlight=False)
+    console = _Console(stderr=True, highlight=False)
     with _Progress(console).shown() as progress:
         checks = verify(options.folder, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
@@ -296,7 +423,7 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    console = Console(stderr=True, highlight=False)
+    console = _Console(stderr=True, highlight=False)
     with _Progress(console).shown() as progress:
         timings = bench(options.folder, progress=progress)
     table = Table(show_edge=False, pad_edge=False)
@@ -345,7 +472,7 @@ def _analyze(options: argparse.Namespace) -> int:
     # Six numbers, or one name of a file; anything else is refused with the reason.
     stiffness = options.task_stiffness
     K = read_stiffness(stiffness[0]) if len(stiffness) == 1 else checked_stiffness(stiffness)
-    with _Bar(Console(stderr=True, highlight=False, soft_wrap=True)).shown() as progress:
+    with _Bar(_Console(stderr=True, highlight=False, soft_wrap=True)).shown() as progress:
         try:
             analysis = analyze(
                 options.log,
@@ -383,8 +510,8 @@ def _analyze(options: argparse.Namespace) -> int:
 
 def _table_console() -> Console:
     """Standard output; wide enough for a whole table where no terminal sets a width."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=200)
+    console = _Console(highlight=False)
+    return console if console.is_terminal else _Console(highlight=False, width=200)
 
 
 def _check_table(checks: list[Check]) -> Table:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from stiffgen.errors import OutputError
+from stiffgen.errors import OutputError, printable
 
 
 @contextmanager
@@ -23,21 +23,31 @@ def swapped_in(target: Path) -> Iterator[Path]:
 
     """
     output = target.parent
-    created = _missing_parents(output)
     try:
+        created = _missing_parents(output)
         output.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=output))
     except OSError as error:
-        raise OutputError(f"{output}: cannot be written ({error.strerror}); choose another --output") from error
+        raise unwritable(output, error) from error
     try:
         yield staging
         _swap(staging, target)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(staging, ignore_errors=True)
         for folder in created:
             if folder.is_dir() and not any(folder.iterdir()):
                 folder.rmdir()
+        if isinstance(error, OSError):  # a full disk
+            raise unwritable(target, error) from error
         raise
+
+
+def unwritable(path: Path, error: OSError) -> OutputError:
+    """The refusal of a folder that the system does not let us write: full, forbidden, a name too long."""
+    return OutputError(
+        f"{printable(str(path), 200)}: cannot be written ({error.strerror or error}); "
+        "make room, or choose another --output"
+    )
 
 
 def _missing_parents(folder: Path) -> list[Path]:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.emit.build import build_module
-from stiffgen.emit.render import MANIFEST, is_manifest, render
-from stiffgen.errors import OutputError
-from stiffgen.folder import swapped_in
+from stiffgen.emit.render import MANIFEST, chain_from_manifest, is_manifest, render
+from stiffgen.errors import OutputError, listed
+from stiffgen.folder import swapped_in, unwritable
 from stiffgen.names import checked_identifier, identifier
-from stiffgen.robot.chain import Tool, load_chain
+from stiffgen.robot.chain import Chain, Tool, load_chain
 
 
 def generate(
@@ -28,6 +28,7 @@ def generate(
     build: bool = True,
     masses: bool = True,
     cuda: bool = False,
+    force: bool = False,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -47,6 +48,7 @@ def generate(
         build: compile the Python module.
         masses: False ignores all masses of the file and leaves the mass matrix out.
         cuda: also write NAME.cu and NAME_cuda.h, CUDA for the functions that have a batch.
+        force: replace a folder although what its users call changes: joints, base, tips, or the arguments of functions.
         progress: called with a few words before each step.
 
     Returns:
@@ -55,7 +57,8 @@ def generate(
     Raises:
         DescriptionError, ChainError: see :func:`stiffgen.load_chain`; ChainError also for ``cuda`` and a chain too
             long for it.
-        OutputError: the folder cannot be written, or something else stands in its place.
+        OutputError: the folder cannot be written, something else stands in its place, or the robot in it has other
+            joints, tips or arguments (``force`` replaces it).
         BuildError: the C code did not compile.
 
     """
@@ -64,7 +67,12 @@ def generate(
     name = identifier(chain.robot) if name is None else checked_identifier(name)
     output = Path(output)
     target = output / name
-    refuse_foreign(target)
+    try:
+        refuse_foreign(target)
+    except OSError as error:
+        raise unwritable(target, error) from error
+    if not force:
+        refuse_another_robot(target, chain)
     progress(f"deriving and printing the kernels of {name}")
     texts = render(chain, name, cuda=cuda)
     with swapped_in(target) as staging:
@@ -96,6 +104,37 @@ def refuse_foreign(target: Path) -> None:
         raise OutputError(
             f"{target}: holds files that stiffgen did not write ({', '.join(foreign[:5])}); move them away first"
         )
+
+
+def refuse_another_robot(target: Path, chain: Chain) -> None:
+    """Raise OutputError if ``target`` holds a robot whose functions mean something else: q, frames or arguments."""
+    manifest = read_manifest(target)
+    if manifest is None:
+        return
+    try:
+        before = chain_from_manifest(manifest)
+    except (KeyError, TypeError, ValueError):  # of another version of stiffgen
+        return
+    changed = [
+        f"{what} {listed(old) or 'none'} would become {listed(new) or 'none'}"
+        for (what, old), (_, new) in zip(_meaning(before), _meaning(chain), strict=True)
+        if old != new
+    ]
+    if changed:
+        raise OutputError(
+            f"{target}: holds another robot ({'; '.join(changed)}). What uses the folder would get other results: "
+            "take --force to replace it, or write beside it with another --name or --output"
+        )
+
+
+def _meaning(chain: Chain) -> list[tuple[str, list[str]]]:
+    """What the callers of a folder's functions rely on."""
+    return [
+        ("joints", [coordinate.name for coordinate in chain.coordinates]),
+        ("base", [chain.base]),
+        ("tips", [tip.link for tip in chain.tips]),
+        ("arguments", ["q", "tool_pose"] if chain.runtime_tool else ["q"]),
+    ]
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:

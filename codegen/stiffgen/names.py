@@ -2,9 +2,10 @@
 
 A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_]
 become "_" (runs become one, none stay at the ends; nothing left: "robot"), a leading digit, a word that C, C++,
-Python, CMake or Windows (device names) reserve, and names that start with "stiffgen" get the prefix "robot_", and more
-than 40 characters are cut. The rule leaves its own results as they are. Joint and link names never become identifiers;
-they stand in string literals and comments, escaped by the functions below.
+Python, CMake or Windows (device names) reserve, the name of a Python module or a C header that it would hide, and
+names that start with "stiffgen" get the prefix "robot_", and more than 40 characters are cut. The rule leaves its own
+results as they are. Joint and link names never become identifiers; they stand in string literals and comments,
+escaped by the functions below.
 """
 
 from __future__ import annotations
@@ -24,11 +25,41 @@ _C_AND_CPP = """
     int long mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public register
     reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast struct switch
     template this thread_local throw true try typedef typeid typename union unsigned using virtual void volatile
-    wchar_t while xor xor_eq main errno stdin stdout stderr linux unix math string test all install
+    wchar_t while xor xor_eq main stdin stdout stderr linux unix test all install
     con prn aux nul com1 com2 com3 com4 com5 com6 com7 com8 com9 lpt1 lpt2 lpt3 lpt4 lpt5 lpt6 lpt7 lpt8 lpt9
 """
+# A folder NAME on Python's path hides a module of that name; NAME.h in an include folder hides a header. Lists of our
+# own, since Python's differs from version to version, and a robot's name must not.
+_HEADERS = """
+    assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg
+    stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar
+    wchar wctype unistd pthread fcntl poll sched semaphore dirent dlfcn glob grp pwd netdb regex spawn strings
+    syslog termios utime features endian memory malloc alloca values sysexits windows process direct python
+    structmember pyconfig
+"""
+_MODULES = """
+    abc aifc annotationlib antigravity argparse array ast asynchat asyncio asyncore atexit audioop base64 bdb
+    binascii binhex bisect builtins bz2 calendar cgi cgitb chunk cmath cmd code codecs codeop collections colorsys
+    compileall compression concurrent configparser contextlib contextvars copy copyreg cprofile crypt csv ctypes
+    curses dataclasses datetime dbm decimal difflib dis distutils doctest email encodings ensurepip enum errno
+    faulthandler fcntl filecmp fileinput fnmatch formatter fractions ftplib functools gc genericpath getopt
+    getpass gettext glob graphlib grp gzip hashlib heapq hmac html http idlelib imaplib imghdr imp importlib
+    inspect io ipaddress itertools json keyword lib2to3 linecache locale logging lzma macpath mailbox mailcap
+    marshal math mimetypes mmap modulefinder msilib msvcrt multiprocessing netrc nis nntplib nt ntpath nturl2path
+    numbers opcode operator optparse os ossaudiodev parser pathlib pdb pickle pickletools pipes pkgutil platform
+    plistlib poplib posix posixpath pprint profile pstats pty pwd py_compile pyclbr pydoc pydoc_data pyexpat queue
+    quopri random re readline reprlib resource rlcompleter runpy sched secrets select selectors shelve shlex
+    shutil signal site smtpd smtplib sndhdr socket socketserver spwd sqlite3 sre_compile sre_constants sre_parse
+    ssl stat statistics string stringprep struct subprocess sunau symbol symtable sys sysconfig syslog tabnanny
+    tarfile telnetlib tempfile termios textwrap this threading time timeit tkinter token tokenize tomllib trace
+    traceback tracemalloc tty turtle turtledemo types typing unicodedata unittest urllib uu uuid venv warnings
+    wave weakref webbrowser winreg winsound wsgiref xdrlib xml xmlrpc zipapp zipfile zipimport zlib zoneinfo
+    numpy scipy matplotlib casadi sympy mpmath jinja2 dask distributed xarray pandas pytest mujoco pinocchio
+    setuptools pip
+"""
+_HIDDEN = frozenset((_HEADERS + _MODULES).split())
 _PYTHON = {word.lower() for word in (*keyword.kwlist, *keyword.softkwlist)}
-_RESERVED = frozenset(_C_AND_CPP.split()) | _PYTHON
+_RESERVED = _HIDDEN | frozenset(_C_AND_CPP.split()) | _PYTHON
 
 
 def identifier(name: str) -> str:
@@ -50,7 +81,8 @@ def checked_identifier(name: str) -> str:
     """
     if identifier(name) != name:
         raise StiffgenError(
-            f"--name '{printable(name)}' is no usable name for a C library and a Python module; "
+            f"--name '{printable(name)}' is no usable name for a C library and a Python module"
+            f"{', which would hide another of that name' if name.lower() in _HIDDEN else ''}; "
             f"nearest: --name {identifier(name)}"
         )
     return name

@@ -8,7 +8,7 @@ with its tool, so that a zero command lets the arm float.
 
 What the paper does not give and is chosen here:
 
-* the tool's shape, from which its centre of mass and inertia follow (the paper has 0.455 kg and a length);
+* the tool's shape (tool.py);
 * the bowl's shape, place and friction, chosen so that the zero-force trajectory presses the plate on it;
 * the motors' inertia as it appears at the joints. A URDF has none, and with the links' inertia alone the paper's
   damping cannot run at 5 ms: the wrist's light directions would need a sample time 30 times shorter.
@@ -17,17 +17,17 @@ What the paper does not give and is chosen here:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from examples.bowl_wiping import tool as wiping_tool
+from examples.bowl_wiping.tool import PARTS, PLATE_RADIUS, TOOL_POINT, URDF
 from stiffgen.errors import StiffgenError
 
 Array = NDArray[np.float64]
 
-URDF = Path(__file__).resolve().parents[2] / "urdf" / "iiwa14.urdf"
 DOF = 7
 FLANGE = "link_ee"
 START_POSTURE: Array = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
@@ -38,47 +38,10 @@ MOTOR_INERTIA = 0.2
 LONGEST_SUBSTEP = 0.0005
 """[s] of the physics."""
 
-TOOL_POINT = 0.24
-"""[m] from the flange along its z axis to the tool point, the centre of the plate's face: 0.275 m from joint 7."""
-PLATE_RADIUS = 0.10
-"""[m] of the plate, to the middle of its rounded edge."""
 EDGE_RADIUS = 0.005
 """[m] of the edge's rounding."""
 EDGE_SPHERES = 72
 """The edge is a ring of so many spheres: a flat plate in a hollow bowl touches with its edge only."""
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A homogeneous part of the tool on the flange's z axis: mass [kg], radius [m], from where to where [m]."""
-
-    mass: float
-    radius: float
-    start: float
-    end: float
-
-    @property
-    def middle(self) -> float:
-        """Height of its centre of mass above the flange [m]."""
-        return (self.start + self.end) / 2
-
-    def inertia(self, height: float) -> Array:
-        """(ixx, iyy, izz) about a point of the axis at a height above the flange [kg m^2]."""
-        across = self.mass * (self.radius**2 / 4 + (self.end - self.start) ** 2 / 12 + (self.middle - height) ** 2)
-        return np.array([across, across, self.mass * self.radius**2 / 2])
-
-
-TOOL = (
-    Cylinder(mass=0.255, radius=0.038, start=0.0, end=0.034),  # force/torque sensor
-    Cylinder(mass=0.080, radius=0.012, start=0.034, end=0.230),  # tube
-    Cylinder(mass=0.120, radius=PLATE_RADIUS, start=0.230, end=TOOL_POINT),  # plate
-)
-TOOL_MASS = sum(part.mass for part in TOOL)
-"""[kg], the paper's 0.455."""
-TOOL_COM = round(sum(part.mass * part.middle for part in TOOL) / TOOL_MASS, 4)
-"""[m] from the flange along its z axis."""
-TOOL_INERTIA: Array = np.round(np.sum([part.inertia(TOOL_COM) for part in TOOL], axis=0), 6)
-"""(ixx, iyy, izz) about the centre of mass, flange axes [kg m^2]. The Makefile gives the same figures to stiffgen."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +235,11 @@ def _model(bowl: Bowl | None, tool: bool, substep: float) -> mujoco.MjModel:
     held = flange
     if tool:
         held = flange.add_body(
-            name="tool", mass=TOOL_MASS, ipos=[0, 0, TOOL_COM], inertia=TOOL_INERTIA, explicitinertial=True
+            name="tool",
+            mass=wiping_tool.MASS,
+            ipos=[0, 0, wiping_tool.COM],
+            inertia=wiping_tool.INERTIA,
+            explicitinertial=True,
         )
         _add_tool_geoms(held)
     held.add_site(name="sensor", pos=[0, 0, 0])
@@ -285,7 +252,7 @@ def _model(bowl: Bowl | None, tool: bool, substep: float) -> mujoco.MjModel:
 
 
 def _add_tool_geoms(body: mujoco.MjsBody) -> None:
-    for part, rgba in zip(TOOL, ([0.2, 0.2, 0.22, 1], [0.6, 0.6, 0.62, 1], [0.1, 0.45, 0.7, 1]), strict=True):
+    for part, rgba in zip(PARTS, ([0.2, 0.2, 0.22, 1], [0.6, 0.6, 0.62, 1], [0.1, 0.45, 0.7, 1]), strict=True):
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             fromto=[0, 0, part.start, 0, 0, part.end],

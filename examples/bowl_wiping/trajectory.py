@@ -16,7 +16,8 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from examples.bowl_wiping.plant import START_POSTURE, TOOL_POINT
+from examples.bowl_wiping.plant import START_POSTURE
+from examples.bowl_wiping.tool import TOOL_POINT
 
 Array = NDArray[np.float64]
 

@@ -130,7 +130,7 @@ std::string refusal_text(const WipingClient &client)
                text("%.2f", client.question().distance()) +
                " rad from where the trajectory begins, more than --approach-limit; move the arm nearer, or give "
                "--approach-anyway";
-    case REFUSAL_CONTROLLER: return std::string("controller: ") + stiffgen_error_text(client.controller_error());
+    case REFUSAL_CONTROLLER: return std::string("controller: ") + robot::error_text(client.controller_error());
     default: return "";
     }
 }

@@ -69,7 +69,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     robot::default_config(&config_);
     config_.joint_damping = settings.joint_damping;
     config_.nullspace_stiffness = settings.nullspace_stiffness;
-    config_.nullspace = settings.nullspace_stiffness > 0.0 ? STIFFGEN_NULLSPACE_ISOTROPIC : STIFFGEN_NULLSPACE_OFF;
+    config_.nullspace = settings.nullspace_stiffness > 0.0 ? robot::NULLSPACE_ISOTROPIC : robot::NULLSPACE_OFF;
     for (int i = 0; i < JOINTS; ++i) {
         config_.damping_ratio[i] = settings.damping_ratio;
         config_.effort_limit[i] *= settings.effort_share;
@@ -77,8 +77,8 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     }
     if (settings.conventional) {
         /* The tank's promise holds for a symmetric stiffness only. */
-        config_.stiffness_formula = STIFFGEN_STIFFNESS_FORMULA_CONVENTIONAL;
-        config_.tank = STIFFGEN_TANK_OFF;
+        config_.stiffness_formula = robot::STIFFNESS_FORMULA_CONVENTIONAL;
+        config_.tank = robot::TANK_OFF;
     }
     for (int i = 0; i < 6; ++i) {
         input_.task_stiffness[7 * i] = settings.task_stiffness[i];
@@ -399,7 +399,7 @@ void WipingClient::missed_and_advance()
         let_go(LET_GO_DECLINED);
     }
     const bool waits = button_ || question_.state() == Question::ASKED || let_go_ != LET_GO_NONE;
-    if (output_.mode != STIFFGEN_MODE_FALLBACK) {
+    if (output_.mode != robot::MODE_FALLBACK) {
         pace_.update(start_ ? 0.0 : error, output_.elastic_energy, std::sqrt(force), waits, seconds);
         reference_.advance(pace_.value() * seconds);
     }
@@ -452,11 +452,11 @@ void WipingClient::step_controller(bool valid)
     record_.antisymmetric = output_.antisymmetric_norm;
     record_.tank_energy = output_.tank_energy;
     record_.elastic_energy = output_.elastic_energy;
-    const bool fallback = (output_.status & STIFFGEN_STATUS_FALLBACK) != 0;
+    const bool fallback = (output_.status & robot::STATUS_FALLBACK) != 0;
     counters_.fallbacks += fallback && !fallen_back_ ? 1 : 0;
     events_ |= fallback ? EVENT_FALLBACK : 0;
-    counters_.saturated += (output_.status & STIFFGEN_STATUS_SATURATED) != 0 ? 1 : 0;
-    counters_.rate_limited += (output_.status & STIFFGEN_STATUS_RATE_LIMITED) != 0 ? 1 : 0;
+    counters_.saturated += (output_.status & robot::STATUS_SATURATED) != 0 ? 1 : 0;
+    counters_.rate_limited += (output_.status & robot::STATUS_RATE_LIMITED) != 0 ? 1 : 0;
     counters_.antisymmetric = std::max(counters_.antisymmetric, output_.antisymmetric_norm);
     fallen_back_ = fallback;
 }

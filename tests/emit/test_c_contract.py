@@ -20,8 +20,15 @@ ALLOWED = {"sin", "cos", "sincos", "memcpy", "memset", "memmove"}
 
 
 @pytest.mark.parametrize("compiler", compilers())
-@pytest.mark.parametrize("language", ["c99", "c11", "c++11", "c++20"])
-@pytest.mark.parametrize("optimisation", ["-O0", "-O2", "-O3"])
+@pytest.mark.parametrize(
+    ("language", "optimisation"),
+    [
+        pytest.param(*case, marks=() if case in (("c99", "-O2"), ("c++11", "-O2")) else pytest.mark.slow)
+        for case in (
+            (language, level) for language in ("c99", "c11", "c++11", "c++20") for level in ("-O0", "-O2", "-O3")
+        )
+    ],
+)
 def test_compiles_without_a_warning(compiler, language, optimisation, robot_folder, tmp_path):
     command = [require_compiler(compiler), *language_flags(language), optimisation, *STRICT]
     subprocess.run([*command, "-c", str(robot_folder / "iiwa14.c"), "-o", str(tmp_path / "o")], check=True)

@@ -215,6 +215,7 @@ def test_nvcc(folder, tmp_path):
     assert " 0 bytes spill stores, 0 bytes spill loads" in entry.split("Used")[0]
 
 
+@pytest.mark.slow
 def test_cmake(folder, tmp_path):
     """The option, in a project that calls a launch function from C (with a stride that is refused)."""
     require_nvcc()

@@ -17,8 +17,15 @@ FLAGS = {
 }
 
 
-@pytest.mark.parametrize("types", ["p", "rprmrr", "rrprrrrrr", "rrrpmrrrrrrrrrrrr"])
-@pytest.mark.parametrize("flags", FLAGS)
+CHAINS = ("rprmrr", "p", "rrprrrrrr", "rrrpmrrrrrrrrrrrr")
+AWAITED = {("native", "rrprrrrrr"), *((flags, "rprmrr") for flags in FLAGS)}
+CASES = [
+    pytest.param(*case, marks=() if case in AWAITED else pytest.mark.slow)
+    for case in ((flags, types) for flags in FLAGS for types in CHAINS)
+]
+
+
+@pytest.mark.parametrize(("flags", "types"), CASES)
 def test_every_oracle(types, flags, tmp_path, monkeypatch):
     monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
     urdf = tmp_path / "chain.urdf"

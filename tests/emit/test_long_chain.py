@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 import stiffgen
+from benchmarks.generation import long_chain
 from stiffgen.check.verify import argument_samples, check_against_casadi, import_robot, kernels_of
 from stiffgen.symbolic.kernels import chain_kernels
 from support.c_program import STRICT
-from support.project import ROOT
 
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-from generation import long_chain
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

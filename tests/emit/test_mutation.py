@@ -81,7 +81,9 @@ def failures(checks):
     return {(check.kernel, check.oracle) for check in checks if not check.passed}
 
 
-@pytest.mark.parametrize("rep", REPRESENTATIONS)
+@pytest.mark.parametrize(
+    "rep", [pytest.param(rep, marks=() if rep == "hybrid" else pytest.mark.slow) for rep in REPRESENTATIONS]
+)
 def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
     kernels = memoised(kernels_of(robot, chain))
     assert failures(check_kernels(kernels, references)) == set()
@@ -192,17 +194,20 @@ def pointer(array):
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-@pytest.fixture(scope="module", params=["iiwa14", "skew"])
+@pytest.fixture(scope="module", params=["iiwa14", "skew", "turning"])
 def mutated(request, chain, references, tmp_path_factory):
     """A chain, its references, and bodies to leave out.
 
-    Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chain, with a sliding and a
-    mimic joint and nothing aligned, are not.
+    Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chains, in which nothing is
+    aligned, are not: one with a sliding and a mimic joint, and one of six turning joints, whose mass matrix has no
+    loops (and the shape of the Jacobian).
     """
     if request.param == "iiwa14":
         return chain, references, ("mass_matrix",)
     urdf = tmp_path_factory.mktemp("skew") / "skew.urdf"
-    urdf.write_text(chain_urdf("rrpmr").replace('"0 0 1"', '"0.48 0.6 0.64"'))
+    urdf.write_text(
+        chain_urdf({"skew": "rrpmr", "turning": "rrrrrr"}[request.param]).replace('"0 0 1"', '"0.48 0.6 0.64"')
+    )
     skew = stiffgen.load_chain(urdf)
     return skew, References(skew, count=2, seed=11), ()
 
@@ -243,10 +248,7 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
         if all(agrees(name, call) for name, call in calls):
             missed.append(place)
         flip[k] = 1.0
-    # The mass matrix does not depend on the first joint's position: there, whole terms cancel.
-    cancelling = [place for place in missed if "/* from joint j0 outwards" in place]
-    assert set(missed) == set(cancelling)
-    assert len(cancelling) < 0.02 * len(places)
+    assert missed == []
     bodies = {place.split(":")[0] for place in places}
     suffixes = ("", "_lanes") if vehicle == "C" else ("",)
     assert {f"{rep}_columns{suffix}" for rep in REPRESENTATIONS for suffix in suffixes} < bodies

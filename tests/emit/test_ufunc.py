@@ -32,7 +32,7 @@ def test_signature_and_documentation(kernel, chain, robot):
     assert ufunc.signature == kernel.signature(chain)
     assert kernel.summary in ufunc.__doc__
     assert kernel.equation.split(" (")[0].split(",")[0] in ufunc.__doc__
-    for argument in (*kernel.arguments, kernel.result):
+    for argument in (*kernel.arguments, *kernel.results):
         assert f"[{argument.unit}]" in ufunc.__doc__
     assert pickle.loads(pickle.dumps(ufunc)) is ufunc
 

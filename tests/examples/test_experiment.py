@@ -46,6 +46,7 @@ def angular_jacobians(q: np.ndarray) -> np.ndarray:
     return result
 
 
+@pytest.mark.slow  # the whole experiment
 def test_traces_have_the_documented_columns(traces: dict[str, np.ndarray]) -> None:
     assert list(traces) == list(trial.COLUMNS)
     assert len({len(values) for values in traces.values()}) == 1
@@ -55,6 +56,7 @@ def test_traces_have_the_documented_columns(traces: dict[str, np.ndarray]) -> No
     np.testing.assert_array_equal(start, [START_POSTURE, START_POSTURE])
 
 
+@pytest.mark.slow  # the whole experiment
 def test_antisymmetric_part_is_zero_or_the_closed_form(traces: dict[str, np.ndarray]) -> None:
     """J_r^T [m]x J_r / 2 with MuJoCo's J_r, at every step of both trials."""
     corrected, conventional = (traces["trial"] == index for index in (0, 1))
@@ -72,6 +74,7 @@ def test_antisymmetric_part_is_zero_or_the_closed_form(traces: dict[str, np.ndar
     assert traces["antisymmetric"][conventional].max() > 5
 
 
+@pytest.mark.slow  # the whole experiment
 def test_the_kernels_on_both_trials_states(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
     """Also on the corrected trial's states; and symmetric and antisymmetric part add up to the controller's."""
     q, wrench = traces["q"], traces["wrench_used"]
@@ -82,6 +85,7 @@ def test_the_kernels_on_both_trials_states(plate: ModuleType, traces: dict[str, 
     np.testing.assert_allclose(traces["stiffness"], expected, atol=1e-9)
 
 
+@pytest.mark.slow  # the whole experiment
 def test_contact_moments_and_faults(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
     for index in (0, 1):
         wipe = (traces["trial"] == index) & traces["wiping"]
@@ -98,17 +102,20 @@ def test_contact_moments_and_faults(plate: ModuleType, traces: dict[str, np.ndar
     assert np.median(np.abs(residual[wipe]).max(axis=1)) < 0.1 * np.median(np.abs(traces["torque"][wipe]).max(axis=1))
 
 
+@pytest.mark.slow  # the whole experiment
 def test_the_energy_account_closes(traces: dict[str, np.ndarray]) -> None:
     assert np.abs(analysis.imbalance(traces)).max() < 1e-10
     assert traces["antisymmetric_total"][traces["trial"] == 0].max() == 0
     assert np.abs(traces["antisymmetric_total"]).max() > 1e-3
 
 
+@pytest.mark.slow  # the whole experiment
 def test_the_wrench_used_is_the_mean_of_three(traces: dict[str, np.ndarray]) -> None:
     wrench, used = (traces[name][traces["trial"] == 0] for name in ("wrench", "wrench_used"))
     np.testing.assert_allclose(used[2:], (wrench[2:] + wrench[1:-1] + wrench[:-2]) / 3, atol=1e-10)
 
 
+@pytest.mark.slow  # the whole experiment
 def test_report_and_figures(results: Path) -> None:
     page = (results / "report.html").read_text()
     assert "All bars of the experiment hold." in page
@@ -226,6 +233,7 @@ def test_worst_per_moment(plate: ModuleType) -> None:
     assert 0.999 * worst < values.max() <= worst * (1 + 1e-12)
 
 
+@pytest.mark.slow  # the whole experiment
 def test_bars_that_do_not_hold_are_named(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
     trials = [{name: values[traces["trial"] == index] for name, values in traces.items()} for index in (0, 1)]
     found = analysis.findings(plate, trials)

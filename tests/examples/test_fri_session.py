@@ -110,7 +110,9 @@ def session(tmp_path: Path, plate_folder: Path, client_program: Callable[[str], 
     return run
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize(
+    "version", [pytest.param(version, marks=() if version == "2.7" else pytest.mark.slow) for version in VERSIONS]
+)
 def test_repeated_sessions_are_equal_and_the_torque_is_the_controllers(
     session: Callable[..., Run], plate: ModuleType, version: str
 ) -> None:

@@ -63,19 +63,19 @@ static void make_configs(iiwa14_impedance_config *c)
         iiwa14_impedance_default_config(&c[k]);
         c[k].return_time = 0.05;
     }
-    c[1].damping_design = STIFFGEN_DAMPING_DESIGN_FACTORISED;
-    c[1].stiffness_sign = STIFFGEN_STIFFNESS_SIGN_POSITIVE_PART;
-    c[2].damping_design = STIFFGEN_DAMPING_DESIGN_TASK;
+    c[1].damping_design = IIWA14_DAMPING_DESIGN_FACTORISED;
+    c[1].stiffness_sign = IIWA14_STIFFNESS_SIGN_POSITIVE_PART;
+    c[2].damping_design = IIWA14_DAMPING_DESIGN_TASK;
     for (int k = 0; k < 6; ++k) {
         c[2].task_damping[7 * k] = k < 3 ? 40.0 : 12.0;
     }
-    c[2].tank = STIFFGEN_TANK_OFF;
-    c[3].nullspace = STIFFGEN_NULLSPACE_PROJECTED;
-    c[3].wrench_filter = STIFFGEN_WRENCH_FILTER_MOVING_AVERAGE;
-    c[3].representation = STIFFGEN_REPRESENTATION_BODY;
-    c[4].stiffness_formula = STIFFGEN_STIFFNESS_FORMULA_CONVENTIONAL;
-    c[4].tank = STIFFGEN_TANK_OFF;
-    c[5].representation = STIFFGEN_REPRESENTATION_SPATIAL;
+    c[2].tank = IIWA14_TANK_OFF;
+    c[3].nullspace = IIWA14_NULLSPACE_PROJECTED;
+    c[3].wrench_filter = IIWA14_WRENCH_FILTER_MOVING_AVERAGE;
+    c[3].representation = IIWA14_REPRESENTATION_BODY;
+    c[4].stiffness_formula = IIWA14_STIFFNESS_FORMULA_CONVENTIONAL;
+    c[4].tank = IIWA14_TANK_OFF;
+    c[5].representation = IIWA14_REPRESENTATION_SPATIAL;
     c[5].return_time = 0.0;
     c[5].tank_initial = c[5].tank_minimum = 0.0;
 }
@@ -150,7 +150,7 @@ static const char *check(const iiwa14_impedance_config *c, const iiwa14_impedanc
     int bad, int missed, int quiet)
 {
     const unsigned refused =
-        STIFFGEN_STATUS_NON_FINITE | STIFFGEN_STATUS_OUT_OF_RANGE | STIFFGEN_STATUS_TASK_STIFFNESS;
+        IIWA14_STATUS_NON_FINITE | IIWA14_STATUS_OUT_OF_RANGE | IIWA14_STATUS_TASK_STIFFNESS;
     if (!finite_output(out)) {
         return "output not finite";
     }
@@ -162,19 +162,19 @@ static const char *check(const iiwa14_impedance_config *c, const iiwa14_impedanc
             return "torque jumped";
         }
     }
-    if (bad && !missed && (!(out->status & refused) || !(out->status & STIFFGEN_STATUS_FALLBACK))) {
+    if (bad && !missed && (!(out->status & refused) || !(out->status & IIWA14_STATUS_FALLBACK))) {
         return "bad sample without its status bit";
     }
-    if (!bad && !missed && (out->status & (refused | STIFFGEN_STATUS_FALLBACK))) {
+    if (!bad && !missed && (out->status & (refused | IIWA14_STATUS_FALLBACK))) {
         return "good sample refused";
     }
-    if (missed != ((out->status & STIFFGEN_STATUS_MISSED) != 0)) {
+    if (missed != ((out->status & IIWA14_STATUS_MISSED) != 0)) {
         return "missed sample without its status bit";
     }
-    if (quiet > QUIET && (out->status & (STIFFGEN_STATUS_RETURNING | STIFFGEN_STATUS_FALLBACK))) {
+    if (quiet > QUIET && (out->status & (IIWA14_STATUS_RETURNING | IIWA14_STATUS_FALLBACK))) {
         return "did not recover";
     }
-    if (c->tank == STIFFGEN_TANK_ON && out->tank_energy < c->tank_minimum) {
+    if (c->tank == IIWA14_TANK_ON && out->tank_energy < c->tank_minimum) {
         return "tank below its minimum";
     }
     return NULL;
@@ -194,7 +194,7 @@ static void *work(void *argument)
     for (long k = 0; k < j->steps && j->failure == NULL; ++k) {
         if (k % block == 0) {
             c = &j->configs[k / block];
-            j->failure = iiwa14_impedance_init(c, &state) == STIFFGEN_OK ? NULL : "configuration refused";
+            j->failure = iiwa14_impedance_init(c, &state) == IIWA14_OK ? NULL : "configuration refused";
             memset(last, 0, sizeof last);
             quiet = 0;
         }
@@ -202,7 +202,7 @@ static void *work(void *argument)
         const int bad = uniform(&random) < 0.01 && spoil(&in, &random);
         const int missed = uniform(&random) < 0.01;
         in.sample_valid = !missed;
-        if (j->failure == NULL && iiwa14_impedance_step(c, &state, &in, &out) != STIFFGEN_OK) {
+        if (j->failure == NULL && iiwa14_impedance_step(c, &state, &in, &out) != IIWA14_OK) {
             j->failure = "step refused";
         }
         quiet = bad || missed ? 0 : quiet + 1;

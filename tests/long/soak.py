@@ -20,7 +20,7 @@ import numpy as np
 from support.project import ROOT
 
 PROGRAM = ROOT / "tests" / "long" / "impedance_soak.c"
-SOURCES = ("iiwa14.c", "iiwa14_impedance.c", "stiffgen_damping.c", "stiffgen_error.c")
+SOURCES = ("iiwa14.c", "iiwa14_impedance.c")
 MEMORY = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 BUILDS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], float]] = {
     # name: compiler, flags, command before the program, share of the steps

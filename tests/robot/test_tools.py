@@ -147,7 +147,7 @@ def test_dual_arm_shares_one_q(dual):
                 assert_close(jacobian, frame_jacobian(expected, q, tip.link, rep)[:, order])
 
 
-@pytest.mark.parametrize("runtime_tool", [False, True])
+@pytest.mark.parametrize("runtime_tool", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_dual_arm_folder(runtime_tool, tmp_path):
     """The compiled module: every oracle for every tip, the total, and its namespaces."""
     folder = stiffgen.generate(DUAL, tip=["left hand", "right-hand"], runtime_tool=runtime_tool, output=tmp_path)
@@ -186,11 +186,10 @@ def test_a_tip_on_the_way_to_another():
         assert_close(model.mass_matrix(q), crba(expected, q))
 
 
-def test_references_see_a_wrong_tool_point(tmp_path):
+def test_references_see_a_wrong_tool_point(robot):
     """The oracle moves with the tool: kernels of the flange fail against references at the tool."""
-    flange = import_robot(stiffgen.generate(URDF, output=tmp_path))
     chain = stiffgen.load_chain(URDF, tool=TOOL)
-    checks = check_robot(kernels_of(flange, chain), chain, 3, 0)
+    checks = check_robot(kernels_of(robot, chain), chain, 3, 0)
     failed = {check.kernel for check in checks if not check.passed}
     assert {"forward_kinematics", "mass_matrix", "hybrid_jacobian", "hybrid_joint_stiffness"} <= failed
     assert "spatial_jacobian" not in failed

@@ -14,11 +14,10 @@ import pytest
 
 import stiffgen
 from stiffgen.check.verify import import_robot
-from stiffgen.emit.controller import COMPILED
 from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, STATUS
 from support.controller_inputs import DESIGNS, QUICK, TASK_DAMPING, WRENCH, K, Q, hostile, walk
 from support.controller_reference import Reference
-from support.runtime import RUNTIME, WARNINGS, compile_c
+from support.runtime import WARNINGS, compile_c
 
 
 def compare(robot: ModuleType, inputs: dict[str, np.ndarray], bound: float = 1e-8, **fields: Any) -> Any:
@@ -550,15 +549,15 @@ def test_the_tables_of_fields_and_bits(robot: ModuleType) -> None:
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "g++", "clang++"])
 def test_compiles_without_warnings(robot_folder: Path, compiler: str, tmp_path: Path) -> None:
     language = ("-x", "c++") if compiler.endswith("++") else ("-std=c99",)
-    for source in ("iiwa14_impedance.c", *COMPILED):
-        compile_c(tmp_path / "x.o", *language, *WARNINGS, "-O2", "-c", robot_folder / source, compiler=compiler)
+    source = robot_folder / "iiwa14_impedance.c"
+    compile_c(tmp_path / "x.o", *language, *WARNINGS, "-O2", "-c", source, compiler=compiler)
 
 
 def test_objects_call_nothing_but_libm(robot_folder: Path, tmp_path: Path) -> None:
     """Undefined symbols are mathematical functions, memory moves, and the robot's own."""
     allowed = {"cos", "sin", "sincos", "sqrt", "exp", "expm1", "fabs", "memcpy", "memset", "memmove"}
     own, undefined = set(), set()
-    for source in ("iiwa14.c", "iiwa14_impedance.c", *COMPILED):
+    for source in ("iiwa14.c", "iiwa14_impedance.c"):
         compile_c(tmp_path / "x.o", "-std=c99", "-O2", "-fno-pie", "-c", robot_folder / source)
         done = subprocess.run(["nm", tmp_path / "x.o"], capture_output=True, text=True, check=True)
         for line in done.stdout.splitlines():
@@ -571,7 +570,7 @@ def test_objects_call_nothing_but_libm(robot_folder: Path, tmp_path: Path) -> No
 def test_stack_of_the_call_path(robot_folder: Path, tmp_path: Path) -> None:
     """The sum over ALL functions, more than any path, with the deepest kernel twice, stays below 32 KiB."""
     total, kernels = 0, [0]
-    for source in ("iiwa14.c", "iiwa14_impedance.c", *COMPILED):
+    for source in ("iiwa14.c", "iiwa14_impedance.c"):
         stem = tmp_path / Path(source).stem
         compile_c(
             stem.with_suffix(".o"), "-std=c99", "-O2", "-fstack-usage", "-c", robot_folder / source, compiler="gcc"
@@ -585,11 +584,6 @@ def test_stack_of_the_call_path(robot_folder: Path, tmp_path: Path) -> None:
                 total += int(size)
     print(f"stack of the controller {total} B, deepest kernel {max(kernels)} B")
     assert total + 2 * max(kernels) < 32 * 1024
-
-
-def test_runtime_is_copied_as_it_is(robot_folder: Path) -> None:
-    for path in RUNTIME.glob("stiffgen_*"):
-        assert (robot_folder / path.name).read_text() == path.read_text()
 
 
 def chain_of(joints: int, folder: Path) -> Path:
@@ -620,6 +614,7 @@ def deepest_kernel(source: str, frames: dict[str, int]) -> int:
     return most
 
 
+@pytest.mark.slow
 def test_controller_of_32_joints_and_none_beyond(tmp_path: Path) -> None:
     folder = stiffgen.generate(chain_of(32, tmp_path), output=tmp_path)
     arm = import_robot(folder)
@@ -633,7 +628,7 @@ def test_controller_of_32_joints_and_none_beyond(tmp_path: Path) -> None:
     }
     compare(arm, inputs, 1e-7, return_time=0.01)
     total, kernels = 0, 0
-    for source in ("chain32.c", "chain32_impedance.c", *COMPILED):
+    for source in ("chain32.c", "chain32_impedance.c"):
         stem = tmp_path / Path(source).stem
         compile_c(stem.with_suffix(".o"), "-std=c99", "-O2", "-fstack-usage", "-c", folder / source, compiler="gcc")
         usage = (line.split("\t") for line in stem.with_suffix(".su").read_text().splitlines())
@@ -646,5 +641,4 @@ def test_controller_of_32_joints_and_none_beyond(tmp_path: Path) -> None:
     assert total + kernels < 32 * 1024
     beyond = stiffgen.generate(chain_of(33, tmp_path), output=tmp_path, build=False)
     assert not list(beyond.glob("*impedance*"))
-    assert not list(beyond.glob("stiffgen_*"))
     assert "32 coordinates" in (beyond / "README.md").read_text()

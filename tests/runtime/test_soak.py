@@ -14,6 +14,7 @@ from long.soak import BUILDS, soak
 from support.project import ROOT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BUILDS)
 def test_soak(name: str, robot_folder: Path, tmp_path: Path) -> None:
     compiler, _, before, _ = BUILDS[name]
@@ -27,6 +28,7 @@ def test_soak(name: str, robot_folder: Path, tmp_path: Path) -> None:
     assert min(refused, missed, recoveries) > 5
 
 
+@pytest.mark.slow
 def test_benchmark_of_a_step_runs() -> None:
     script = ROOT / "benchmarks" / "impedance_step.py"
     core = min(os.sched_getaffinity(0))

@@ -6,14 +6,16 @@ import ctypes
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.ctypeslib import ndpointer
 
-from stiffgen.emit.render import RUNTIME
+from stiffgen.emit.controller import runtime_source
 
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
-COMPILED = ("stiffgen_damping.c", "stiffgen_error.c")
+PARTS = ("stiffgen_error.h", "stiffgen_damping.h", "stiffgen_error.c", "stiffgen_damping.c")
+PREFIX = "arm"
 IN = ndpointer(np.float64, flags="C_CONTIGUOUS")
 OUT = ndpointer(np.float64, flags=("C_CONTIGUOUS", "WRITEABLE"))
 
@@ -38,23 +40,34 @@ def compile_c(output: Path, *arguments: str | Path, compiler: str = "cc") -> Pat
     return output
 
 
+def write_source(folder: Path) -> Path:
+    """The controller's linear algebra as a C file of its own, for a robot named PREFIX."""
+    source = folder / "runtime.c"
+    source.write_text(runtime_source(PARTS, PREFIX) + "\n", encoding="utf-8")
+    return source
+
+
 class Runtime:
-    """stiffgen_damping.c as a shared library."""
+    """The linear algebra of the controller as a shared library; in a robot's folder its functions are static."""
 
     def __init__(self, folder: Path) -> None:
         suffix = ".dylib" if sys.platform == "darwin" else ".so"
-        sources = [RUNTIME / name for name in COMPILED]
-        path = compile_c(folder / f"runtime{suffix}", "-std=c99", "-O2", "-shared", "-fPIC", *sources, "-lm")
+        source = write_source(folder)
+        flags = ("-std=c99", "-O2", "-shared", "-fPIC", "-Dstatic=")
+        path = compile_c(folder / f"runtime{suffix}", *flags, source, "-lm")
         self.library = ctypes.CDLL(str(path))
-        self.library.stiffgen_error_text.restype = ctypes.c_char_p
+        self.function("impedance_error_text").restype = ctypes.c_char_p
         for name, signature in SIGNATURES.items():
-            getattr(self.library, f"stiffgen_{name}").argtypes = signature
+            self.function(name).argtypes = signature
+
+    def function(self, name: str) -> Any:
+        return getattr(self.library, f"{PREFIX}_{name}")
 
     def call(self, name: str, *arguments: object) -> int:
-        return int(getattr(self.library, f"stiffgen_{name}")(*arguments))
+        return int(self.function(name)(*arguments))
 
     def text(self, code: int) -> str:
-        return str(self.library.stiffgen_error_text(code).decode())
+        return str(self.function("impedance_error_text")(code).decode())
 
     def eigen_symmetric(self, A: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
         n = len(A)

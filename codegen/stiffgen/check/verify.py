@@ -458,7 +458,7 @@ def kernels_of(module: ModuleType, chain: Chain) -> dict[str, Callable[..., Any]
     ufuncs = {}
     for kernel in chain_kernels(chain):
         owner: Any = module
-        for name in filter(None, (kernel.tip.name if kernel.tip else None, kernel.representation)):
+        for name in kernel.path:
             owner = getattr(owner, name)
         ufuncs[kernel.qualified_name] = getattr(owner, kernel.name)
     return ufuncs

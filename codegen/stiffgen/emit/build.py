@@ -1,26 +1,29 @@
-"""Compile a robot's folder with CMake and Ninja (from the Python registry) and the system's C compiler."""
+"""Compile a robot's folder into its NumPy module, with the system's C compiler alone."""
 
 from __future__ import annotations
 
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
-import cmake
-import ninja
+import numpy as np
 
 from stiffgen.errors import BuildError
 
 _LAST_LINES = 20
+_FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
+"""As CMake's release build of the folder's CMakeLists.txt has them."""
 
 
 def build_module(folder: Path, name: str) -> None:
-    """Compile the NumPy module of a generated folder into that folder.
+    """Compile the NumPy module of a generated folder into that folder, for the instruction set of this machine.
 
     Args:
         folder: the robot's folder.
@@ -36,22 +39,24 @@ def build_module(folder: Path, name: str) -> None:
         raise BuildError(
             "Python's C headers are missing; install them (Debian: apt-get install python3-dev) or use --no-build"
         )
-    macro = name.upper()
+    folder = folder.resolve()
+    module = folder / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
     with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
-        configure = [
-            str(Path(cmake.CMAKE_BIN_DIR) / "cmake"),
-            *("-S", str(folder.resolve()), "-B", build, "-G", "Ninja", "-Wno-dev"),
-            f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}",
-            f"-DCMAKE_C_COMPILER={compiler[0]}",
-            f"-DCMAKE_C_FLAGS={shlex.join(compiler[1:])}",
-            "-DCMAKE_BUILD_TYPE=Release",
-            f"-DPython_EXECUTABLE={sys.executable}",
-            f"-D{macro}_PYTHON=ON",
-            f"-D{macro}_NATIVE=ON",
-            f"-D{macro}_PYTHON_DIR={folder.resolve()}",
-        ]
-        _run(configure, compiler[0])
-        _run([str(Path(cmake.CMAKE_BIN_DIR) / "cmake"), "--build", build], compiler[0])
+        native = _native(compiler, Path(build))
+        command = [*compiler, *_FLAGS, *native]
+        objects, compile_each = [], []
+        for source in (f"{name}.c", f"{name}_impedance.c", f"{name}_python.c"):
+            if not (folder / source).exists():
+                continue
+            made = str(Path(build) / f"{source}.o")
+            include = [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"]
+            compile_each.append(
+                [*command, *(include if source.endswith("_python.c") else ()), "-c", str(folder / source), "-o", made]
+            )
+            objects.append(made)
+        link = [*command, *_link_options(), *objects, "-o", str(module), *_libraries()]
+        for commands in (compile_each, [link]):
+            _run(commands, compiler[0], Path(build))
 
 
 def _compiler() -> list[str]:
@@ -67,18 +72,63 @@ def _compiler() -> list[str]:
     raise BuildError(f"{what}; install one (Debian: apt-get install gcc), set CC, or use --no-build")
 
 
-def _run(command: list[str], compiler: str) -> None:
+def _native(compiler: Sequence[str], build: Path) -> list[str]:
+    """-march=native, where the compiler takes it. The module refuses to load on a machine without the instructions."""
+    probe = build / "probe.c"
+    probe.write_text("int probe;\n")
     try:
-        done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
-        )
+        _run([[*compiler, "-march=native", "-c", str(probe), "-o", str(build / "probe.o")]], compiler[0], build)
+    except BuildError:
+        return []
+    return ["-march=native"]
+
+
+def _link_options() -> list[str]:
+    return ["-bundle", "-undefined", "dynamic_lookup"] if sys.platform == "darwin" else ["-shared"]
+
+
+def _libraries() -> list[str]:
+    if os.name != "nt":
+        return ["-lm"]
+    return [f"-L{Path(sys.base_prefix) / 'libs'}", f"-lpython{sys.version_info.major}{sys.version_info.minor}"]
+
+
+def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> None:
+    """Run the commands at the same time; none is left running and no file of theirs stays, whatever happens."""
+    running: list[subprocess.Popen[str]] = []
+    try:
+        for command in commands:
+            running.append(
+                subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    text=True,
+                    errors="replace",
+                    env=os.environ | {"TMPDIR": str(temporary)},
+                    start_new_session=True,  # with the compiler's own children
+                )
+            )
+        for process in running:
+            output, _ = process.communicate()
+            if process.returncode != 0:
+                lines = output.rstrip().splitlines()[-_LAST_LINES:]
+                raise BuildError(
+                    f"compiling with {compiler} failed (exit code {process.returncode}); repair the compiler, choose "
+                    "another one with CC, or use --no-build. Its last lines:\n  " + "\n  ".join(lines)
+                )
     except OSError as error:
-        raise BuildError(
-            f"{command[0]} cannot be run ({error.strerror}); reinstall the Python package 'cmake'"
-        ) from error
-    if done.returncode != 0:
-        lines = done.stdout.rstrip().splitlines()[-_LAST_LINES:]
-        raise BuildError(
-            f"compiling with {compiler} failed (exit code {done.returncode}); repair the compiler, choose another one "
-            "with CC, or use --no-build. Its last lines:\n  " + "\n  ".join(lines)
-        )
+        raise BuildError(f"{compiler} cannot be run ({error.strerror}); set CC, or use --no-build") from error
+    finally:
+        for process in running:
+            if process.poll() is None:
+                _kill(process)
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
+    if os.name == "nt":
+        process.kill()
+    else:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()

@@ -9,6 +9,7 @@ asked for, with plain numbers: one configuration a thread.
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from dataclasses import dataclass
 
 import casadi as ca
@@ -19,11 +20,11 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.program import (
     Array,
+    Block,
     Gather,
     Map,
     Operand,
     Program,
-    Recursion,
     Step,
     Sum,
     as_operand,
@@ -37,9 +38,10 @@ class Function:
 
     name: str
     inputs: tuple[Array, ...]
-    output: Array
+    outputs: tuple[Array, ...]
     lines: tuple[str, ...]
     operations: Operations
+    meaning: str = ""
 
 
 @dataclass(frozen=True)
@@ -133,20 +135,27 @@ class _ChainPrinter:
         self.finished[function.name] = function.operations
         return function
 
-    def recursion(self, scope: Scope, step: Recursion) -> Function:
-        """The internal function of a shared recursion, printed once however many kernels call it."""
+    def shared_block(self, scope: Scope, step: Block) -> Function:
+        """The internal function of a shared block, printed once however many kernels call it."""
         name = scope.prefix + step.name
         if name not in self.recursions:
-            (target,) = step.targets
-            columns = Array("J", target.shape)
-            lines, operations = self.recursion_body(scope, step, (columns,))
-            self.recursions[name] = scope, Function(name, step.arguments, columns, tuple(lines), operations)
+            columns = (6, len(scope.chain.joints))
+            targets = tuple(Array("J", t.shape) if t.shape == columns else t for t in step.targets)
+            lines, operations = self.block_body(scope, step, targets)
+            function = Function(name, step.arguments, targets, tuple(lines), operations, step.meaning)
+            self.recursions[name] = scope, function
         return self.recursions[name][1]
 
-    def recursion_body(self, scope: Scope, step: Recursion, targets: tuple[Array, ...]) -> tuple[list[str], Operations]:
-        """Statements of a recursion, filling the ``targets`` (arrays of the step's targets' shapes)."""
+    def block_body(
+        self, scope: Scope, step: Block, targets: tuple[Array, ...], local: Container[str] = ()
+    ) -> tuple[list[str], Operations]:
+        """Statements of a block, filling the ``targets`` (arrays of the step's targets' shapes).
+
+        Arguments named in ``local`` are arrays that earlier steps of the same body wrote.
+        """
         chain = scope.chain
-        # What enters linearly is guarded: a sliding joint's coordinate, a tool's pose. Sines turn infinity into NaN.
+        # What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into
+        # NaN, and what earlier steps wrote comes from guarded numbers.
         sliding = {joint.coordinate for joint in chain.joints if joint.prismatic}
         given, inputs, guards = [], [], {}
         for array in step.arguments:
@@ -155,10 +164,10 @@ class _ChainPrinter:
                 symbol = ca.SX.sym(f"{array.name}{k}")
                 symbols.append(symbol)
                 text = f"{array.name}[{k}]"
-                if array.name != "q" or k in sliding:
-                    local = f"q{k}" if array.name == "q" else "T{}{}".format(*divmod(k, array.shape[1]))
-                    guards[local] = text
-                    text = local
+                if array.name not in local and (array.name != "q" or k in sliding):
+                    local_name = array.symbol + "".join(map(str, _indices(array, k)))
+                    guards[local_name] = text
+                    text = local_name
                 inputs.append((symbol, text))
             given.append(as_operand(array.shape, symbols))
         expressions = step.expressions(chain, *given)
@@ -166,15 +175,15 @@ class _ChainPrinter:
         entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
         m = len(chain.joints)
-        by_rows = not self.body.many and all(target.shape == (6, m) for target in targets)
-        if by_rows:
-            places = [f"{t.name}{r}_{c}" for t in targets for r in range(t.shape[0]) for c in range(t.shape[1])]
-        else:
-            places = [
-                element(target, k) if target.shape == (6, m) else f"{target.name}[{k}]"
-                for target in targets
-                for k in range(target.size)
-            ]
+        by_rows = [] if self.body.many else [target for target in targets if target.shape == (6, m)]
+        places = []
+        for target in targets:
+            if target in by_rows:
+                places += [f"{target.name}{r}_{c}" for r in range(6) for c in range(m)]
+            elif target.shape == (6, m):
+                places += [element(target, k) for k in range(target.size)]
+            else:
+                places += [f"{target.name}[{k}]" for k in range(target.size)]
         printed = print_statements(
             inputs,
             list(zip(places, entries, strict=True)),
@@ -183,18 +192,18 @@ class _ChainPrinter:
             wide={text for _, text in inputs} if self.body.many else (),
             wide_outputs=self.body.many,
             wide_number=self.body.wide_number,
-            define=by_rows,
+            define=6 * m * len(by_rows),
         )
         lines, values = list(printed.lines), list(printed.values)
-        for target in targets if by_rows else ():
+        for target in by_rows:
             lines += _rows(scope, target, values[: target.size])
             values = values[target.size :]
         text = "\n".join(lines)
-        used = {local: source for local, source in guards.items() if re.search(rf"\b{local}\b", text)}
-        guarded = [f"const {self.body.number} {local} = {self.body.guard}({source});" for local, source in used.items()]
+        used = {name: source for name, source in guards.items() if re.search(rf"\b{name}\b", text)}
+        guarded = [f"const {self.body.number} {name} = {self.body.guard}({source});" for name, source in used.items()]
         read = text + str(used)
         unused = [f"(void){a.name};" for a in step.arguments if not re.search(rf"\b{a.name}\[", read)]
-        return [*guarded, *unused, *lines], printed.operations
+        return [*guarded, *unused, *lines], printed.operations + Operations(add=len(used), multiply=len(used))
 
 
 def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
@@ -216,11 +225,15 @@ def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
 
 def element(array: Array, k: int) -> str:
     """C text of the k-th entry of a local array."""
+    return array.name + "".join(f"[{index}]" for index in _indices(array, k))
+
+
+def _indices(array: Array, k: int) -> list[int]:
     indices = []
     for extent in reversed(array.shape):
         k, index = divmod(k, extent)
-        indices.append(f"[{index}]")
-    return array.name + "".join(reversed(indices))
+        indices.append(index)
+    return indices[::-1]
 
 
 def _scalars(values: dict[str, ca.SX]) -> list[tuple[str, ca.SX]]:
@@ -233,9 +246,6 @@ def _scalars(values: dict[str, ca.SX]) -> list[tuple[str, ca.SX]]:
                 result.append((name + tag, value[r, c]))
     return result
 
-
-_NOTATION = {"wrench": "F", "task_stiffness": "K"}
-"""The paper's letters for arguments."""
 
 _RANGES = {
     "i<=j": ("j = i", "j < {size}", "i", "{size}"),
@@ -264,7 +274,7 @@ class _Body:
         self.scope = scope
         self.kernel = kernel
         self.inputs = tuple(argument.array(printer.chain) for argument in kernel.arguments)
-        self.result = kernel.result.array(printer.chain)
+        self.results = tuple(result.array(printer.chain) for result in kernel.results)
         self.declarations: list[str] = []
         self.lines: list[str] = []
         self.operations = Operations()
@@ -272,6 +282,7 @@ class _Body:
         self.renamed: dict[str, Array] = {}
         self.filled: set[str] = set()
         self.lane_arrays: set[str] = set()
+        self.flat: set[str] = set()
 
     def arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
@@ -285,7 +296,7 @@ class _Body:
         for array in self.inputs:
             if array.name not in read:
                 continue
-            short = self.renamed[array.name] = Array(_NOTATION[array.name], array.shape)
+            short = self.renamed[array.name] = Array(array.symbol, array.shape)
             if not guarded:
                 self._alias(array, short)
                 continue
@@ -308,12 +319,12 @@ class _Body:
 
     def function(self) -> Function:
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
-        return Function(self.kernel.qualified_name, self.inputs, self.result, lines, self.operations)
+        return Function(self.kernel.qualified_name, self.inputs, self.results, lines, self.operations)
 
     def step(self, step: Step) -> None:
         """Print one step of the kernel's program."""
-        if isinstance(step, Recursion):
-            self._recursion(step)
+        if isinstance(step, Block):
+            self._block(step)
         elif isinstance(step, Sum):
             self._sum(step)
         elif isinstance(step, Gather):
@@ -321,32 +332,47 @@ class _Body:
         else:
             self._map(step)
 
-    def _recursion(self, step: Recursion) -> None:
+    def _block(self, step: Block) -> None:
+        columns = (6, len(self.scope.chain.joints))
         # Columns of joints are lanes; the public Jacobian is copied out of them.
-        targets = tuple(Array("J", t.shape) if self._public(t) and step.name else t for t in step.targets)
+        targets = tuple(
+            Array("J", t.shape) if self._public(t) and t.shape == columns and not self.many else t for t in step.targets
+        )
         for target in targets:
-            if not self._public(target):
-                self._declare(target, "j")
+            if target.shape == columns:
+                if not self._public(target):
+                    self._declare(target, "j")
+            elif not self._public(target):
+                self.flat.add(target.name)
+                self._note(f"{self.number} {target.name}[{target.size}];")
         if step.name:
-            function = self.printer.recursion(self.scope, step)
+            function = self.printer.shared_block(self.scope, step)
             operations = function.operations
-            self.lines.append(f"{function.name}({self._given(step)}, {targets[0].name});")
+            into = ", ".join(self._passed(target) for target in targets)
+            self.lines.append(f"{function.name}{self._suffix}({self._given(step)}, {into});")
         else:
-            lines, operations = self.printer.recursion_body(self.scope, step, targets)
-            self.lines += lines
+            lines, operations = self.printer.block_body(self.scope, step, targets, self.flat)
+            self.lines += ["", *lines] if self.lines else lines
         self.operations = self.operations + operations
         if targets != step.targets:
+            (public,) = (target for target in step.targets if target.shape == columns)
             self.lines += [
-                f"for (int k = 0; k < {self.result.shape[0]}; ++k) {{",
-                f"    memcpy(&{self.result.name}[N * k], J[k], N * sizeof(double));",
+                f"for (int k = 0; k < {public.shape[0]}; ++k) {{",
+                f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
                 "}",
             ]
 
-    def _given(self, step: Recursion) -> str:
+    def _passed(self, target: Array) -> str:
+        """C text of an array that a block's function is to fill."""
+        if self.many and self._public(target) and target.shape == (6, len(self.scope.chain.joints)):
+            return f"({self.number} (*)[{target.shape[1]}]){target.name}"
+        return target.name
+
+    def _given(self, step: Block) -> str:
         return ", ".join(array.name for array in step.arguments)
 
     def _public(self, array: Array) -> bool:
-        return array.name == self.result.name
+        return array.name in {result.name for result in self.results}  # whatever shape a block fills it in
 
     def _declare(self, array: Array, at: str) -> None:
         """Declare a local array that is written as a whole (at ""), by joints ("j") or by pairs of joints ("ij")."""
@@ -387,8 +413,8 @@ class _Body:
         results = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         target = step.target
         zeros: set[int] = set()
-        if not self._public(target.array) and target.at == "j":
-            # Rows that are zero for every joint are neither stored nor read.
+        if not self._public(target.array) and target.at in ("", "j"):
+            # Entries, or rows of all joints, that are always zero are neither stored nor read.
             zeros = {k for k, value in enumerate(results) if value.is_zero()}
             self.zero_rows[target.array.name] = zeros
             if len(zeros) == len(results):
@@ -497,7 +523,7 @@ class _Body:
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
         if operand.at == "":
-            return f"{array.name}[{k}]" if self._public(array) else element(array, k)
+            return f"{array.name}[{k}]" if self._public(array) or array.name in self.flat else element(array, k)
         if operand.at != "ij":
             return f"{array.name}[{k}][{operand.at}]"
         if operand.count == 1:
@@ -556,18 +582,18 @@ class _Body:
             ]
 
     def _sum(self, step: Sum) -> None:
-        target = step.target
-        part = Array("part", (target.size,))
-        self._declare_numbers(part, "")
+        parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.targets, strict=True)]
+        for part in parts if len(step.terms) > 1 else ():
+            self._declare_numbers(part, "")
         for index, term in enumerate(step.terms):
             given = []
             for array, source in term.arguments:
                 offset = 0 if source.index is None else source.index * array.size
                 given.append(f"&{source.array.name}[{offset}]" if source.index is not None else source.array.name)
-            into = target.name if index == 0 else part.name
-            self.lines.append(f"{self.printer.name}_{term.function}({', '.join(given)}, {into});")
+            given += [array.name for array in (step.targets if index == 0 else parts)]
+            self.lines.append(f"{self.printer.name}_{term.function}({', '.join(given)});")
             self.operations = self.operations + self.printer.finished[term.function]
-            if index > 0:
+            for target, part in zip(step.targets, parts, strict=True) if index > 0 else ():
                 self.operations = self.operations + Operations(add=target.size)
                 self.lines += [
                     f"for (int k = 0; k < {target.size}; ++k) {{",
@@ -585,22 +611,6 @@ class _BatchBody(_Body):
     _zero = "same(0.0)"
     _suffix = "_lanes"
     _guards_arguments = False  # results are guarded when they are stored
-
-    def _recursion(self, step: Recursion) -> None:
-        for target in step.targets:
-            if not self._public(target):
-                self._declare(target, "j")
-        if step.name:
-            function = self.printer.recursion(self.scope, step)
-            operations = function.operations
-            (target,) = step.targets
-            row = f"[{target.shape[1]}]"
-            into = f"({self.number} (*){row}){target.name}" if self._public(target) else target.name
-            self.lines.append(f"{function.name}{self._suffix}({self._given(step)}, {into});")
-        else:
-            lines, operations = self.printer.recursion_body(self.scope, step, step.targets)
-            self.lines += lines
-        self.operations = self.operations + operations
 
     def _by_rows(self, step: Map) -> bool:
         return False

@@ -159,7 +159,7 @@ def print_statements(
     wide: Container[str] = (),
     wide_outputs: bool = False,
     wide_number: str = "lanes",
-    define: bool = False,
+    define: int = 0,
 ) -> Printed:
     """Print the statements that compute ``outputs``.
 
@@ -171,7 +171,8 @@ def print_statements(
         wide: the C texts among the inputs that are lanes; what depends on them is lanes too, the rest double.
         wide_outputs: the lvalues are lanes.
         wide_number: C type of what is called lanes here: "lanes", or "double" for one configuration at a time.
-        define: take the lvalues as names of new locals; what is a constant or has a name already gets no second one.
+        define: of so many outputs, the first ones, take the lvalues as names of new locals; what is a constant or has a
+            name already gets no second one.
 
     Returns:
         Lines without indentation.
@@ -190,8 +191,8 @@ def print_statements(
     if heading:
         writer.lines += ["", f"/* {heading} */"] if writer.lines else [f"/* {heading} */"]
     values = []
-    for (lvalue, _), number in zip(outputs, numbers, strict=False):
-        if define:
+    for index, ((lvalue, _), number) in enumerate(zip(outputs, numbers, strict=False)):
+        if index < define:
             values.append(writer.value(lvalue, number))
         else:
             writer.assign(lvalue, number, wide=wide_outputs)

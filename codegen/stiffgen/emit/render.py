@@ -7,25 +7,23 @@ import json
 import math
 from dataclasses import asdict
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, Literal
 
 import jinja2
 
 from stiffgen._version import __version__
 from stiffgen.emit.c import Code, Function, Functions, Scope, print_chain, print_threads
-from stiffgen.emit.controller import COPIED, controller_context, controller_files
+from stiffgen.emit.controller import controller_context, controller_files
 from stiffgen.emit.expressions import WIDEST, Operations, c_double
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
+from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Argument, Kernel
+from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
 from stiffgen.symbolic.program import Array
 
 MANIFEST = "manifest.json"
-RUNTIME = Path(__file__).parent.parent / "runtime"
-"""Robot-independent C, copied beside the kernels."""
 _GENERATOR = "stiffgen"
 
 
@@ -51,7 +49,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
     files = {
         f"{name}.h": "header.h.j2",
         f"{name}.c": "source.c.j2",
-        f"{name}_ufunc.c": "ufunc.c.j2",
+        f"{name}_python.c": "python.c.j2",
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
@@ -63,8 +61,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         file: environment.get_template(template).render(context, banner=_banner(file, context["banner_line"]))
         for file, template in files.items()
     }
-    if context["controller"]:
-        texts |= {file: (RUNTIME / file).read_text(encoding="utf-8") for file in COPIED}
+    texts["py.typed"] = ""
     texts[MANIFEST] = _manifest(chain, name, code, texts)
     return texts
 
@@ -112,8 +109,8 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "recursions": [_recursion(scope, function) for scope, function in code.single.recursions],
         "kernels": kernels,
         "groups": _groups(kernels),
-        "public": list(dict.fromkeys(k["tip"] or k["representation"] or k["name"] for k in kernels)),
-        "argument_lists": list(dict.fromkeys(tuple(k["inputs"]) for k in kernels)),
+        "public": list(dict.fromkeys(k["tip"] or k["group"] or k["name"] for k in kernels)),
+        "argument_lists": list(dict.fromkeys((tuple(k["inputs"]), len(k["outputs"])) for k in kernels)),
         "batch_recursions": [_recursion(scope, function, "lanes") for scope, function in code.batch.recursions],
         "batches": [_batch(name, kernel, function) for kernel, function in code.batch.kernels],
         "calls": code.calls,
@@ -141,20 +138,27 @@ def _cuda(chain: Chain, name: str, threads: Functions) -> dict[str, Any]:
 
 def _thread(chain: Chain, name: str, kernel: Kernel, function: Function) -> dict[str, Any]:
     """A CUDA kernel: vectors are each configuration's own, matrices among the arguments are shared by all."""
-    result, n = function.output, function.output.shape[0]
     own = [array for array in function.inputs if len(array.shape) == 1]
-    stored = n * (n + 1) // 2 if kernel.result.symmetric else result.size
-    given = [f"const double *{array.name}" for array in function.inputs] + [f"double *{result.name}"]
-    declared = [f"const double {_declared(array)}" for array in function.inputs] + [f"double {_declared(result)}"]
+    results = [
+        {
+            "name": array.name,
+            "size": array.size,
+            "symmetric": argument.symmetric,
+            "rows": argument.symmetric and array.shape[0],
+        }
+        for argument, array in zip(kernel.results, function.outputs, strict=True)
+    ]
+    stored = [_stored(result, chain) for result in kernel.results]
+    given = [f"const double *{a.name}" for a in function.inputs] + [f"double *{a.name}" for a in function.outputs]
+    declared = [f"const double {_declared(array)}" for array in function.inputs]
+    declared += [f"double {_declared(array)}" for array in function.outputs]
     launch = ["size_t count", "size_t stride", *given, "void *stream"]
     return {
         "qualified_name": kernel.qualified_name,
         "own": own,
-        "arrays": [array.name for array in (*function.inputs, result)],
+        "arrays": [array.name for array in (*function.inputs, *function.outputs)],
         "values": [f"{array.name}_of_one" if array in own else array.name for array in function.inputs],
-        "result": result,
-        "symmetric": kernel.result.symmetric,
-        "rows": n,
+        "results": results,
         "body": _fill(f"DEVICE void {kernel.qualified_name}_thread(", declared) + ")",
         "kernel": _fill(
             f"KERNEL {kernel.qualified_name}_kernel(",
@@ -162,21 +166,31 @@ def _thread(chain: Chain, name: str, kernel: Kernel, function: Function) -> dict
         )
         + ")",
         "prototype": _fill(f"int {name}_{kernel.qualified_name}_cuda(", launch) + ")",
-        "documentation": _thread_documentation(chain, kernel, stored),
-        "moved": stored + sum(array.size for array in own),
+        "documentation": _thread_documentation(chain, kernel),
+        "moved": sum(stored) + sum(array.size for array in own),
         "cost": _cost(function.operations),
         "lines": function.lines,
     }
 
 
-def _thread_documentation(chain: Chain, kernel: Kernel, stored: int) -> list[str]:
+def _stored(result: Argument, chain: Chain) -> int:
+    """Numbers that a CUDA kernel stores of a result: of a symmetric matrix, the upper triangle."""
+    array = result.array(chain)
+    return array.shape[0] * (array.shape[0] + 1) // 2 if result.symmetric else array.size
+
+
+def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
     """The comment over a launch function's prototype."""
     lines = [kernel.summary, *_wrapped(kernel.equation), *(_wrapped(kernel.note) if kernel.note else []), ""]
-    for argument in (*kernel.arguments, kernel.result):
+    for argument in (*kernel.arguments, *kernel.results):
         shape = argument.array(chain).shape
-        text = " x ".join(map(str, shape))
-        if argument is kernel.result:
-            text = f"{stored} a configuration: " + ("upper triangle of " if argument.symmetric else "") + text
+        text = _extents(shape)
+        if argument in kernel.results:
+            text = (
+                f"{_stored(argument, chain)} a configuration: "
+                + ("upper triangle of " if argument.symmetric else "")
+                + text
+            )
         else:
             text += " a configuration" if len(shape) == 1 else ", shared"
         lines += _wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")
@@ -185,14 +199,14 @@ def _thread_documentation(chain: Chain, kernel: Kernel, stored: int) -> list[str
 
 def _groups(kernels: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Kernels by tip and representation, a tip's own ones before those of its representations."""
-    keys = dict.fromkeys((k["tip"], k["representation"]) for k in kernels)
+    keys = dict.fromkeys((k["tip"], k["group"]) for k in kernels)
     return [
         {
             "tip": tip,
-            "representation": representation,
-            "kernels": [k for k in kernels if (k["tip"], k["representation"]) == (tip, representation)],
+            "group": group,
+            "kernels": [k for k in kernels if (k["tip"], k["group"]) == (tip, group)],
         }
-        for tip, representation in keys
+        for tip, group in keys
     ]
 
 
@@ -212,19 +226,21 @@ def _scope(scope: Scope) -> dict[str, Any]:
 def _recursion(
     scope: Scope, function: Function, kind: Literal["single", "lanes", "thread"] = "single"
 ) -> dict[str, Any]:
-    number, columns = {
-        "single": ("double", f"lanes J[6][{scope.padded}]"),
-        "lanes": ("lanes", f"lanes J[6][{scope.size}]"),
-        "thread": ("double", f"double J[6][{scope.size}]"),
+    number, wide, extent = {
+        "single": ("double", "lanes", scope.padded),
+        "lanes": ("lanes", "lanes", scope.size),
+        "thread": ("double", "double", scope.size),
     }[kind]
-    arguments = [f"const {number} {_declared(array)}" for array in function.inputs]
+    parameters = [f"const {number} {_declared(array)}" for array in function.inputs]
+    for array in function.outputs:
+        columns = array.shape == (6, len(scope.chain.joints))
+        parameters.append(f"{wide} {array.name}[6][{extent}]" if columns else f"{number} {_declared(array)}")
     tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
     name = f"{function.name}_lanes" if kind == "lanes" else function.name
     qualifier = "DEVICE" if kind == "thread" else "static"
     return {
-        "title": function.name.removeprefix(scope.prefix).removesuffix("_columns"),
-        "tip": tip,
-        "prototype": _fill(f"{qualifier} void {name}(", [*arguments, columns]) + ")",
+        "title": function.meaning + tip,
+        "prototype": _fill(f"{qualifier} void {name}(", parameters) + ")",
         "lines": function.lines,
         "cost": _cost(function.operations),
     }
@@ -236,20 +252,22 @@ def _cost(operations: Operations) -> str:
 
 def _kernel(chain: Chain, name: str, kernel: Kernel, function: Function) -> dict[str, Any]:
     parameters = [f"const double {_declared(array)}" for array in function.inputs]
-    parameters.append(f"double {_declared(function.output)}")
+    parameters += [f"double {_declared(array)}" for array in function.outputs]
     opening = f"void {name}_{kernel.qualified_name}("
-    arrays = (*function.inputs, function.output)
+    arrays, outputs = (*function.inputs, *function.outputs), len(function.outputs)
     return {
         "name": kernel.name,
         "qualified_name": kernel.qualified_name,
-        "representation": kernel.representation,
+        "group": kernel.group,
         "tip": kernel.tip.name if kernel.tip else "",
         "summary": kernel.summary,
         "equation": kernel.equation,
         "signature": kernel.signature(chain),
         "inputs": [array.name for array in function.inputs],
+        "protocol": "_".join(["_Of", *(a.name for a in function.inputs), *([str(outputs)] if outputs > 1 else [])]),
+        "outputs": [array.name for array in function.outputs],
         "ranks": [len(array.shape) for array in arrays],
-        "extents": ["{" + ", ".join(map(str, array.shape)) + "}" for array in arrays],
+        "extents": ["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
         "batch": kernel.batch,
         "prototype": _fill(opening, parameters) + ")",
         "documentation": _documentation(chain, kernel),
@@ -261,15 +279,16 @@ def _kernel(chain: Chain, name: str, kernel: Kernel, function: Function) -> dict
 
 
 def _batch(name: str, kernel: Kernel, function: Function) -> dict[str, Any]:
-    arrays = (*function.inputs, function.output)
     parameters = ["size_t count"]
     for array in function.inputs:
         parameters += [f"const double *{array.name}", f"ptrdiff_t {array.name}_step"]
-    parameters.append(f"double *{function.output.name}")
-    within = [*(f"const lanes {_declared(a)}" for a in function.inputs), f"lanes {_declared(function.output)}"]
+    parameters += [f"double *{array.name}" for array in function.outputs]
+    within = [f"const lanes {_declared(array)}" for array in function.inputs]
+    within += [f"lanes {_declared(array)}" for array in function.outputs]
     return {
         "qualified_name": kernel.qualified_name,
-        "arrays": arrays,
+        "inputs": function.inputs,
+        "outputs": function.outputs,
         "parameters": ", ".join(within),
         "prototype": _fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
         "lines": function.lines,
@@ -311,13 +330,17 @@ def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
     if kernel.note:
         lines += _wrapped(kernel.note)
     lines.append("")
-    for argument in (*kernel.arguments, kernel.result):
+    for argument in (*kernel.arguments, *kernel.results):
         lines += _wrapped(_described(chain, argument), indent="    ")
     return lines
 
 
+def _extents(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape or (1,)))
+
+
 def _described(chain: Chain, argument: Argument) -> str:
-    shape = " x ".join(map(str, argument.array(chain).shape))
+    shape = _extents(argument.array(chain).shape)
     return f"{argument.name} ({shape}) [{argument.unit}]: {argument.meaning}"
 
 
@@ -325,11 +348,11 @@ def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
     lines = [kernel.summary, "", *_wrapped(kernel.equation, 88), ""]
     if kernel.note:
         lines += [*_wrapped(kernel.note, 88), ""]
-    for title, arguments in (("Parameters", kernel.arguments), ("Returns", (kernel.result,))):
+    for title, arguments in (("Parameters", kernel.arguments), ("Returns", kernel.results)):
         lines += [title, "-" * len(title)]
         for argument in arguments:
-            shape = ", ".join(map(str, argument.array(chain).shape))
-            lines.append(f"{argument.name} : (..., {shape}) [{argument.unit}]")
+            shape = ", ".join(("...", *map(str, argument.array(chain).shape)))
+            lines.append(f"{argument.name} : ({shape}) [{argument.unit}]")
             lines += [f"    {line}" for line in _wrapped(argument.meaning, 84)]
         lines.append("")
     return lines[:-1]

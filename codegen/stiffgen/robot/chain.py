@@ -20,7 +20,7 @@ from stiffgen.robot.description import (
     physical_inertia,
     read_description,
 )
-from stiffgen.robot.geometry import Inertia, Matrix, Placement, Real, Vector, exact, mpf, rounded
+from stiffgen.robot.geometry import Inertia, Matrix, Placement, Real, Vector, exact, mpf
 
 MAX_MOVING_JOINTS = 128
 
@@ -594,9 +594,8 @@ def _inertias(
 
 
 def _body(total: Inertia) -> Body:
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = total.tensor
-    mass, x, y, z, *tensor = (rounded(v) for v in (total.mass, *total.moment, xx, xy, xz, yy, yz, zz))
-    return Body(mass, (x, y, z), (tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]))
+    mass, moment, ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = total.rounded()
+    return Body(mass, moment, (xx, xy, xz, yy, yz, zz))
 
 
 def _refuse_problems(

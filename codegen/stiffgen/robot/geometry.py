@@ -19,7 +19,7 @@ import mpmath
 
 _DIGITS = 50
 _RIGHT_ANGLE_TOLERANCE = 1e-11  # [rad]
-_NEGLIGIBLE = 1e-15  # [m], [kg m], [kg m^2] or of a rotation matrix
+_NEGLIGIBLE = 1e-15  # of the scale of a number: what is left of a cancellation
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Vector = tuple[float, float, float]
@@ -78,6 +78,11 @@ class Placement:
     def translated(by: Sequence[float | Real]) -> Placement:
         """A frame with the same axes whose origin is at ``by`` [m]."""
         return Placement(_exact(IDENTITY), tuple(exact(v) for v in by))
+
+    @staticmethod
+    def turned(rotation: Matrix) -> Placement:
+        """A frame with the same origin and other axes."""
+        return Placement(_exact(rotation), (mpf(0),) * 3)
 
     def __matmul__(self, inner: Placement) -> Placement:
         rotation = multiply(self.rotation, inner.rotation)
@@ -143,25 +148,50 @@ class Inertia:
     @staticmethod
     def of_body(mass: float, tensor: Sequence[float], frame: Placement) -> Inertia:
         """A body whose (ixx, ixy, ixz, iyy, iyz, izz) is about its centre of mass, the origin of ``frame``."""
-        m = exact(mass)
         xx, xy, xz, yy, yz, zz = (exact(v) for v in tensor)
-        r, c = frame.rotation, frame.translation
-        turned = multiply(multiply(r, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))), tuple(zip(*r, strict=True)))
-        square = sum(v * v for v in c)
+        return Inertia(exact(mass), (mpf(0),) * 3, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))).seen_from(frame)
+
+    def seen_from(self, frame: Placement) -> Inertia:
+        """The same body in the frame in which ``frame`` places the one that it is given in."""
+        r, d, m = frame.rotation, frame.translation, self.mass
+        before = apply(r, self.moment)
+        after = tuple(a + m * b for a, b in zip(before, d, strict=True))
+        tensor = multiply(multiply(r, self.tensor), tuple(zip(*r, strict=True)))
+        square = sum(b * (v + w) for b, v, w in zip(d, before, after, strict=True))
         steiner = tuple(
-            tuple(turned[i][j] + m * ((square if i == j else 0) - c[i] * c[j]) for j in range(3)) for i in range(3)
+            tuple(tensor[i][j] + (square if i == j else 0) - before[i] * d[j] - d[i] * after[j] for j in range(3))
+            for i in range(3)
         )
-        return Inertia(m, tuple(m * v for v in c), steiner)
+        return Inertia(m, after, steiner)
 
     def __add__(self, other: Inertia) -> Inertia:
+        return self._with(other, 1)
+
+    def __sub__(self, other: Inertia) -> Inertia:
+        return self._with(other, -1)
+
+    def _with(self, other: Inertia, sign: int) -> Inertia:
         return Inertia(
-            self.mass + other.mass,
-            tuple(a + b for a, b in zip(self.moment, other.moment, strict=True)),
+            self.mass + sign * other.mass,
+            tuple(a + sign * b for a, b in zip(self.moment, other.moment, strict=True)),
             tuple(
-                tuple(a + b for a, b in zip(ra, rb, strict=True))
+                tuple(a + sign * b for a, b in zip(ra, rb, strict=True))
                 for ra, rb in zip(self.tensor, other.tensor, strict=True)
             ),
         )
+
+    def rounded(self, scale: Inertia | None = None) -> tuple[float, Vector, Matrix]:
+        """Mass, first moment and tensor as doubles.
+
+        An entry is zero below 1e-15 of what a body of this size has (by default its own: the largest entry of the
+        tensor, and the moment that it allows), however light or small the body is.
+        """
+        of = self if scale is None else scale
+        inertia = max(abs(v) for row in of.tensor for v in row)
+        moment = _context.sqrt(abs(of.mass) * inertia)  # no body's is larger than sqrt(3) times this
+        x, y, z = (rounded(v, moment) for v in self.moment)
+        first, second, third = (_vector(row, inertia) for row in self.tensor)
+        return rounded(self.mass, of.mass), (x, y, z), (first, second, third)
 
 
 def _cos_sin(angle: float) -> tuple[Real, Real]:
@@ -177,11 +207,11 @@ def _exact(matrix: Matrix) -> tuple[tuple[Real, ...], ...]:
     return tuple(tuple(mpf(v) for v in row) for row in matrix)
 
 
-def rounded(value: Real) -> float:
-    """The nearest double; what is left of a cancellation at 50 digits (or below 1e-15 of a unit) is zero."""
-    return 0.0 if abs(value) < _NEGLIGIBLE else float(value)
+def rounded(value: Real, scale: Real = 1) -> float:
+    """The nearest double; what is left of a cancellation (below 1e-15 of the scale, here 1 m or 1) is zero."""
+    return 0.0 if abs(value) <= _NEGLIGIBLE * scale else float(value)
 
 
-def _vector(values: Sequence[Real]) -> Vector:
-    x, y, z = (rounded(v) for v in values)
+def _vector(values: Sequence[Real], scale: Real = 1) -> Vector:
+    x, y, z = (rounded(v, scale) for v in values)
     return x, y, z

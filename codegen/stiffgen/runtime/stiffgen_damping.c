@@ -1,5 +1,3 @@
-#include "stiffgen_damping.h"
-
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
@@ -274,7 +272,7 @@ static int is_size(int n)
     return n >= 1 && n <= STIFFGEN_MAX_DOF;
 }
 
-int stiffgen_eigen_symmetric(int n, const double *A, double *eigenvalues, double *vectors, double *work)
+static int stiffgen_eigen_symmetric(int n, const double *A, double *eigenvalues, double *vectors, double *work)
 {
     double scale;
     if (!is_size(n)) {
@@ -293,7 +291,7 @@ int stiffgen_eigen_symmetric(int n, const double *A, double *eigenvalues, double
     return error;
 }
 
-int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mass, double *eigenvalues,
+static int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mass, double *eigenvalues,
                                double *vectors, double *work)
 {
     double scale;
@@ -315,7 +313,7 @@ int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mas
     return STIFFGEN_OK;
 }
 
-int stiffgen_damping_modal(int n, const double *stiffness, const double *mass, const double *ratio, double *damping,
+static int stiffgen_damping_modal(int n, const double *stiffness, const double *mass, const double *ratio, double *damping,
                            double *eigenvalues, double *work)
 {
     double scale, diagonal[STIFFGEN_MAX_DOF];
@@ -356,7 +354,7 @@ static int square_root(int n, const double *A, double *root, double *smallest, d
     return error;
 }
 
-int stiffgen_damping_factorised(int n, const double *stiffness, const double *mass, const double *ratio,
+static int stiffgen_damping_factorised(int n, const double *stiffness, const double *mass, const double *ratio,
                                 double *damping, double *work)
 {
     double smallest;
@@ -390,7 +388,7 @@ int stiffgen_damping_factorised(int n, const double *stiffness, const double *ma
     return largest(n * n, damping) <= DBL_MAX ? STIFFGEN_OK : STIFFGEN_E_NOT_FINITE;
 }
 
-int stiffgen_damping_task(int n, const double *jacobian, const double *task_damping, double joint_damping,
+static int stiffgen_damping_task(int n, const double *jacobian, const double *task_damping, double joint_damping,
                           double *damping)
 {
     if (!is_size(n)) {
@@ -415,7 +413,7 @@ int stiffgen_damping_task(int n, const double *jacobian, const double *task_damp
     return STIFFGEN_OK;
 }
 
-int stiffgen_positive_part(int n, const double *A, const double *metric, double *result, double *eigenvalues,
+static int stiffgen_positive_part(int n, const double *A, const double *metric, double *result, double *eigenvalues,
                            double *work)
 {
     double scale = 1.0, diagonal[STIFFGEN_MAX_DOF];
@@ -449,11 +447,11 @@ int stiffgen_positive_part(int n, const double *A, const double *metric, double 
     return STIFFGEN_OK;
 }
 
-int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *mass, double k, double threshold,
+static int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *mass, double k, double threshold,
                                  double *stiffness, double *smallest, double *work)
 {
     double scale, A[36], C[36], rows[36], values[6], unit[6];
-    double *const L = work, *const N = work + n * n;
+    double *const L = work, *const projector = work + n * n;
     double P[6 * STIFFGEN_MAX_DOF], Z[6 * STIFFGEN_MAX_DOF];
     if (!is_size(n)) {
         return STIFFGEN_E_SIZE;
@@ -529,14 +527,14 @@ int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *ma
             for (int r = 0; r < 6; ++r) {
                 sum -= jacobian[r * n + i] * P[r * n + j];
             }
-            N[i * n + j] = sum;
+            projector[i * n + j] = sum;
         }
     }
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
             double sum = 0.0;
             for (int l = 0; l < n; ++l) {
-                sum += N[i * n + l] * N[j * n + l];
+                sum += projector[i * n + l] * projector[j * n + l];
             }
             stiffness[i * n + j] = stiffness[j * n + i] = k * sum;
         }
@@ -544,7 +542,7 @@ int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *ma
     return STIFFGEN_OK;
 }
 
-int stiffgen_is_positive_semidefinite6(const double *A)
+static int stiffgen_is_positive_semidefinite6(const double *A)
 {
     double L[36];
     const double scale = largest(36, A);

@@ -14,17 +14,8 @@
  *   results with the DLR-light-weight-arms", ICRA 2003: double diagonalisation and factorisation design.
  *   G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), cyclic Jacobi (8.5).
  */
-#ifndef STIFFGEN_DAMPING_H
-#define STIFFGEN_DAMPING_H
-
-#include "stiffgen_error.h"
-
 #define STIFFGEN_MAX_DOF 32
 #define STIFFGEN_WORK(n) (4 * (n) * (n))
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /*
  * Eigenvalues and orthonormal eigenvectors of a symmetric matrix A, by cyclic Jacobi rotations.
@@ -32,7 +23,7 @@ extern "C" {
  * eigenvalues (n): ascending. vectors (n x n): column k belongs to eigenvalue k.
  * Errors: SIZE, NOT_FINITE, NOT_SYMMETRIC (by more than 1e-9 of the largest entry), NOT_CONVERGED.
  */
-int stiffgen_eigen_symmetric(int n, const double *A, double *eigenvalues, double *vectors, double *work);
+static int stiffgen_eigen_symmetric(int n, const double *A, double *eigenvalues, double *vectors, double *work);
 
 /*
  * Generalised eigenproblem K v = lambda M v with V^T M V = I, by Cholesky reduction and cyclic Jacobi.
@@ -41,7 +32,7 @@ int stiffgen_eigen_symmetric(int n, const double *A, double *eigenvalues, double
  * eigenvalues (n): ascending. vectors V (n x n): column k belongs to eigenvalue k.
  * Errors: those of stiffgen_eigen_symmetric, MASS.
  */
-int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mass, double *eigenvalues,
+static int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mass, double *eigenvalues,
                                double *vectors, double *work);
 
 /*
@@ -53,7 +44,7 @@ int stiffgen_eigen_generalised(int n, const double *stiffness, const double *mas
  * eigenvalues (n): lambda, ascending [1/s^2].
  * Errors: those of stiffgen_eigen_generalised, DAMPING_RATIO.
  */
-int stiffgen_damping_modal(int n, const double *stiffness, const double *mass, const double *ratio, double *damping,
+static int stiffgen_damping_modal(int n, const double *stiffness, const double *mass, const double *ratio, double *damping,
                            double *eigenvalues, double *work);
 
 /*
@@ -63,7 +54,7 @@ int stiffgen_damping_modal(int n, const double *stiffness, const double *mass, c
  * use. ratio (n): of the joints, 0 or more.
  * Errors: those of stiffgen_eigen_symmetric, MASS, DAMPING_RATIO.
  */
-int stiffgen_damping_factorised(int n, const double *stiffness, const double *mass, const double *ratio,
+static int stiffgen_damping_factorised(int n, const double *stiffness, const double *mass, const double *ratio,
                                 double *damping, double *work);
 
 /*
@@ -72,7 +63,7 @@ int stiffgen_damping_factorised(int n, const double *stiffness, const double *ma
  * jacobian (6 x n); task_damping (6 x 6): symmetric, only its upper triangle is read. Bitwise symmetric.
  * Errors: SIZE.
  */
-int stiffgen_damping_task(int n, const double *jacobian, const double *task_damping, double joint_damping,
+static int stiffgen_damping_task(int n, const double *jacobian, const double *task_damping, double joint_damping,
                           double *damping);
 
 /*
@@ -82,7 +73,7 @@ int stiffgen_damping_task(int n, const double *jacobian, const double *task_damp
  * A comes back bit for bit where it has no negative eigenvalue.
  * eigenvalues (n): before, ascending.
  */
-int stiffgen_positive_part(int n, const double *A, const double *metric, double *result, double *eigenvalues,
+static int stiffgen_positive_part(int n, const double *A, const double *metric, double *result, double *eigenvalues,
                            double *work);
 
 /*
@@ -96,14 +87,8 @@ int stiffgen_positive_part(int n, const double *A, const double *metric, double 
  * smallest: the smallest scaled eigenvalue of the directions that the chain can move at all.
  * Errors: those of stiffgen_eigen_symmetric, MASS.
  */
-int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *mass, double k, double threshold,
+static int stiffgen_nullspace_stiffness(int n, const double *jacobian, const double *mass, double k, double threshold,
                                  double *stiffness, double *smallest, double *work);
 
 /* Whether a 6 x 6 matrix is finite, symmetric to 1e-9 of its largest entry, and positive semidefinite to the same. */
-int stiffgen_is_positive_semidefinite6(const double *A);
-
-#ifdef __cplusplus
-}
-#endif
-
-#endif
+static int stiffgen_is_positive_semidefinite6(const double *A);

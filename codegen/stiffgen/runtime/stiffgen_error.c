@@ -1,6 +1,4 @@
-#include "stiffgen_error.h"
-
-const char *stiffgen_error_text(int code)
+const char *stiffgen_impedance_error_text(int code)
 {
     switch (code) {
     case STIFFGEN_OK:

@@ -1,11 +1,4 @@
 /* Error codes of the robot-independent runtime, and what they mean. */
-#ifndef STIFFGEN_ERROR_H
-#define STIFFGEN_ERROR_H
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum stiffgen_error {
     STIFFGEN_OK = 0,
 
@@ -55,10 +48,4 @@ enum stiffgen_error {
 };
 
 /* One line of English for a code; for a number that is none, "unknown error". Never NULL. */
-const char *stiffgen_error_text(int code);
-
-#ifdef __cplusplus
-}
-#endif
-
-#endif
+const char *stiffgen_impedance_error_text(int code);

@@ -3,17 +3,7 @@
  *
  * No enumeration has the value 0: a configuration of zeros is refused rather than taken for a choice.
  */
-#ifndef STIFFGEN_IMPEDANCE_H
-#define STIFFGEN_IMPEDANCE_H
-
-#include "stiffgen_damping.h"
-#include "stiffgen_error.h"
-
 #define STIFFGEN_MAX_WINDOW 32
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 enum { STIFFGEN_REPRESENTATION_BODY = 1, STIFFGEN_REPRESENTATION_SPATIAL, STIFFGEN_REPRESENTATION_HYBRID };
 enum { STIFFGEN_STIFFNESS_FORMULA_CORRECTED = 1, STIFFGEN_STIFFNESS_FORMULA_CONVENTIONAL };
@@ -44,9 +34,3 @@ enum {
     STIFFGEN_STATUS_SINGULAR = 1 << 15,
     STIFFGEN_STATUS_CONFIG = 1 << 16
 };
-
-#ifdef __cplusplus
-}
-#endif
-
-#endif

@@ -12,8 +12,6 @@
  * at its end, from the torques of the step before and the positions of both, and is exact for any motion in between:
  *   -port = change of (V + V_limit) + dissipated - variation - sampling - antisymmetric - limiting.
  */
-#include "stiffgen_impedance.h"
-
 #include <float.h>
 #include <math.h>
 #include <stddef.h>

@@ -1,66 +1,248 @@
-"""CasADi expressions of the joint-space mass matrix, by composite bodies in base axes.
+"""CasADi expressions of the joint-space mass matrix, by composite bodies in link axes.
 
-M_ij = J_i . h_j for i <= j, where h_j = I^c_j J_j is the momentum (linear, and angular about the base's origin)
-that everything beyond joint j has at a unit rate of joint j (Featherstone, Rigid Body Dynamics Algorithms, 2008,
-composite-rigid-body algorithm; all inertias are taken about the base's origin, so that they add up without
-transformations).
+M_ij = J_i . h_j for every joint i on the way from the base to joint j, where h_j = I^c_j J_j is the momentum of
+everything beyond joint j at a unit rate of joint j (Featherstone, Rigid Body Dynamics Algorithms, 2008,
+composite-rigid-body algorithm). With z along every joint's axis, h_j is a column of the composite inertia I^c_j, and
+J_i . h_j an entry of h_j as link i sees it. What keeps it short, and independent of where the base stands:
+
+* Composites are taken in the axes of their link, about its joint's origin. Going to the link before is a turn about z.
+* Neither the first joint's position nor its placement in the base enters.
+* What of a link does not feel its joint's motion is counted with the link before (base inertial parameters: Gautier
+  and Khalil 1990): the mass of a turning link, its first moment along the axis, and a rod's inertia along it; the
+  inertia tensor of a sliding one. This is done once, with 50 digits.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from stiffgen.robot.chain import Body, Chain
-from stiffgen.symbolic.kinematics import Expressions, Section, cross, outward_frames, spatial_column
+from stiffgen.robot.geometry import Inertia, Matrix, Placement, Vector, aligning_rotation, mpf
+from stiffgen.symbolic.kinematics import Expressions, Section, cross, joint_position
 
-
-def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
-    """Spatial Jacobian columns over momenta: a (12 x number of joints) matrix, rows 0..5 J_j, rows 6..11 h_j."""
-    recursion, frames = outward_frames(chain, q)
-    beyond = [_Composite(0.0, ca.SX.zeros(3), ca.SX.zeros(3, 3)) for _ in chain.joints]
-    stacked: list[ca.SX] = []
-    for index in reversed(range(len(chain.joints))):
-        joint, (rotation, origin, axis) = chain.joints[index], frames[index]
-        composite = beyond[index] + _about_base(joint.body, rotation, origin)
-        if joint.parent >= 0:
-            beyond[joint.parent] = beyond[joint.parent] + composite
-        tensor = composite.tensor
-        upper = {f"I{index}_{r}{c}": tensor[r, c] for r in range(3) for c in range(r, 3)}
-        recursion.sections.append(
-            Section(
-                f"from joint {joint.name} outwards: first moment m{index} [kg m] and inertia I{index} [kg m^2]",
-                {f"m{index}_": composite.moment, **upper},
-            )
-        )
-        column = spatial_column(joint, origin, axis)
-        linear = composite.mass * column[:3] - cross(composite.moment, column[3:])
-        angular = cross(composite.moment, column[:3]) + tensor @ column[3:]
-        stacked.append(ca.vertcat(column, linear, angular))
-    return Expressions(ca.densify(ca.horzcat(*reversed(stacked))), tuple(recursion.sections))
+_ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
+"""The axis of every joint, in the axes of its link."""
 
 
 @dataclass(frozen=True)
-class _Composite:
-    """Mass [kg], first moment [kg m] and inertia tensor [kg m^2] about the base's origin, in base axes."""
+class _Link:
+    """A moving link in axes whose z is its joint's axis: where these stand in those of the link before (rotation,
+    translation [m], at zero position), and its base inertial parameters: mass [kg], first moment [kg m] and inertia
+    tensor about the joint's origin [kg m^2]. Zeros are structural.
+    """
 
+    rotation: ca.SX
+    translation: ca.SX
     mass: float
     moment: ca.SX
     tensor: ca.SX
 
-    def __add__(self, other: _Composite) -> _Composite:
-        return _Composite(self.mass + other.mass, self.moment + other.moment, self.tensor + other.tensor)
+
+def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
+    """Mass matrix of the moving joints, all of which turn, as m*m numbers row by row.
+
+    Every h_j is taken from link to link towards the base: the fewest operations, but quadratic in length.
+    """
+    links = _links(chain)
+    sections: list[Section] = []
+    turns = _turns(chain, q, sections)
+    result = ca.SX.zeros(len(links), len(links))
+    for index, (linear, angular) in enumerate(_momenta(chain, links, turns, q, sections)):
+        named: dict[str, ca.SX] = {}
+        result[index, index] = angular[2]
+        link, at = links[index], chain.joints[index].parent
+        while at >= 0:
+            linear, angular = ca.densify(link.rotation @ linear), ca.densify(link.rotation @ angular)
+            angular = angular + cross(link.translation, linear)
+            turn = turns[at]
+            if turn is not None:
+                linear, angular = _turned(linear, turn), _turned(angular, turn)
+            named |= {f"l{index}_{at}_": linear, f"a{index}_{at}_": angular}
+            result[at, index] = result[index, at] = angular[2]
+            link, at = links[at], chain.joints[at].parent
+        title = f"momentum h{index} of all beyond joint {chain.joints[index].name}, seen from the links k before it"
+        sections.append(Section(f"{title}: linear l{index}_k, angular a{index}_k", named))
+    return Expressions(ca.densify(ca.vec(result)), tuple(sections))
 
 
-def _about_base(body: Body, rotation: ca.SX, origin: ca.SX) -> _Composite:
-    xx, xy, xz, yy, yz, zz = body.tensor
-    local = ca.SX(ca.sparsify(ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
-    own_moment = ca.densify(rotation @ ca.SX(ca.sparsify(ca.DM(body.moment))))
-    shift = own_moment + body.mass * origin  # = the first moment about the base's origin
-    # Steiner twice over: sym(p c^T) terms of the shift from the frame's origin to the base's.
-    square = ca.dot(origin, own_moment + shift)
-    turned = ca.triu2symm(ca.triu(ca.densify(rotation @ local @ rotation.T)))
-    outer = own_moment @ origin.T + origin @ shift.T
-    steiner = ca.triu2symm(ca.triu(square * ca.SX.eye(3) - outer))
-    return _Composite(body.mass, shift, turned + steiner)
+def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
+    """Jacobian columns over momenta: a (12 x number of joints) matrix, rows 0..5 J_j, rows 6..11 h_j, linear first.
+
+    Both are taken about the origin of the first joint on the way to joint j and in the axes of its link. The length is
+    linear in the number of joints; the products J_i . h_j are left to a loop.
+    """
+    links = _links(chain)
+    sections: list[Section] = []
+    turns = _turns(chain, q, sections)
+    frames = _frames(chain, links, turns, q, sections)
+    momenta = _momenta(chain, links, turns, q, sections)
+    stacked = []
+    for joint, (axes, origin), (linear, angular) in zip(chain.joints, frames, momenta, strict=True):
+        axis = axes[:, 2]
+        column = ca.vertcat(axis, ca.SX.zeros(3)) if joint.prismatic else ca.vertcat(cross(origin, axis), axis)
+        linear, angular = ca.densify(axes @ linear), ca.densify(axes @ angular)
+        if joint.parent >= 0 and chain.joints[joint.parent].parent < 0 and not joint.prismatic:
+            # J_j . h_j does not feel the linear part of h_j, the first joint feels it across its axis or along it.
+            sliding = chain.joints[joint.parent].prismatic
+            linear = linear * (_ALONG if sliding else 1 - _ALONG)
+        stacked.append(ca.vertcat(column, linear, angular + cross(origin, linear)))
+    return Expressions(ca.densify(ca.horzcat(*stacked)), tuple(sections))
+
+
+_Turn = tuple[ca.SX, ca.SX] | None
+"""Sine and cosine of a joint's angle, None where the mass matrix does not depend on it or the joint slides."""
+
+
+def _turns(chain: Chain, q: ca.SX, sections: list[Section]) -> list[_Turn]:
+    section = Section("sine and cosine of each joint angle")
+    turns: list[_Turn] = []
+    for index, joint in enumerate(chain.joints):
+        if joint.prismatic or joint.parent < 0:
+            turns.append(None)
+            continue
+        position = joint_position(chain, joint, q)
+        sine, cosine = ca.sin(position), ca.cos(position)
+        section.values |= {f"s{index}": sine, f"c{index}": cosine}
+        turns.append((sine, cosine))
+    sections.append(section)
+    return turns
+
+
+def _frames(
+    chain: Chain, links: list[_Link], turns: list[_Turn], q: ca.SX, sections: list[Section]
+) -> list[tuple[ca.SX, ca.SX]]:
+    """Of every joint the axes before its own turn (z is its axis) and its origin, as seen by the first link."""
+    before: list[tuple[ca.SX, ca.SX]] = []
+    after: list[tuple[ca.SX, ca.SX]] = []
+    inner = {joint.parent for joint in chain.joints}
+    for index, (joint, link, turn) in enumerate(zip(chain.joints, links, turns, strict=True)):
+        if joint.parent < 0:
+            axes, origin = ca.SX.eye(3), ca.SX.zeros(3)
+        else:
+            axes, origin = after[joint.parent]
+            origin = origin + axes @ link.translation
+            axes = axes @ link.rotation
+            if joint.prismatic:
+                origin = origin + axes[:, 2] * joint_position(chain, joint, q)
+        turned = axes
+        if turn is not None:
+            s, c = turn
+            turned = ca.horzcat(c * axes[:, 0] + s * axes[:, 1], c * axes[:, 1] - s * axes[:, 0], axes[:, 2])
+        if index in inner:
+            named = {f"R{index}_": ca.densify(turned), f"p{index}_": ca.densify(origin)}
+            sections.append(
+                Section(f"link of joint {joint.name}: axes R{index}, origin p{index}, seen from the first link", named)
+            )
+        before.append((axes, origin))
+        after.append((turned, origin))
+    return before
+
+
+def _momenta(
+    chain: Chain, links: list[_Link], turns: list[_Turn], q: ca.SX, sections: list[Section]
+) -> list[tuple[ca.SX, ca.SX]]:
+    """Momentum (linear, angular) of all beyond a joint at its unit rate, about its origin, in its axes before its turn.
+
+    From the tips inwards, composites by composites: mass, first moment m and inertia I about the joint's origin.
+    """
+    beyond = [(link.mass, link.moment, link.tensor) for link in links]
+    momenta: list[tuple[ca.SX, ca.SX]] = [(ca.SX(), ca.SX())] * len(links)
+    for index in reversed(range(len(links))):
+        joint, link = chain.joints[index], links[index]
+        mass, moment, tensor = beyond[index]
+        turn = turns[index]
+        if turn is not None:
+            moment, tensor = _turned(moment, turn), _turned_tensor(tensor, turn)
+        upper = {f"I{index}_{r}{c}": tensor[r, c] for r in range(3) for c in range(r, 3)}
+        title = f"from joint {joint.name} outwards: first moment m{index} [kg m] and inertia I{index} [kg m^2]"
+        sections.append(Section(title, {f"m{index}_": ca.densify(moment), **upper}))
+        if joint.prismatic:
+            linear, angular = mass * _ALONG, ca.vertcat(moment[1], -moment[0], 0)
+        else:
+            linear, angular = ca.vertcat(-moment[1], moment[0], 0), tensor[:, 2]
+        if joint.parent < 0:  # no link before it sees the rest
+            linear, angular = _ALONG * linear, _ALONG * angular
+        momenta[index] = linear, angular
+        if joint.parent >= 0:
+            shift = link.translation
+            if joint.prismatic:
+                shift = shift + link.rotation[:, 2] * joint_position(chain, joint, q)
+            moment, tensor = link.rotation @ moment, _symmetric(link.rotation @ tensor @ link.rotation.T)
+            moment, tensor = _moved(mass, moment, tensor, shift)
+            outer = beyond[joint.parent]
+            beyond[joint.parent] = outer[0] + mass, outer[1] + moment, outer[2] + tensor
+    return momenta
+
+
+def _turned(vector: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
+    """A vector, turned about z by the angle whose sine and cosine are given."""
+    (s, c), (x, y, z) = turn, ca.vertsplit(vector)
+    return ca.vertcat(c * x - s * y, s * x + c * y, z)
+
+
+def _turned_tensor(tensor: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
+    """An inertia tensor, turned about z."""
+    s, c = turn
+    xx, xy, xz, yy, yz, zz = (tensor[r, k] for r in range(3) for k in range(r, 3))
+    moved, product = s * (xx - yy) + 2 * (c * xy), c * (xx - yy) - 2 * (s * xy)
+    upper = ca.SX(3, 3)
+    upper[0, 0], upper[1, 1], upper[2, 2] = xx - s * moved, yy + s * moved, zz
+    upper[0, 1] = xy + s * product
+    upper[0, 2], upper[1, 2] = c * xz - s * yz, s * xz + c * yz
+    return ca.triu2symm(upper)
+
+
+def _moved(mass: float, moment: ca.SX, tensor: ca.SX, by: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """First moment and inertia about a point, of a body given about a point that stands ``by`` from it (Steiner)."""
+    moved = moment + mass * by if mass else moment
+    outer = moment @ by.T + by @ moved.T
+    steiner = ca.dot(by, moment + moved) * ca.SX.eye(3) - outer
+    return moved, _symmetric(tensor + steiner)
+
+
+def _symmetric(matrix: ca.SX) -> ca.SX:
+    return ca.triu2symm(ca.triu(matrix))
+
+
+def _links(chain: Chain) -> list[_Link]:
+    """Every link with what does not feel its joint's motion counted with the link before."""
+    joints = chain.joints
+    aligned = [Placement.turned(aligning_rotation(joint.axis)) for joint in joints]
+    places = []
+    for joint, own in zip(joints, aligned, strict=True):
+        before = aligned[joint.parent] if joint.parent >= 0 else Placement.identity()
+        places.append(
+            before.inverse() @ Placement.translated(joint.translation) @ Placement.turned(joint.rotation) @ own
+        )
+    bodies = [_inertia(joint.body).seen_from(own.inverse()) for joint, own in zip(joints, aligned, strict=True)]
+    links: list[_Link] = []
+    for index in reversed(range(len(joints))):
+        joint, total = joints[index], bodies[index]
+        still = _insensitive(total, prismatic=joint.prismatic)
+        if joint.parent >= 0:
+            bodies[joint.parent] += still.seen_from(places[index])
+        rotation, translation = places[index].rounded()
+        mass, moment, tensor = (total - still).rounded(scale=total)
+        links.append(_Link(_constant(rotation), _constant(translation), mass, _constant(moment), _constant(tensor)))
+    return links[::-1]
+
+
+def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:
+    """The part of a body that moves in the same way if its joint (about or along z) is fixed at any position."""
+    zero = Inertia.zero()
+    if prismatic:
+        return replace(zero, tensor=body.tensor)
+    (nothing, *_), yy = zero.moment, body.tensor[1][1]
+    rod = ((yy, nothing, nothing), (nothing, yy, nothing), (nothing, nothing, nothing))
+    return Inertia(body.mass, (nothing, nothing, body.moment[2]), rod)
+
+
+def _inertia(body: Body) -> Inertia:
+    xx, xy, xz, yy, yz, zz = map(mpf, body.tensor)
+    return Inertia(mpf(body.mass), tuple(map(mpf, body.moment)), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+
+
+def _constant(matrix: Matrix | Vector) -> ca.SX:
+    return ca.SX(ca.sparsify(ca.DM(matrix)))

@@ -36,7 +36,7 @@ class StiffnessModel:
         self.chain = chain
         for kernel in chain_kernels(chain):
             owner: object = self
-            for name in filter(None, (kernel.tip.name if kernel.tip else None, kernel.representation)):
+            for name in kernel.path:
                 if not hasattr(owner, name):
                     setattr(owner, name, SimpleNamespace())
                 owner = getattr(owner, name)
@@ -49,10 +49,11 @@ def casadi_function(chain: Chain, kernel: Kernel) -> ca.Function:
     for argument in kernel.arguments:
         shape = argument.array(chain).shape
         symbols[argument.name] = ca.SX.sym(argument.name, *folded(shape))
-    result = kernel.result.array(chain)
-    entries = evaluate(kernel.scope(chain), kernel.steps(chain), symbols)[result.name]
-    dense = ca.densify(as_operand(folded(result.shape), entries))
-    return ca.Function(kernel.qualified_name, list(symbols.values()), [dense], list(symbols), [kernel.result.name])
+    arrays = evaluate(kernel.scope(chain), kernel.steps(chain), symbols)
+    results = [result.array(chain) for result in kernel.results]
+    dense = [ca.densify(as_operand(folded(result.shape), arrays[result.name])) for result in results]
+    names = [result.name for result in results]
+    return ca.Function(kernel.qualified_name, list(symbols.values()), dense, list(symbols), names)
 
 
 def folded(shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ The quadratic part of every kernel is one small expression repeated over joints.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import casadi as ca
@@ -24,10 +24,12 @@ their numbers; the last one: i is j or a joint between the base and j)."""
 
 @dataclass(frozen=True)
 class Array:
-    """A named array of doubles, row-major. ``shape`` has one to three dimensions."""
+    """A named array of doubles, row-major. ``shape`` has none (a number) to three dimensions."""
 
     name: str
     shape: tuple[int, ...]
+    symbol: str = field(default="", compare=False)
+    """The letter that formulas have for it."""
 
     @property
     def size(self) -> int:
@@ -64,11 +66,13 @@ class Operand:
 
 
 @dataclass(frozen=True)
-class Recursion:
-    """Run a pose recursion: the rows of ``expressions(chain, *arguments)`` fill the ``targets`` one after the other.
+class Block:
+    """Straight-line code: the rows of ``expressions(chain, *arguments)`` fill the ``targets`` one after the other.
 
-    A recursion that several kernels use has a ``name``, under which C code holds it as a function of its own;
-    without a name it is part of its kernel. ``heading`` is the comment over the statements that fill the targets.
+    The arguments are those of the kernel or arrays that earlier steps wrote. Targets of shape (6, m) come first. A
+    block that several kernels use has a ``name``, under which C code holds it as a function of its own (its arguments
+    are then those of the kernel); without a name it is part of its kernel. ``heading`` is the comment over the
+    statements that fill the targets, ``meaning`` the one over the function.
     """
 
     targets: tuple[Array, ...]
@@ -76,6 +80,7 @@ class Recursion:
     arguments: tuple[Array, ...]
     name: str = ""
     heading: str = "result"
+    meaning: str = ""
 
 
 @dataclass(frozen=True)
@@ -129,10 +134,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Sum:
-    """``target`` = sum of the arrays ``terms_result`` that other kernels give, each with its parts of the arguments."""
+    """``targets`` = sums of the arrays ``results`` that other kernels give, each with its parts of the arguments."""
 
-    target: Array
-    terms_result: str
+    targets: tuple[Array, ...]
+    results: tuple[str, ...]
     terms: tuple[Term, ...]
 
 
@@ -146,7 +151,7 @@ class Term:
     arguments: tuple[tuple[Array, Part], ...]
 
 
-Step = Recursion | Map | Gather | Sum
+Step = Block | Map | Gather | Sum
 Program = tuple[Step, ...]
 
 
@@ -164,15 +169,17 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dic
     """
     arrays = {name: _entries(value) for name, value in arguments.items()}
     for step in program:
-        if isinstance(step, Recursion):
-            given = [arguments[array.name] for array in step.arguments]
+        if isinstance(step, Block):
+            given = [
+                as_operand(a.shape, arrays[a.name]) if a.name in arrays else arguments[a.name] for a in step.arguments
+            ]
             entries = _entries(step.expressions(chain, *given).result)
             for target in step.targets:
                 arrays[target.name], entries = entries[: target.size], entries[target.size :]
         elif isinstance(step, Gather):
             arrays[step.target.name] = _gather(chain, step, arrays[step.source.name])
         elif isinstance(step, Sum):
-            arrays[step.target.name] = _sum(step, arguments)
+            _run_sum(step, arguments, arrays)
         else:
             _run_map(step, chain, arrays)
     return arrays
@@ -196,17 +203,18 @@ def operand_shape(operand: Operand) -> tuple[int, ...]:
     return operand.array.shape if operand.at == "" else (operand.count,)
 
 
-def _sum(step: Sum, arguments: dict[str, ca.SX]) -> list[ca.SX]:
-    total = [ca.SX(0)] * step.target.size
+def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.SX]]) -> None:
+    for target in step.targets:
+        arrays[target.name] = [ca.SX(0)] * target.size
     for term in step.terms:
         given = {}
         for array, part in term.arguments:
             start = 0 if part.index is None else part.index * array.size
             entries = _entries(arguments[part.array.name])[start : start + array.size]
             given[array.name] = as_operand(array.shape, entries)
-        results = evaluate(term.chain, term.program, given)[step.terms_result]
-        total = [a + b for a, b in zip(total, results, strict=True)]
-    return total
+        results = evaluate(term.chain, term.program, given)
+        for target, name in zip(step.targets, step.results, strict=True):
+            arrays[target.name] = [a + b for a, b in zip(arrays[target.name], results[name], strict=True)]
 
 
 def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:

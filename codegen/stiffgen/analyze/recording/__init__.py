@@ -202,8 +202,15 @@ def open_recording(
         raise RecordingError(
             f"{path}: recordings are read from files named {listed(sorted(formats))}, not '{printable(path.suffix)}'"
         )
-    if not path.is_file():
+    try:
+        readable = path.is_file()
+    except OSError as error:  # a name too long
+        raise RecordingError(f"{printable(str(path), 200)}: cannot be read ({error.strerror})") from error
+    if not readable:
         raise RecordingError(f"{path}: is no file; name a recording")
+    topics = request.q_topic or request.wrench_topic or request.tolerance != Request.tolerance
+    if reader != "mcap_file" and topics:
+        raise RecordingError(f"{path}: --q-topic, --wrench-topic and --tolerance are of MCAP files; leave them out")
     try:
         opened: Recording = importlib.import_module(f"{__name__}.{reader}").open_file(path, request, progress)
     except OSError as error:

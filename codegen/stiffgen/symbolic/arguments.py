@@ -1,0 +1,89 @@
+"""What kernels take and give: name, shape, unit and meaning, by which header, docstrings and manifests speak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.program import Array
+
+Extent = int | str
+"""A fixed extent, or "n", the number of coordinates."""
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
+
+    ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
+    formulas have for an argument, ``plural`` its name where it holds one block a tip.
+    """
+
+    name: str
+    shape: tuple[Extent, ...]
+    unit: str
+    meaning: str
+    symmetric: bool = False
+    symbol: str = ""
+    plural: str = ""
+
+    def of_all_tips(self, names: list[str]) -> Argument:
+        """The argument that holds one block of this a tip, in the order of ``names``."""
+        order = "one a tip, in the order " + ", ".join(names)
+        return replace(self, name=self.plural, shape=(len(names), *self.shape), meaning=f"{order}: {self.meaning}")
+
+    def array(self, chain: Chain) -> Array:
+        """The argument as an array of the chain's sizes."""
+        return Array(
+            self.name, tuple(chain.dof if extent == "n" else int(extent) for extent in self.shape), self.symbol
+        )
+
+
+Q = Argument("q", ("n",), "rad or m", "joint positions, base to tip", symbol="q")
+TOOL_POSE = Argument(
+    "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation",
+    symbol="T", plural="tool_poses",
+)  # fmt: skip
+_WRENCH_FRAME = {
+    "body": "in tip axes, moment about the tip's origin",
+    "spatial": "in base axes, moment about the base's origin",
+    "hybrid": "in base axes, moment about the tip's origin",
+}
+_STIFFNESS_FRAME = {
+    "body": "tip axes at the tip's origin",
+    "spatial": "base axes at the base's origin",
+    "hybrid": "base axes at the tip's origin",
+}
+
+
+def wrench(representation: Representation) -> Argument:
+    """The wrench on the tip."""
+    return Argument(
+        "wrench",
+        (6,),
+        "N, N m",
+        f"(force, moment) that the environment applies to the robot, {_WRENCH_FRAME[representation]}",
+        symbol="F",
+        plural="wrenches",
+    )
+
+
+def task_stiffness(representation: Representation, reading: str) -> Argument:
+    """The task stiffness; ``reading`` says which entries are read."""
+    return Argument(
+        "task_stiffness",
+        (6, 6),
+        "N/m, N, N m",
+        f"stiffness on twists (linear, angular), {_STIFFNESS_FRAME[representation]}; {reading}",
+        symbol="K",
+        plural="task_stiffnesses",
+    )
+
+
+POSE = Argument("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the base frame")
+
+
+def posture(*, runtime_tool: bool) -> tuple[Argument, ...]:
+    """What the tip's pose depends on: q, and the tool's pose where it is known at run time only."""
+    return (Q, TOOL_POSE) if runtime_tool else (Q,)

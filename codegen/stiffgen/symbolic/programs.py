@@ -1,0 +1,218 @@
+"""How every kernel is computed: the steps of its program, made for one chain.
+
+The table (:mod:`stiffgen.symbolic.kernels`) names these; what one joint and one pair of joints contribute is in
+:mod:`stiffgen.symbolic.kinematics`, :mod:`stiffgen.symbolic.stiffness` and :mod:`stiffgen.symbolic.dynamics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic import dynamics, kinematics, stiffness
+from stiffgen.symbolic.arguments import POSE, Argument, Q, posture
+from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.program import Array, Block, Gather, Map, Operand, Over, Program
+
+
+def _posture(chain: Chain) -> tuple[Array, ...]:
+    return tuple(argument.array(chain) for argument in posture(runtime_tool=chain.runtime_tool))
+
+
+def _columns(chain: Chain, representation: Representation, name: str = "J") -> tuple[Block, Array]:
+    array = Array(name, (6, len(chain.joints)))
+    expressions = partial(kinematics.joint_jacobian, representation=representation)
+    heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
+    meaning = f"Jacobian columns of the moving joints, {representation} representation"
+    return Block((array,), expressions, _posture(chain), f"{representation}_columns", heading, meaning), array
+
+
+def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
+    """Let ``steps`` write a result [i, j] for pairs of joints, then gather into coordinates where joints mimic."""
+    target = result.array(chain)
+    if not chain.coupled:
+        return steps(target)
+    m = len(chain.joints)
+    joints = Array(f"{target.name}_of_joints", (m, m, *target.shape[2:]))
+    return (*steps(joints), Gather(joints, target, mirror=mirror))
+
+
+def _pairs(left: Array, right: Array, over: Over, target: Array, comment: str, *, mirror: bool = False) -> Map:
+    return Map(comment, over, Operand(target, "ij"), (Operand(left, "i"), Operand(right, "j")), ca.dot, mirror)
+
+
+def _pose(chain: Chain, pose: Array) -> Block:
+    heading, meaning = "pose of the tip", "Pose of the tip in the base frame"
+    return Block((pose,), kinematics.forward_kinematics, _posture(chain), "tip_pose", heading, meaning)
+
+
+def forward_kinematics(chain: Chain) -> Program:
+    """Pose of the tip."""
+    pose = POSE.array(chain)
+    return (_pose(chain, pose),)
+
+
+def jacobian(chain: Chain, representation: Representation, result: Argument) -> Program:
+    """Jacobian columns, gathered into coordinates."""
+    target = result.array(chain)
+    if not chain.coupled:
+        return (_columns(chain, representation, target.name)[0],)
+    recursion, J = _columns(chain, representation)
+    return recursion, Gather(J, target, columns=True)
+
+
+def jacobian_derivative(chain: Chain, representation: Representation, result: Argument) -> Program:
+    """dJ^T/dq by brackets of columns, one half of the pairs after the other."""
+
+    def steps(target: Array) -> Program:
+        recursion, J = _columns(chain, representation)
+        diagonal_outward = stiffness.diagonal_is_outward(representation)
+
+        def half(over: Over, outward: bool) -> Map:
+            def body(moving: ca.SX, column: ca.SX) -> ca.SX:
+                return kinematics.jacobian_column_derivative(representation, column, moving, by_is_outward=outward)
+
+            side = "beyond" if outward else "before"
+            return Map(
+                f"dJ_j/dq_i for the joints i {side} joint j",
+                over,
+                Operand(target, "ij"),
+                (Operand(J, "i"), Operand(J, "j")),
+                body,
+            )
+
+        outer: Over = "i>=j" if diagonal_outward else "i>j"
+        inner: Over = "i<j" if diagonal_outward else "i<=j"
+        return recursion, half(inner, False), half(outer, True)
+
+    return _over_joints(chain, result, steps)
+
+
+def _two_sided(
+    J: Array,
+    target: Array,
+    representation: Representation,
+    covector: Callable[..., ca.SX],
+    operands: tuple[Operand, ...],
+    names: tuple[str, str, str],
+) -> Program:
+    """target_ij = J_i . u_j with one covector u_j for the joints j beyond i and one for those before."""
+    symbol, left_hand_side, formula = names
+    diagonal_outward = stiffness.diagonal_is_outward(representation)
+    beyond: Over = "i<=j" if diagonal_outward else "i<j"
+    before: Over = "i>j" if diagonal_outward else "i>=j"
+    maps: list[Map] = []
+    for side, over, outward in (("beyond", beyond, True), ("before", before, False)):
+        u = Array(f"{symbol}_{side}", J.shape)
+        comment = f"{symbol}_j = {formula}, for the joints j {side} joint i"
+        body = partial(covector, representation, outward=outward)
+        maps.append(Map(comment, "j", Operand(u, "j"), (Operand(J, "j"), *operands), body))
+        maps.append(_pairs(J, u, over, target, f"{left_hand_side}_ij = J_i . {symbol}_j for {over}"))
+    return tuple(maps)
+
+
+def kinematic_stiffness(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
+    """dJ^T/dq . F without dJ^T/dq: covectors of the wrench, one dot product a pair."""
+
+    def steps(target: Array) -> Program:
+        recursion, J = _columns(chain, representation)
+        operands = (Operand(wrench.array(chain), ""),)
+        names = ("z", "Kkin", "gradient of (dJ_i/dq_j) . F by J_i")
+        covector = stiffness.kinematic_covector
+        return (recursion, *_two_sided(J, target, representation, covector, operands, names))
+
+    return _over_joints(chain, result, steps)
+
+
+def joint_stiffness_uncorrected(
+    chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
+) -> Program:
+    """dJ^T/dq . F + J^T K J, all entries."""
+
+    def steps(target: Array) -> Program:
+        recursion, J = _columns(chain, representation)
+        y = Array("y", J.shape)
+        matrix = Operand(task_stiffness.array(chain), "")
+        product = Map("y_j = K J_j", "j", Operand(y, "j"), (matrix, Operand(J, "j")), ca.mtimes)
+        operands = (Operand(wrench.array(chain), ""), Operand(y, "j"))
+        names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F by J_i")
+        covector = stiffness.uncorrected_covector
+        return (recursion, product, *_two_sided(J, target, representation, covector, operands, names))
+
+    return _over_joints(chain, result, steps)
+
+
+def joint_stiffness(
+    chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
+) -> Program:
+    """dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
+
+    def steps(target: Array) -> Program:
+        recursion, J = _columns(chain, representation)
+        A, u = Array("A", (6, 6)), Array("u", J.shape)
+        force = Operand(wrench.array(chain), "")
+        half: Over = "i<=j" if stiffness.diagonal_is_outward(representation) else "i>=j"
+        return (
+            recursion,
+            Map(
+                "A = K + Gamma F, reading the upper triangle of K",
+                "",
+                Operand(A, ""),
+                (force, Operand(task_stiffness.array(chain), "")),
+                partial(stiffness.corrected_task_stiffness, representation),
+            ),
+            Map(
+                "u_j = A J_j" + (" + gradient of (dJ_i/dq_j) . F by J_i" if representation == "hybrid" else ""),
+                "j",
+                Operand(u, "j"),
+                (Operand(J, "j"), force, Operand(A, "")),
+                partial(stiffness.stiffness_covector, representation),
+            ),
+            _pairs(J, u, half, target, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),
+        )
+
+    return _over_joints(chain, result, steps, mirror=True)
+
+
+def connection_correction(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
+    """Gamma F."""
+    return (
+        Map(
+            "Gamma F",
+            "",
+            Operand(result.array(chain), ""),
+            (Operand(wrench.array(chain), ""),),
+            partial(stiffness.gamma_F, representation),
+        ),
+    )
+
+
+MAX_UNROLLED_MASS_JOINTS = 12
+"""Up to here a mass matrix without loops has fewer statements than one with loops."""
+
+
+def mass_matrix(chain: Chain, result: Argument) -> Program:
+    """M_ij = J_i . h_j with the momenta h of composite bodies."""
+    m = len(chain.joints)
+    # Sums over sliding joints can overflow: only the loops' results are guarded against infinity.
+    if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
+        flat = Array(result.name, (m * m,))
+        heading = "M_ij = J_i . h_j: the turn about joint i's axis, seen from its link"
+        return (Block((flat,), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
+
+    def steps(target: Array) -> Program:
+        J, h = Array("J", (6, m)), Array("h", (6, m))
+        heading = "Jacobian columns J and the momenta h that they cause"
+        recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading)
+        if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
+            return recursion, _pairs(J, h, "i<=j", target, "M_ij = J_i . h_j for i<=j, mirrored", mirror=True)
+        nothing = Map(
+            "joints of different branches: 0", "i<=j", Operand(target, "ij"), (), lambda: ca.SX(0), mirror=True
+        )
+        over: Over = "i on the way to j"
+        return recursion, nothing, _pairs(J, h, over, target, f"M_ij = J_i . h_j for {over}, mirrored", mirror=True)
+
+    return _over_joints(chain, result, steps, mirror=True)

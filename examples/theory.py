@@ -1,0 +1,276 @@
+"""The numbers and pictures of docs/theory.md: turning basis vectors, tangent and secant, what an orbit costs.
+
+Everything here is written out from the definitions in NumPy; of stiffgen it uses one kernel, the conventional stiffness
+of the iiwa 14.
+
+    python -m examples.theory             prints the page's tables
+    python -m examples.theory --figures   also draws docs/theory_*.svg (needs matplotlib: the extra examples)
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Moment = Callable[[Array, Array], Array]
+"""(turn of the tip from the equilibrium (3, 3), stiffness (3, 3) [N m/rad]) -> moment that acts on the tip [N m]."""
+
+ROOT = Path(__file__).resolve().parent.parent
+STEPS = 2000
+
+
+def cross_matrix(w: Array) -> Array:
+    """[w] with [w] x = w x x."""
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def vector(A: Array) -> Array:
+    """The vector w whose cross-product matrix is A."""
+    return np.array([A[2, 1], A[0, 2], A[1, 0]])
+
+
+def turn(w: Array) -> Array:
+    """Rotation about w by the angle |w| [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(w))
+    if angle == 0:
+        return np.eye(3)
+    W = cross_matrix(w / angle)
+    return np.asarray(np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W)
+
+
+def rotation_vector(R: Array) -> Array:
+    """The w of :func:`turn`, for angles below pi."""
+    axis = vector(R - R.T) / 2
+    sine = float(np.linalg.norm(axis))
+    return axis if sine == 0 else axis * (np.arctan2(sine, (np.trace(R) - 1) / 2) / sine)
+
+
+def _quaternion_vector(R: Array) -> Array:
+    w = rotation_vector(R)
+    angle = float(np.linalg.norm(w))
+    return w if angle == 0 else 2 * np.sin(angle / 2) / angle * w
+
+
+def gradient(R: Array, K: Array) -> Array:
+    """Minus the gradient of the trace energy tr(G (I - R)), G = tr(K)/2 I - K."""
+    A = R @ (np.trace(K) / 2 * np.eye(3) - K)
+    return -vector(A - A.T)
+
+
+LAWS: dict[str, Moment] = {
+    "K times rotation vector": lambda R, K: -K @ rotation_vector(R),
+    "2 K times quaternion vector": lambda R, K: -K @ _quaternion_vector(R),
+    "K times sin(angle) axis": lambda R, K: -K @ vector(R - R.T) / 2,
+    "gradient of an energy": gradient,
+}
+
+
+def orbit(centre: Array, radius: float, first: Array, second: Array) -> list[Array]:
+    """Orientations round a circle of rotation vectors, the first one again at the end."""
+    phase = 2 * np.pi * np.arange(STEPS + 1) / STEPS
+    return [turn(centre + radius * (np.cos(s) * first + np.sin(s) * second)) for s in phase]
+
+
+def work(law: Moment, K: Array, orientations: list[Array]) -> Array:
+    """Work [J] put out by a law up to each point of an orbit, by the midpoint rule."""
+    done = [0.0]
+    for here, there in itertools.pairwise(orientations):
+        step = rotation_vector(there @ here.T)
+        done.append(done[-1] + float(law(turn(step / 2) @ here, K) @ step))
+    return np.array(done)
+
+
+def example_orbit() -> list[Array]:
+    """Radius 0.3 rad about a turn by 0.5 rad about x."""
+    x, y, z = np.eye(3)
+    return orbit(0.5 * x, 0.3, z, y)
+
+
+def orbit_table() -> list[tuple[str, list[float]]]:
+    """Net work of the example's orbit for each law, at K = diag(30, 30, 10), diag(30, 20, 10), diag(30, 30, 30)."""
+    orientations = example_orbit()
+    stiffnesses = [np.diag(k) for k in ([30.0, 30.0, 10.0], [30.0, 20.0, 10.0], [30.0, 30.0, 30.0])]
+    return [(name, [work(law, K, orientations)[-1] for K in stiffnesses]) for name, law in LAWS.items()]
+
+
+def asymmetry(robot: ModuleType) -> tuple[Array, Array]:
+    """Largest singular value of the conventional stiffness' antisymmetric and symmetric part [N m/rad].
+
+    At every 20th posture of the paper's recorded trajectory, under a moment of 1 N m about each base axis in turn.
+    """
+    trajectory = np.loadtxt(ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv", delimiter=",").T[::20]
+    K = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+    wrench = np.hstack([np.zeros((3, 3)), np.eye(3)])
+    Ku = robot.hybrid.joint_stiffness_uncorrected(trajectory[:, None], wrench, K)
+    turned = np.swapaxes(Ku, -1, -2)
+    return np.linalg.norm((Ku - turned) / 2, 2, axis=(-2, -1)), np.linalg.norm((Ku + turned) / 2, 2, axis=(-2, -1))
+
+
+def pendulum_spring(angle: Array, k: float = 1.0) -> dict[str, Array]:
+    """One joint on the trace spring: torque, tangent stiffness, and the tangent used as if it were a secant."""
+    return {"torque": -k * np.sin(angle), "tangent": k * np.cos(angle), "secant_law": -k * np.cos(angle) * angle}
+
+
+def tables(robot: ModuleType) -> str:
+    lines = [f"{'net work of the orbit [J]':30s}{'30, 30, 10':>12s}{'30, 20, 10':>12s}{'30, 30, 30':>12s}"]
+    lines += [f"{name:30s}" + "".join(f"{round(value, 9) + 0.0:12.4f}" for value in row) for name, row in orbit_table()]
+    antisymmetric, symmetric = asymmetry(robot)
+    lines.append(
+        "\nconventional stiffness under 1 N m, along the recorded trajectory [N m/rad]:\n"
+        f"antisymmetric part {antisymmetric.min():.2f} to {antisymmetric.max():.2f}, "
+        f"symmetric part {symmetric.min():.0f} to {symmetric.max():.0f}"
+    )
+    return "\n".join(lines)
+
+
+def draw() -> dict[str, str]:
+    """The page's figures: file name to SVG text."""
+    import matplotlib as mpl
+
+    from examples.style import STYLE, themed_svg
+
+    with mpl.rc_context(STYLE):
+        return {
+            "theory_basis.svg": themed_svg(_basis_figure()),
+            "theory_tangent.svg": themed_svg(_tangent_figure()),
+            "theory_orbit.svg": themed_svg(_orbit_figure()),
+        }
+
+
+def _arrow(
+    axes: Any,
+    start: ArrayLike,
+    way: ArrayLike,
+    colour: str,
+    *,
+    width: float = 1.6,
+    text: str = "",
+    shift: tuple[float, float] = (0.04, 0.04),
+) -> None:
+    """An arrow [start, start + way] with a name at its end."""
+    start, way = np.asarray(start), np.asarray(way)
+    axes.annotate(
+        "", xy=(start[0] + way[0], start[1] + way[1]), xytext=start,
+        arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": width, "shrinkA": 0, "shrinkB": 0},
+    )  # fmt: skip
+    if text:
+        axes.text(start[0] + way[0] + shift[0], start[1] + way[1] + shift[1], text, color=colour)
+
+
+def _basis_figure() -> Any:
+    from matplotlib.figure import Figure
+
+    from examples.style import AXES, INK
+
+    figure = Figure(figsize=(7.8, 3.7), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for angle in np.radians([15, 50, 85]):
+        at = 1.6 * np.array([np.cos(angle), np.sin(angle)])
+        out, along = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        _arrow(left, at, 0.5 * out, AXES[0], text="$e_1$" if angle < 0.3 else "")
+        _arrow(left, at, 0.5 * along, AXES[1], text="$e_2$" if angle < 0.3 else "")
+        _arrow(left, at, np.array([0.55, 0.0]), INK, width=2.2, text="$F$" if angle > 1 else "", shift=(0.03, -0.04))
+        left.plot(*at, "o", color=INK, markersize=4)
+        left.text(*(at - 0.42 * out), f"$F_2={-np.sin(angle):.2f}$", fontsize=8, ha="center", va="center")
+    arc = np.radians(np.linspace(0, 95, 60))
+    left.plot(1.6 * np.cos(arc), 1.6 * np.sin(arc), color=INK, linewidth=0.7, alpha=0.5)
+    left.set(xlim=(-0.7, 2.7), ylim=(-0.15, 2.5), aspect="equal",
+             title="one force F, three places:\nits component on $e_2$ changes because $e_2$ turns")  # fmt: skip
+    for order, colour, style in ((0, AXES[0], "-"), (1, AXES[1], "--")):
+        position, heading = np.zeros(2), 0.0
+        for kind in ((0, 1), (1, 0))[order]:
+            if kind == 0:
+                step = 1.5 * np.array([np.cos(heading), np.sin(heading)])
+                right.plot(*np.array([position, position + step]).T, style, color=colour, linewidth=2)
+                position = position + step
+            else:
+                heading += np.radians(40)
+                arc = np.linspace(0, np.radians(40), 30)
+                right.plot(
+                    position[0] + 0.35 * np.cos(arc), position[1] + 0.35 * np.sin(arc), color=colour, linewidth=1
+                )
+        for k, axis_colour in ((0, AXES[0]), (1, AXES[1])):
+            way = 0.4 * np.array([np.cos(heading + k * np.pi / 2), np.sin(heading + k * np.pi / 2)])
+            _arrow(right, position, way, axis_colour)
+        label = ("first along $e_1$, then turn", "first turn, then along $e_1$")[order]
+        right.text(*(position + ((-1.0, -0.32), (-1.35, 0.45))[order]), label, color=colour, fontsize=8)
+    right.plot(0, 0, "o", color=INK, markersize=4)
+    right.set(xlim=(-0.4, 2.4), ylim=(-0.6, 2.0), aspect="equal",
+              title="the same two steps of the tip's own axes,\nin the other order, end elsewhere")  # fmt: skip
+    for axes in (left, right):
+        axes.set(xticks=[], yticks=[])
+        axes.grid(False)
+        axes.spines[:].set_visible(False)
+    return figure
+
+
+def _tangent_figure() -> Any:
+    from matplotlib.figure import Figure
+
+    from examples.style import CORRECTED, INK, POTENTIAL
+
+    figure = Figure(figsize=(7.8, 3.4), layout="constrained")
+    axes = figure.subplots()
+    angle = np.linspace(0, np.radians(150), 300)
+    spring = pendulum_spring(angle)
+    degrees = np.degrees(angle)
+    axes.plot(
+        degrees, -spring["torque"], color=POTENTIAL, linewidth=2, label=r"restoring torque of the energy, $k\sin q$"
+    )
+    axes.plot(degrees, -spring["secant_law"], color=CORRECTED, linewidth=2,
+              label=r"its tangent used as a secant, $(k\cos q)\,q$")  # fmt: skip
+    for at in np.radians([30, 75, 120]):
+        here = pendulum_spring(np.array([at]))
+        span = at + np.radians([-18, 18])
+        line = -here["torque"] + here["tangent"] * (span - at)
+        axes.plot(np.degrees(span), line, "--", color=INK, linewidth=1.2, label="tangent" if at < 1 else None)
+        axes.plot(np.degrees(at), -here["torque"], "o", color=INK, markersize=4)
+    axes.axhline(0, color=INK, linewidth=0.8)
+    axes.annotate("pushes away", xy=(110, -0.66), xytext=(66, -1.0), arrowprops={"arrowstyle": "-|>", "color": INK})
+    axes.set(xlabel="joint angle q from the equilibrium [deg]", ylabel="torque towards the equilibrium / k",
+             xlim=(0, 150), ylim=(-1.4, 1.25))  # fmt: skip
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
+
+
+def _orbit_figure() -> Any:
+    from matplotlib.figure import Figure
+
+    from examples.style import CONVENTIONAL, INK, POTENTIAL, SHADES
+
+    figure = Figure(figsize=(7.8, 3.3), layout="constrained")
+    axes = figure.subplots()
+    orientations, K = example_orbit(), np.diag([30.0, 30.0, 10.0])
+    colours = (CONVENTIONAL, SHADES[0], SHADES[1], POTENTIAL)
+    for (name, law), colour, line in zip(LAWS.items(), colours, ("-", "--", ":", "-"), strict=True):
+        once = work(law, K, orientations)
+        three = np.concatenate([once, *(once[1:] + lap * once[-1] for lap in (1, 2))])
+        axes.plot(np.linspace(0, 3, len(three))[::20], three[::20], line, color=colour, linewidth=1.8, label=name)
+    axes.axhline(0, color=INK, linewidth=0.8)
+    axes.set(xlabel="laps", ylabel="energy put out by\nthe law [J]", xlim=(0, 3))
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--figures", action="store_true", help="draw docs/theory_*.svg")
+    options = parser.parse_args()
+    from generated import iiwa14
+
+    print(tables(iiwa14))
+    if options.figures:
+        for name, svg in draw().items():
+            (ROOT / "docs" / name).write_text(svg)
+
+
+if __name__ == "__main__":
+    main()

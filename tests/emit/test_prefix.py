@@ -1,0 +1,114 @@
+"""Robots share programs and include folders: whatever a folder exports or installs carries the robot's prefix."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import stiffgen
+from stiffgen.emit import render as render_module
+from stiffgen.emit.render import render
+from support.project import URDF
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-O1")
+MAIN = """
+#include <stdio.h>
+#include "left_impedance.h"
+#include "right_impedance.h"
+
+int main(void)
+{
+    const double q[7] = {0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7};
+    double a[16], b[16];
+    left_impedance_config left_config;
+    right_impedance_config right_config;
+    left_impedance_state left_state;
+    right_impedance_state right_state;
+    left_forward_kinematics(q, a);
+    right_forward_kinematics(q, b);
+    left_impedance_default_config(&left_config);
+    right_impedance_default_config(&right_config);
+    right_config.sample_time = -1.0;
+    const int good = left_impedance_init(&left_config, &left_state);
+    const int bad = right_impedance_init(&right_config, &right_state);
+    printf("%.17g %.17g %d %d %s\\n", a[11], b[11], good == LEFT_OK, bad == RIGHT_OK, right_impedance_error_text(bad));
+    return 0;
+}
+"""
+
+
+def run(*command: str | Path) -> str:
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two robots of two versions of the generator, their files in one folder."""
+    folder = tmp_path_factory.mktemp("pair")
+    with pytest.MonkeyPatch.context() as patch:
+        for name, robot, version in (("left", "iiwa14", "0.1.0"), ("right", "iiwa7", "9.9.9")):
+            patch.setattr(render_module, "__version__", version)
+            for file, text in render(stiffgen.load_chain(URDF.parent / f"{robot}.urdf"), name).items():
+                if file.endswith((".c", ".h")):
+                    assert file.startswith(name)
+                    (folder / file).write_text(text)
+    (folder / "main.c").write_text(MAIN)
+    return folder
+
+
+def sources(folder: Path) -> list[Path]:
+    return [folder / f"{name}{part}.c" for name in ("left", "right") for part in ("", "_impedance")]
+
+
+def test_two_robots_and_two_versions_in_one_program(pair: Path) -> None:
+    run("gcc", *STRICT, f"-I{pair}", *sources(pair), pair / "main.c", "-lm", "-o", pair / "program")
+    left, right, good, bad, text = run(pair / "program").split(maxsplit=4)
+    assert float(left) != float(right)
+    assert (good, bad) == ("1", "0")
+    assert text.startswith("sample_time")
+
+
+def test_two_robots_in_one_shared_library(pair: Path) -> None:
+    library = pair / "libarms.so"
+    run("gcc", *STRICT, "-shared", "-fPIC", f"-I{pair}", *sources(pair), "-lm", "-o", library)
+    run(
+        "gcc", *STRICT, f"-I{pair}", pair / "main.c", f"-L{pair}", "-larms", f"-Wl,-rpath,{pair}", "-o", pair / "shared"
+    )
+    assert run(pair / "shared").split()[2:4] == ["1", "0"]
+    exported = {line.split()[-1] for line in run("nm", "-D", "--defined-only", library).splitlines()}
+    assert {"left_mass_matrix", "right_impedance_step"} <= exported
+    assert {name for name in exported if not re.match(r"left_|right_", name)} == set()
+
+
+@pytest.mark.parametrize("part", ["", "_impedance"])
+def test_objects_define_nothing_without_the_prefix(pair: Path, part: str) -> None:
+    for name in ("left", "right"):
+        run("gcc", *STRICT, "-c", pair / f"{name}{part}.c", "-o", pair / "x.o")
+        defined = [line.split()[-1] for line in run("nm", "-g", "--defined-only", pair / "x.o").splitlines()]
+        assert defined
+        assert [symbol for symbol in defined if not symbol.startswith(f"{name}_")] == []
+
+
+@pytest.mark.parametrize("name", ["left", "right"])
+def test_headers_name_nothing_without_the_prefix(pair: Path, name: str) -> None:
+    """Macros, enumerators, types and functions of a robot's headers, as the preprocessor and the compiler see them."""
+    header = pair / f"{name}_impedance.h"
+    (pair / "only.c").write_text(f'#include "{header.name}"\n')
+    (pair / "base.c").write_text("#include <stddef.h>\n#include <stdint.h>\n")
+    macros = [set(run("gcc", "-std=c99", "-dM", "-E", pair / file).splitlines()) for file in ("only.c", "base.c")]
+    added = {line.split()[1] for line in macros[0] - macros[1]}
+    assert added
+    assert {macro for macro in added if not macro.startswith(f"{name.upper()}_")} == set()
+    for file in (pair / f"{name}.h", header):
+        text = re.sub(r"/\*.*?\*/", "", file.read_text(), flags=re.DOTALL)
+        for body in re.findall(r"enum\b[^{;]*\{(.*?)\}", text, flags=re.DOTALL):
+            words = [word.split("=")[0].strip() for word in body.split(",")]
+            assert [word for word in words if not word.startswith(f"{name.upper()}_")] == []
+        types = re.findall(r"\}\s*(\w+);|\b(?:struct|enum)\s+(\w+)", text)
+        assert [word for pair_ in types for word in pair_ if word and not word.startswith(f"{name}_")] == []
+        assert "stiffgen_" not in text and "STIFFGEN_" not in text
