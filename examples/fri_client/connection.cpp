@@ -115,6 +115,9 @@ int Connection::receive(Buffer buffer, Size capacity)
         arrival_.message = message;
         arrival_.age = age;
         std::memcpy(buffer, scratch_, std::min(static_cast<std::size_t>(size), static_cast<std::size_t>(capacity)));
+        if (message.multiplier > 1) {
+            break; /* the library counts messages up to its answer, none may be left out */
+        }
     }
     handed_on_ = taken >= 0;
     if (!handed_on_) {

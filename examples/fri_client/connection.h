@@ -37,7 +37,7 @@ struct Arrival {
 
 /*
  * The connection that the FRI library is given. Only sound messages get through, in order, and of several that wait
- * the newest: whatever is refused is counted, and the library never sees it. Nothing is allocated.
+ * the newest (with a receive multiplier above 1 all of them): whatever is refused is counted, and the library never sees it. Nothing is allocated.
  */
 class Connection : public KUKA::FRI::IConnection {
 public:

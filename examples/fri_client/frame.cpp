@@ -324,6 +324,8 @@ void Walk::see_number(const Field &around, const Field &field, std::uint32_t val
         (field.number == 1 ? identifier_ : field.number == 2 ? message_->sequence : message_->reflected) = value;
     } else if (field.of == CONNECTION && field.number == 1) {
         message_->state = value;
+    } else if (field.of == CONNECTION && field.number == 4) {
+        message_->multiplier = value;
     } else if (field.of == TIME && around.of == MEASUREMENT) {
         (field.number == 1 ? seconds_ : nanoseconds_) = value;
     } else if (field.of == IO && field.number == 2) {

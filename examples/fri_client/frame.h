@@ -32,7 +32,7 @@ const char *fault_name(int fault);
 /* What the client wants to know of a monitoring message and the FRI library does not tell. */
 struct Message {
     std::uint32_t sequence, reflected; /* the robot's counter; ours that it saw last */
-    std::uint32_t state;
+    std::uint32_t state, multiplier;                 /* every so many messages are answered */
     std::int64_t stamp;                              /* [ns] Unix time of the robot; 0: left out */
     bool has_position, has_external_torque, has_ipo; /* measured; interpolator's position */
     bool has_commanded_position;                     /* 1.x alone sends it */

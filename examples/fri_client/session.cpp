@@ -157,7 +157,8 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
             deadline = now + LONGEST_RELEASE;
             connection.set_deadline(deadline);
         }
-        if (deadline > 0.0 && (now > deadline || !connection.handed_on())) {
+        const bool silent = client.gone() == LET_GO_USELESS && !connection.handed_on();
+        if (deadline > 0.0 && (now > deadline || silent)) {
             break; /* nobody is there to bring the torque down for */
         }
     }
