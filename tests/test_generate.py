@@ -17,7 +17,8 @@ from support.project import ROOT, URDF
 
 FILES = {
     "iiwa14.h", "iiwa14.c", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_python.c", "CMakeLists.txt",
-    "__init__.py", "__init__.pyi", "impedance.py", "impedance.pyi", "py.typed", "README.md", "manifest.json",
+    "__init__.py", "__init__.pyi", "impedance.py", "impedance.pyi", "py.typed", "README.md",
+    "pyproject.toml", "manifest.json",
 }  # fmt: skip
 
 
@@ -74,7 +75,8 @@ def test_manifest(chain, robot_folder):
 def test_sine_and_cosine_once_a_joint(robot_folder):
     """Each function body takes the sines and cosines of all joints in one call, of each angle once."""
     source = (robot_folder / "iiwa14.c").read_text()
-    kernels = source[source.index("static void body_columns") :]
+    definition = source.index("void sine_cosine(")
+    kernels = source[source.index("\n}\n", definition) :]
     found = 0
     for body in kernels.split("\n}\n"):
         calls = body.count("sine_cosine(")

@@ -1347,6 +1347,11 @@ static int execute(PyObject *module)
             "run 'stiffgen generate' here", missing);
         return -1;
     }
+    if (iiwa14_self_check() != 0) {
+        PyErr_SetString(PyExc_ImportError, "iiwa14: compiled with flags that change its arithmetic; "
+            "compile it without -Ofast and its like (see CC, CFLAGS)");
+        return -1;
+    }
     import_array1(-1);
     import_umath1(-1);
     for (int o = 0; o < MAX_OPERANDS; ++o) {
@@ -1354,7 +1359,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "0bf2587c2601451d") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "4e56ab8b8d48d440") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -45,7 +45,7 @@ except ImportError as _error:
         "iiwa7: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "5132768fd3b8749d":
+if getattr(_c, "SOURCES", "") != "fdf17707764b0a1c":
     raise ImportError(
         "iiwa7: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"
@@ -95,6 +95,7 @@ DOF = 7
 JOINTS = ('A1', 'A2', 'A3', 'A4', 'A5', 'A6', 'A7', )
 BASE = 'link_0'
 TIP = 'link_ee'
+TOOL = None
 LOWER = _np.array([-2.96706, -2.094395, -2.96706, -2.094395, -2.96706, -2.094395, -3.054326])
 UPPER = _np.array([2.96706, 2.094395, 2.96706, 2.094395, 2.96706, 2.094395, 3.054326])
 VELOCITY = _np.array([1.710423, 1.710423, 1.745329, 2.268928, 2.443461, 3.141593, 3.141593])
@@ -135,7 +136,7 @@ hybrid = _Functions(
 from .impedance import Impedance, Mode, Status
 
 __all__ = [
-    "DOF", "JOINTS", "BASE", "TIP", "LOWER", "UPPER", "VELOCITY", "EFFORT",
+    "DOF", "JOINTS", "BASE", "TIP", "TOOL", "LOWER", "UPPER", "VELOCITY", "EFFORT",
     "forward_kinematics",
     "mass_matrix",
     "body",

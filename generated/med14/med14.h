@@ -289,6 +289,13 @@ void med14_hybrid_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
     const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
     double *joint_stiffness);
 
+/*
+ * Whether this build computes what the functions promise. Some compiler flags change the arithmetic and cannot be seen by
+ * the source (clang -fno-honor-nans -fno-signed-zeros). 0: it does. Else the sum of 1, sines and cosines are wrong, and
+ * 2, infinity does not become NaN. CMake's build and Python's import call it; a build of your own should, once.
+ */
+int med14_self_check(void);
+
 #ifdef __cplusplus
 }
 #endif

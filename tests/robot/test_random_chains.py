@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from stiffgen.check.verify import References, check_kernels
 from stiffgen.errors import StiffgenError
-from stiffgen.robot.chain import Chain, chain_between
-from stiffgen.robot.description import read_description
+from stiffgen.robot.chain import Chain, ChainOptions, chain_between
+from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
 from support.chain_checks import disagreements
@@ -29,7 +29,7 @@ def file(tmp_path_factory) -> Path:
 
 def chain_of(robot: Robot, file: Path) -> Chain:
     file.write_text(robot.text, encoding="utf-8")
-    return chain_between(read_description(file), tip=robot.tip, base=robot.base)
+    return chain_between(read_description(file), ChainOptions(tip=robot.tip, base=robot.base))
 
 
 @settings(FEW, max_examples=60)
@@ -46,7 +46,7 @@ def test_broken_files_are_refused_or_read(file, data, leaf):
     file.write_bytes(data)
     try:
         description = read_description(file)
-        chain_between(description, tip=description.leaves[leaf % len(description.leaves)])
+        chain_between(description, ChainOptions(tip=description.leaves[leaf % len(description.leaves)]))
     except StiffgenError as error:
         assert str(error).startswith("robot.urdf:")
 

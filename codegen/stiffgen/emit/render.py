@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any, Literal
 
@@ -54,6 +55,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
+        "pyproject.toml": "pyproject.toml.j2",
         "README.md": "README.md.j2",
     } | controller_files(name, chain)
     if cuda:
@@ -111,7 +113,10 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "sources": _SOURCES,
         "macro": name.upper(),
         "version": __version__,
+        "compatible": ".".join(__version__.split(".")[:2]),
         "robot": chain,
+        "tool": _tool(chain),
+        "example": _example(chain),
         "n": chain.dof,
         "controller": controller_context(name, chain),
         "scopes": [_scope(scope) for scope in code.single.scopes],
@@ -126,6 +131,62 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "batches": [_batch(name, kernel, function) for kernel, function in code.batch.kernels],
         "calls": code.calls,
     }
+
+
+def _tool(chain: Chain) -> list[str]:
+    """What header and README say about the tool on the tip link, in lines; none without a tool."""
+    tool = chain.tool
+    if tool is None:
+        return []
+
+    def numbers(values: Sequence[float]) -> str:
+        return " ".join(f"{value:.6g}" for value in values)
+
+    text = ""
+    if not chain.runtime_tool:
+        text = f"The tool's frame takes the tip's place: xyz {numbers(tool.xyz)} m, rpy {numbers(tool.rpy)} rad. "
+    if not chain.masses:
+        text += "Its mass is left out, as all masses are."
+    elif tool.mass == 0:
+        text += "It has no mass: the mass matrix is that of the arm without it."
+    else:
+        text += f"Its mass is {tool.mass:.6g} kg, its centre of mass {numbers(tool.com)} m"
+        if any(tool.inertia):
+            text += f", its inertia about that {numbers(tool.inertia)} kg m^2 (ixx ixy ixz iyy iyz izz)"
+        text += "; in the tip link's frame."
+        if not any(tool.inertia):
+            text += " No inertia was given: the mass matrix takes it as a point mass."
+    return _wrapped(f"A tool is mounted on the tip link. {text}")
+
+
+@dataclass(frozen=True)
+class _Example:
+    """What the README's examples call, and with what: C values in ``poses``, Python text in ``arguments``."""
+
+    posture: tuple[float, ...]
+    jacobian: str
+    stiffness: str
+    poses: tuple[tuple[str, tuple[float, ...]], ...]
+    arguments: tuple[tuple[str, str], ...]
+
+
+def _example(chain: Chain) -> _Example:
+    several = len(chain.tips) > 1
+    first = f"{chain.tips[0].name}_" if several else ""
+    identity = tuple(float(k % 5 == 0) for k in range(16))
+    wrench, stiffness = "np.array([0, 0, -10, 0, 0, 0])", "np.diag([800, 800, 800, 50, 50, 50])"
+    values = {"tool_pose": "np.eye(4)", "wrench": wrench, "task_stiffness": stiffness}
+    if several:
+        many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
+        values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
+    given = list(values.items())[0 if chain.runtime_tool else 1 :]
+    return _Example(
+        posture=(0.1, 0.2, 0.3)[: chain.dof],
+        jacobian=f"{first}hybrid_jacobian",
+        stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
+        poses=(("tool_pose", identity),) if chain.runtime_tool else (),
+        arguments=tuple(given),
+    )
 
 
 def _threads(chain: Chain, name: str) -> Functions:

@@ -94,7 +94,7 @@ class _Axis:
     @staticmethod
     def of(joint: Joint) -> _Axis:
         for index in range(3):
-            if abs(joint.axis[index]) == 1.0:
+            if sum(map(bool, joint.axis)) == 1 and joint.axis[index]:  # 1.0 alone may have rounded a tilt away
                 return _Axis(index, int(joint.axis[index]), None)
         return _Axis(2, 1, aligning_rotation(joint.axis))
 
