@@ -327,9 +327,8 @@ def _recursion(
         "thread": ("double", "double", scope.size),
     }[kind]
     parameters = [f"const {number} {_declared(array)}" for array in function.inputs]
-    for array in function.outputs:
-        columns = array.shape == (6, len(scope.chain.joints))
-        parameters.append(f"{wide} {array.name}[6][{extent}]" if columns else f"{number} {_declared(array)}")
+    parameters += [f"{wide} {array.name}[6][{extent}]" for array in function.outputs[: function.columns]]
+    parameters += [f"{number} {_declared(array)}" for array in function.outputs[function.columns :]]
     tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
     name = f"{function.name}_lanes" if kind == "lanes" else function.name
     qualifier = "DEVICE" if kind == "thread" else "static"
