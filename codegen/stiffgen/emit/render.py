@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any, Literal
 
@@ -25,6 +26,7 @@ from stiffgen.symbolic.program import Array
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
+_SOURCES = "@digest of the C sources@"
 
 
 def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
@@ -53,6 +55,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
+        "pyproject.toml": "pyproject.toml.j2",
         "README.md": "README.md.j2",
     } | controller_files(name, chain)
     if cuda:
@@ -62,8 +65,16 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         for file, template in files.items()
     }
     texts["py.typed"] = ""
+    texts = _with_sources(texts)
     texts[MANIFEST] = _manifest(chain, name, code, texts)
     return texts
+
+
+def _with_sources(texts: dict[str, str]) -> dict[str, str]:
+    """The digest of the C sources, put where compiled module and Python file have it to find out that they differ."""
+    sources = "".join(text for file, text in sorted(texts.items()) if file.endswith((".c", ".h")))
+    digest = hashlib.sha256(sources.encode()).hexdigest()[:16]
+    return {file: text.replace(_SOURCES, digest) for file, text in texts.items()}
 
 
 def _environment() -> jinja2.Environment:
@@ -99,9 +110,13 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
             f"(SHA-256 {chain.digest[:16]}); {total.total} operations in {len(kernels)} functions. Do not edit."
         ),
         "name": name,
+        "sources": _SOURCES,
         "macro": name.upper(),
         "version": __version__,
+        "compatible": ".".join(__version__.split(".")[:2]),
         "robot": chain,
+        "tool": _tool(chain),
+        "example": _example(chain),
         "n": chain.dof,
         "controller": controller_context(name, chain),
         "scopes": [_scope(scope) for scope in code.single.scopes],
@@ -109,12 +124,69 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "recursions": [_recursion(scope, function) for scope, function in code.single.recursions],
         "kernels": kernels,
         "groups": _groups(kernels),
+        "overview": _overview(kernels),
         "public": list(dict.fromkeys(k["tip"] or k["group"] or k["name"] for k in kernels)),
         "argument_lists": list(dict.fromkeys((tuple(k["inputs"]), len(k["outputs"])) for k in kernels)),
         "batch_recursions": [_recursion(scope, function, "lanes") for scope, function in code.batch.recursions],
         "batches": [_batch(name, kernel, function) for kernel, function in code.batch.kernels],
         "calls": code.calls,
     }
+
+
+def _tool(chain: Chain) -> list[str]:
+    """What header and README say about the tool on the tip link, in lines; none without a tool."""
+    tool = chain.tool
+    if tool is None:
+        return []
+
+    def numbers(values: Sequence[float]) -> str:
+        return " ".join(f"{value:.6g}" for value in values)
+
+    text = ""
+    if not chain.runtime_tool:
+        text = f"The tool's frame takes the tip's place: xyz {numbers(tool.xyz)} m, rpy {numbers(tool.rpy)} rad. "
+    if not chain.masses:
+        text += "Its mass is left out, as all masses are."
+    elif tool.mass == 0:
+        text += "It has no mass: the mass matrix is that of the arm without it."
+    else:
+        text += f"Its mass is {tool.mass:.6g} kg, its centre of mass {numbers(tool.com)} m"
+        if any(tool.inertia):
+            text += f", its inertia about that {numbers(tool.inertia)} kg m^2 (ixx ixy ixz iyy iyz izz)"
+        text += "; in the tip link's frame."
+        if not any(tool.inertia):
+            text += " No inertia was given: the mass matrix takes it as a point mass."
+    return _wrapped(f"A tool is mounted on the tip link. {text}")
+
+
+@dataclass(frozen=True)
+class _Example:
+    """What the README's examples call, and with what: C values in ``poses``, Python text in ``arguments``."""
+
+    posture: tuple[float, ...]
+    jacobian: str
+    stiffness: str
+    poses: tuple[tuple[str, tuple[float, ...]], ...]
+    arguments: tuple[tuple[str, str], ...]
+
+
+def _example(chain: Chain) -> _Example:
+    several = len(chain.tips) > 1
+    first = f"{chain.tips[0].name}_" if several else ""
+    identity = tuple(float(k % 5 == 0) for k in range(16))
+    wrench, stiffness = "np.array([0, 0, -10, 0, 0, 0])", "np.diag([800, 800, 800, 50, 50, 50])"
+    values = {"tool_pose": "np.eye(4)", "wrench": wrench, "task_stiffness": stiffness}
+    if several:
+        many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
+        values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
+    given = list(values.items())[0 if chain.runtime_tool else 1 :]
+    return _Example(
+        posture=(0.1, 0.2, 0.3)[: chain.dof],
+        jacobian=f"{first}hybrid_jacobian",
+        stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
+        poses=(("tool_pose", identity),) if chain.runtime_tool else (),
+        arguments=tuple(given),
+    )
 
 
 def _threads(chain: Chain, name: str) -> Functions:
@@ -210,6 +282,29 @@ def _groups(kernels: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
+def _overview(kernels: list[dict[str, Any]]) -> list[str]:
+    """The functions for a reader, those of groups that have the same ones once: call, shape and meaning."""
+    groups = {(g["tip"], g["group"]): _calls(g["kernels"]) for g in _groups(kernels)}
+    lines: list[str] = []
+    for calls in dict.fromkeys(groups.values()):
+        places = [".".join(filter(None, key)) for key, each in groups.items() if each == calls]
+        if places != [""]:
+            lines.append(", ".join(place or "here" for place in places))
+        lines += [line if places == [""] else f"    {line}" for line in calls]
+    return lines
+
+
+def _calls(kernels: list[dict[str, Any]]) -> tuple[str, ...]:
+    """Two lines a function; words on the representation are left to the groups' names."""
+    lines: list[str] = []
+    for kernel in kernels:
+        shapes = kernel["signature"].partition("->")[2].replace(",", ", ").replace("),", "),")
+        lines.append(f"{kernel['name']}({', '.join(kernel['inputs'])}) -> {shapes}")
+        summary = kernel["summary"].replace(f"in {kernel['group']} representation", "in the representation named above")
+        lines.append(f"    {summary}")
+    return tuple(lines)
+
+
 def _scope(scope: Scope) -> dict[str, Any]:
     return {
         "prefix": scope.prefix,
@@ -232,9 +327,8 @@ def _recursion(
         "thread": ("double", "double", scope.size),
     }[kind]
     parameters = [f"const {number} {_declared(array)}" for array in function.inputs]
-    for array in function.outputs:
-        columns = array.shape == (6, len(scope.chain.joints))
-        parameters.append(f"{wide} {array.name}[6][{extent}]" if columns else f"{number} {_declared(array)}")
+    parameters += [f"{wide} {array.name}[6][{extent}]" for array in function.outputs[: function.columns]]
+    parameters += [f"{number} {_declared(array)}" for array in function.outputs[function.columns :]]
     tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
     name = f"{function.name}_lanes" if kind == "lanes" else function.name
     qualifier = "DEVICE" if kind == "thread" else "static"
