@@ -69,7 +69,7 @@ DIRECTIONS = ("robot", "client")
 KINDS = ("drop", "delay", "reorder", "duplicate", "garbage", "empty", "identifier", "missing", "six", "nan", "crc",
          "silence", "state", "quality", "truncate", "version", "burst", "jitter", "resolution", "clock", "standing",
          "safety", "drives", "operation", "period", "held")  # fmt: skip
-_CONDITIONS = {
+_CONDITIONS: dict[str, tuple[Any, str | None]] = {
     "quality": (Quality, None),
     "safety": (SafetyState, "SAFETY_STOP_LEVEL_1"),
     "drives": (DriveState, "OFF"),

@@ -27,7 +27,10 @@ TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 def client_program(
     tmp_path_factory: pytest.TempPathFactory, worker_id: str, plate_folder: Path
 ) -> Callable[[str], Path]:
-    """The client of an FRI version, built once for all workers, with the machine's instructions as the NumPy module."""
+    """The client of an FRI version, built once for all workers, with the machine's instructions as the NumPy module.
+
+    Those of 1.15 and 2.5 are built with sanitizers.
+    """
     tools = ("cmake", "g++", "protoc")
     missing = [tool for tool in tools if shutil.which(tool) is None]
     if not shutil.which("nanopb_generator") and not shutil.which("nanopb_generator.py"):
@@ -47,6 +50,9 @@ def client_program(
             if not (folder / "fri_wiping").exists():
                 options = [f"-DOPEN_FRI_VERSION={version}", f"-DROBOT_DIR={plate_folder}", "-DROBOT_NAME=iiwa14_plate"]
                 options += ["-DIIWA14_PLATE_NATIVE=ON"]
+                if version != "2.7":  # those of the slow tests: with sanitizers
+                    flags = "-O2 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all"
+                    options += ["-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={flags}", f"-DCMAKE_CXX_FLAGS={flags}"]
                 for command in (["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"]):
                     done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
                     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]

@@ -150,16 +150,6 @@ def test_a_held_arm_stops_the_trajectory_and_is_let_go(scenario: Scenario, versi
     assert "slowed: " in run.output and "let go: " in run.output
 
 
-@versions
-def test_an_arm_that_is_held_for_a_while_goes_on(scenario: Scenario, version: str) -> None:
-    soft = ("--stiffness", "200,200,200,10,10,10", "--error-limit", 0.05, "--hold-time", 1.0)
-    run = scenario(version, "held@1.4-1.7", "--duration", 2.5, client=soft)
-    assert run.code == DONE
-    assert run.faults["slowed"] > 20
-    assert 1.2 < trajectory_time(run) < 2.2
-    run.check_sent()
-
-
 def test_the_defaults_for_commissioning_are_low(scenario: Scenario) -> None:
     run = scenario("2.7")
     assert run.client is not None
@@ -196,7 +186,7 @@ def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: 
 
 def test_interrupted_twice_it_leaves_at_once(scenario: Scenario) -> None:
     run = scenario("2.7", "", "--deaf", "--answer-timeout", 1, at=[(1.8, interrupt), (1.81, interrupt)])
-    assert run.code == INTERRUPTED and "twice" in last_line(run)
+    assert run.code == INTERRUPTED and "the client left at once" in last_line(run)
 
 
 def test_interrupted_before_anything_moves_it_leaves(scenario: Scenario) -> None:
@@ -231,6 +221,7 @@ def test_a_message_without_a_part_is_refused_and_counted(scenario: Scenario, ver
 # ---- what --wait and --timeout say ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("version", "other", "found"),
     [("2.7", "1.15", "datagram_frame"), ("2.7", "2.5", "datagram_frame"), ("1.15", "2.7", ""), ("2.5", "2.7", "")],
@@ -243,10 +234,11 @@ def test_the_other_framing_is_named(scenario: Scenario, version: str, other: str
     assert f"the robot speaks {'2.7' if other == '2.7' else '1.x or 2.5'}: build the client for it" in last_line(run)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("version", "other"), [("1.15", "2.5"), ("2.5", "1.15")])
 def test_another_version_of_the_same_framing_is_told(scenario: Scenario, version: str, other: str) -> None:
     run = scenario(version, robot_version=other)
-    assert run.faults["other_version"] == run.client.summary["cycles"]  # type: ignore[union-attr]
+    assert run.client is not None and run.faults["other_version"] >= run.client.summary["cycles"]
     assert "other version: " in run.output
 
 
