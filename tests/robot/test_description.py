@@ -288,7 +288,7 @@ def test_problems_beside_the_chain_are_warned_of(read, name, tmp_path):
 @pytest.mark.parametrize("name", REFUSED_BESIDE)
 def test_problems_of_what_rides_on_the_chain_are_refused(read, name):
     description = read(replaced(*REFUSED_BESIDE[name]))
-    with pytest.raises(DescriptionError, match="grip|crank"):
+    with pytest.raises(DescriptionError, match=r"grip|crank"):
         chain_between(description, HAND)
     assert chain_between(description, replace(HAND, masses=False)).dof == 2
 
