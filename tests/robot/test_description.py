@@ -258,6 +258,18 @@ REFUSED_BESIDE = {
     "mimics in a circle off zero": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="grip" offset="0.1"/>')],
     "unreadable offset": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="ghost" offset="0,1"/>')],
     "misspelt offset": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" ofset="0.1"/>')],
+    "unknown type off zero": [
+        ('name="grip" type="prismatic"', 'name="grip" type="spherical"'),
+        (GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" offset="0.1"/>'),
+    ],
+    "unknown type of its master off zero": [
+        (GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="crank"/>'),
+        (
+            "</robot>",
+            '<link name="disc"/><joint name="crank" type="wheel"><parent link="base"/><child link="disc"/>'
+            '<mimic joint="elbow" offset="0.1"/></joint></robot>',
+        ),
+    ],
     "misspelt mimic of its master": [
         (GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="crank"/>'),
         (
