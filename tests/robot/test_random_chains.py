@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stiffgen.check.verify import References, check_kernels
+from stiffgen.check.verify import References, as_results, check_kernels
 from stiffgen.errors import StiffgenError
 from stiffgen.robot.chain import Chain, ChainOptions, chain_between, select
 from stiffgen.robot.reader import read_description
@@ -59,10 +59,17 @@ def test_stiffness_against_differentiation(file, seed):
     chain = chain_of(random_robot(Plain(seed), 5), file)
 
     def over_samples(kernel):
-        function, shape = casadi_function(chain, kernel), kernel.result.array(chain).shape
-        return lambda *arguments: np.stack(
-            [np.asarray(function(*a)).reshape(shape) for a in zip(*arguments, strict=True)]
-        )
+        function, shapes = casadi_function(chain, kernel), [result.array(chain).shape for result in kernel.results]
+
+        def stacks(*arguments):
+            rows = [as_results(function(*each)) for each in zip(*arguments, strict=True)]
+            stacked = [
+                np.stack([np.asarray(one).reshape(shape) for one in column])
+                for column, shape in zip(zip(*rows, strict=True), shapes, strict=True)
+            ]
+            return stacked[0] if len(stacked) == 1 else stacked
+
+        return stacks
 
     kernels = {kernel.qualified_name: over_samples(kernel) for kernel in KERNELS}
     failed = [check for check in check_kernels(kernels, References(chain, 5, seed)) if not check.passed]

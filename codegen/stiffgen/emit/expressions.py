@@ -62,6 +62,8 @@ class Printed:
     lines: list[str]
     operations: Operations
     values: tuple[str, ...] = ()
+    temporaries: int = 0
+    """One past the last number of an unnamed local, t0, t1, ..."""
 
 
 @dataclass
@@ -160,6 +162,7 @@ def print_statements(
     wide_outputs: bool = False,
     wide_number: str = "lanes",
     define: int = 0,
+    temporaries: int = 0,
 ) -> Printed:
     """Print the statements that compute ``outputs``.
 
@@ -173,6 +176,7 @@ def print_statements(
         wide_number: C type of what is called lanes here: "lanes", or "double" for one configuration at a time.
         define: of so many outputs, the first ones, take the lvalues as names of new locals; what is a constant or has a
             name already gets no second one.
+        temporaries: number of the first unnamed local.
 
     Returns:
         Lines without indentation.
@@ -183,6 +187,7 @@ def print_statements(
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
     graph, numbers = _build(ca.Function("f", [symbols], [everything]))
     writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, wide_number)
+    writer.temporaries = temporaries
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -196,7 +201,7 @@ def print_statements(
             values.append(writer.value(lvalue, number))
         else:
             writer.assign(lvalue, number, wide=wide_outputs)
-    return Printed(writer.lines, writer.operations, tuple(values))
+    return Printed(writer.lines, writer.operations, tuple(values), writer.temporaries)
 
 
 class _Writer:
