@@ -83,10 +83,9 @@ struct ClientData {
 
     open_fri_Io &output(const char *name, uint32_t type)
     {
-        open_fri_Io &io_out = out.data.ios[out.data.ios_count++];
-        io_out = io(name, type);
+        const open_fri_Io &known = io(name, type);
         out.has_data = true;
-        return io_out;
+        return out.data.ios[out.data.ios_count++] = known;
     }
 };
 
