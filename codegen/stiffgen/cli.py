@@ -491,10 +491,11 @@ def _bench(options: argparse.Namespace) -> int:
     with _Progress(console).shown() as progress:
         timings = bench(options.folder, progress=progress)
     table = Table(show_edge=False, pad_edge=False)
-    for column in ("kernel", "one Python call [us]", "in a stack of 4096 [us]"):
+    for column in ("kernel", "Python call [us]", "of a stack of 4096 [us]", "C call [us]"):
         table.add_column(column, justify="left" if column == "kernel" else "right")
     for timing in timings:
-        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}")
+        c = f"{timing.c:.3f}" if math.isfinite(timing.c) else "no compiler"
+        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}", c)
     _table_console().print(table)
     return 0
 

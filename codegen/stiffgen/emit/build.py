@@ -60,8 +60,10 @@ def build_module(folder: Path, name: str) -> None:
         _self_check([*command, objects[0]], folder, name, Path(build))
 
 
-def build_library(folder: Path, name: str, build: Path, flags: Sequence[str] = ("-O1",)) -> Path:
-    """Compile the kernels of a generated folder, NAME.c alone, into a shared library in ``build``.
+def build_library(
+    folder: Path, name: str, build: Path, flags: Sequence[str] = ("-O1",), *, more: Sequence[Path] = ()
+) -> Path:
+    """Compile the kernels of a generated folder, NAME.c and what ``more`` names, into a shared library in ``build``.
 
     Raises:
         BuildError: no compiler, or it failed; with its last lines.
@@ -69,7 +71,8 @@ def build_library(folder: Path, name: str, build: Path, flags: Sequence[str] = (
     """
     compiler = _compiler()
     library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
-    command = [*compiler, "-std=gnu99", *flags, "-fPIC", "-shared", str(folder.resolve() / f"{name}.c")]
+    command = [*compiler, "-std=gnu99", *flags, "-fPIC", "-shared", f"-I{folder.resolve()}"]
+    command += [str(folder.resolve() / f"{name}.c"), *map(str, more)]
     _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
     return library
 
