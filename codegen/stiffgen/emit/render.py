@@ -15,7 +15,7 @@ import jinja2
 from stiffgen._version import __version__
 from stiffgen.emit.c import Code, Function, Functions, Scope, print_chain, print_threads
 from stiffgen.emit.controller import controller_context, controller_files
-from stiffgen.emit.expressions import WIDEST, Operations, c_double
+from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, WIDEST, Operations, c_double
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
@@ -119,6 +119,9 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "batch_recursions": [_recursion(scope, function, "lanes") for scope, function in code.batch.recursions],
         "batches": [_batch(name, kernel, function) for kernel, function in code.batch.kernels],
         "calls": code.calls,
+        "libm": LIBM,
+        "libm_of_two": LIBM_OF_TWO,
+        "own": OWN,
     }
 
 
