@@ -348,7 +348,7 @@ class _Writer:
             self._define(self._next_temporary(), inner)
         self._prepare(number)
         text = self._expression(number)[0]
-        if self.poison:
+        if self.poison and self.graph.keys[inner][0] != "const":
             text = f"{text} + {self.poison}"
         spread = wide and number not in self.wide and self.wide_number == "lanes"
         self._write(f"{lvalue} = {f'same({text})' if spread else text};")

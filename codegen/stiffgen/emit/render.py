@@ -22,19 +22,21 @@ from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import Array
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
 
 
-def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
+def render(chain: Chain, name: str, *, cuda: bool = False, options: SpringOptions | None = None) -> dict[str, str]:
     """The files of a robot's folder by name.
 
     Args:
         chain: the robot.
         name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
         cuda: also NAME.cu and NAME_cuda.h, CUDA for the kernels that have a batch.
+        options: springs beyond the default one, their axes and centre.
 
     Returns:
         Text by file name; the same on every machine.
@@ -43,8 +45,9 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         ChainError: ``cuda`` for a chain too long for batches.
 
     """
-    threads = _threads(chain, name) if cuda else None
-    code = print_chain(chain, name)
+    options = options or SpringOptions()
+    threads = _threads(chain, name, options) if cuda else None
+    code = print_chain(chain, name, options)
     context = _context(chain, name, code) | {"cuda": threads and _cuda(chain, name, threads)}
     environment = _environment()
     files = {
@@ -64,7 +67,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         for file, template in files.items()
     }
     texts["py.typed"] = ""
-    texts[MANIFEST] = _manifest(chain, name, code, texts)
+    texts[MANIFEST] = _manifest(chain, name, code, texts, options)
     return texts
 
 
@@ -181,8 +184,8 @@ def _example(chain: Chain) -> _Example:
     )
 
 
-def _threads(chain: Chain, name: str) -> Functions:
-    threads = print_threads(chain, name)
+def _threads(chain: Chain, name: str, options: SpringOptions) -> Functions:
+    threads = print_threads(chain, name, options)
     if not threads.kernels:
         raise ChainError(
             f"--cuda: the chain has {len(chain.joints)} moving joints, and CUDA kernels are made for at most "
@@ -421,7 +424,7 @@ def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
     return lines[:-1]
 
 
-def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str:
+def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str], options: SpringOptions) -> str:
     content = {
         "generator": _GENERATOR,
         "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
@@ -435,6 +438,7 @@ def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str
             for kernel, function in code.single.kernels
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
+        "springs": options.to_manifest(),
         "chain": _finite(asdict(chain)),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
