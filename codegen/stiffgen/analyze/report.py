@@ -159,7 +159,7 @@ def _figures(chain: Chain, result: Summary, representation: str) -> tuple[_Figur
     share = 100 * result.indefinite / result.good
     parts = [_Line("singular_value_symmetric", "conventional", CONVENTIONAL, width=3.0)]
     if representation == "hybrid":
-        parts.append(_Line("singular_value_symmetric", "corrected: the same", CORRECTED, (10, 10)))
+        parts.append(_Line("singular_value_symmetric", "corrected: the same", CORRECTED, (10, 10), 2.0))
         same = (
             "In the hybrid representation Gamma F is antisymmetric, so that the symmetric part of the conventional "
             "stiffness is the corrected stiffness: the two lines coincide."
