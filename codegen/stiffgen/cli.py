@@ -583,12 +583,15 @@ def _analyze(options: argparse.Namespace) -> int:
         except EmptyRecordingError as error:
             print(f"stiffgen: {error}", file=sys.stderr)
             return 1
-    table = Table(show_edge=False, pad_edge=False)
-    for column in TABLE_HEAD:
-        table.add_column(column, justify="left" if column in ("quantity", "unit", "least at", "most at") else "right")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    shown = [k for k, column in enumerate(TABLE_HEAD) if column not in ("mean", "least at", "most at")]
+    for column in (TABLE_HEAD[k] for k in shown):
+        words = column in ("quantity", "unit")
+        table.add_column(column, justify="left" if words else "right", no_wrap=column != "quantity")
     for row in table_rows(analysis.summary):
-        table.add_row(*map(escape, row))
-    _table_console().print(table)
+        table.add_row(*(escape(row[k]) for k in shown))
+    console = _Console(highlight=False)
+    (console if console.is_terminal else _Console(highlight=False, width=80)).print(table)
     print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
     for line in recording_warnings(analysis.recording, analysis.result):
         print(f"stiffgen: warning: {line}", file=sys.stderr)

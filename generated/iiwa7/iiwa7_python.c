@@ -21,6 +21,7 @@ typedef struct {
     const char *documentation;
     int inputs;
     int operands; /* with the outputs, which follow the inputs */
+    const char *argument[MAX_OPERANDS];
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
     void (*evaluate)(const double *const *in, double *const *out);
@@ -414,6 +415,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 2},
         {{7}, {4, 4}},
         evaluate_forward_kinematics,
@@ -441,6 +443,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 2},
         {{7}, {7, 7}},
         evaluate_mass_matrix,
@@ -466,6 +469,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 2},
         {{7}, {6, 7}},
         evaluate_body_jacobian,
@@ -490,6 +494,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_body_jacobian_transpose_derivative,
@@ -517,6 +522,7 @@ static kernel kernels[] = {
         ,
         2,
         3,
+        {"q", "wrench"},
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_body_kinematic_stiffness,
@@ -542,6 +548,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"wrench"},
         {1, 2},
         {{6}, {6, 6}},
         evaluate_body_connection_correction,
@@ -572,6 +579,7 @@ static kernel kernels[] = {
         ,
         3,
         4,
+        {"q", "wrench", "task_stiffness"},
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_body_joint_stiffness,
@@ -602,6 +610,7 @@ static kernel kernels[] = {
         ,
         3,
         4,
+        {"q", "wrench", "task_stiffness"},
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_body_joint_stiffness_uncorrected,
@@ -627,6 +636,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 2},
         {{7}, {6, 7}},
         evaluate_spatial_jacobian,
@@ -651,6 +661,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_spatial_jacobian_transpose_derivative,
@@ -678,6 +689,7 @@ static kernel kernels[] = {
         ,
         2,
         3,
+        {"q", "wrench"},
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_spatial_kinematic_stiffness,
@@ -706,6 +718,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"wrench"},
         {1, 2},
         {{6}, {6, 6}},
         evaluate_spatial_connection_correction,
@@ -739,6 +752,7 @@ static kernel kernels[] = {
         ,
         3,
         4,
+        {"q", "wrench", "task_stiffness"},
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_spatial_joint_stiffness,
@@ -769,6 +783,7 @@ static kernel kernels[] = {
         ,
         3,
         4,
+        {"q", "wrench", "task_stiffness"},
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_spatial_joint_stiffness_uncorrected,
@@ -794,6 +809,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 2},
         {{7}, {6, 7}},
         evaluate_hybrid_jacobian,
@@ -818,6 +834,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"q"},
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_hybrid_jacobian_transpose_derivative,
@@ -845,6 +862,7 @@ static kernel kernels[] = {
         ,
         2,
         3,
+        {"q", "wrench"},
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_hybrid_kinematic_stiffness,
@@ -870,6 +888,7 @@ static kernel kernels[] = {
         ,
         1,
         2,
+        {"wrench"},
         {1, 2},
         {{6}, {6, 6}},
         evaluate_hybrid_connection_correction,
@@ -900,6 +919,7 @@ static kernel kernels[] = {
         ,
         3,
         4,
+        {"q", "wrench", "task_stiffness"},
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_hybrid_joint_stiffness,
@@ -930,6 +950,7 @@ static kernel kernels[] = {
         ,
         3,
         4,
+        {"q", "wrench", "task_stiffness"},
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_hybrid_joint_stiffness_uncorrected,
@@ -967,6 +988,7 @@ static kernel kernels[] = {
         ,
         4,
         5,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
         {1, 2, 2, 2, 0},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {1}},
         evaluate_spring_energy,
@@ -1004,6 +1026,7 @@ static kernel kernels[] = {
         ,
         4,
         5,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
         {1, 2, 2, 2, 1},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {6}},
         evaluate_spring_wrench,
@@ -1041,6 +1064,7 @@ static kernel kernels[] = {
         ,
         4,
         5,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
         {1, 2, 2, 2, 2},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {6, 6}},
         evaluate_spring_task_stiffness,
@@ -1077,6 +1101,7 @@ static kernel kernels[] = {
         ,
         4,
         5,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
         {1, 2, 2, 2, 1},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {7}},
         evaluate_spring_torque,
@@ -1114,6 +1139,7 @@ static kernel kernels[] = {
         ,
         4,
         5,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
         {1, 2, 2, 2, 2},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {7, 7}},
         evaluate_spring_joint_stiffness,
@@ -1155,6 +1181,7 @@ static kernel kernels[] = {
         ,
         4,
         7,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
         {1, 2, 2, 2, 0, 1, 2},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {1}, {7}, {7, 7}},
         evaluate_spring_linearization,
@@ -1165,6 +1192,113 @@ static kernel kernels[] = {
 enum { KERNELS = sizeof kernels / sizeof kernels[0] };
 
 static PyUFuncGenericFunction loops[] = {loop};
+static PyObject *argument_names[KERNELS][MAX_OPERANDS];
+static vectorcallfunc numpys_call; /* of every ufunc */
+
+static PyObject *argument_error(const kernel *k, const char *what, const char *name)
+{
+    PyObject *names = PyUnicode_FromString(k->argument[0]);
+    for (int i = 1; names != NULL && i < k->inputs; ++i) {
+        Py_SETREF(names, PyUnicode_FromFormat("%U, %s", names, k->argument[i]));
+    }
+    if (names != NULL) {
+        PyErr_Format(PyExc_TypeError, "%s() %s '%s'; its arguments are %U", k->name, what, name, names);
+        Py_DECREF(names);
+    }
+    return NULL;
+}
+
+/* The place of an argument by its name, or -1: NumPy's out, where, ... */
+static int argument_place(const kernel *k, PyObject *name)
+{
+    PyObject *const *const names = argument_names[k - kernels];
+    for (int i = 0; i < k->inputs; ++i) {
+        if (names[i] == name) { /* as a rule: names in a program are interned */
+            return i;
+        }
+    }
+    for (int i = 0; i < k->inputs; ++i) {
+        if (PyUnicode_Compare(names[i], name) == 0) {
+            return i;
+        }
+    }
+    return -1;
+}
+
+/* A ufunc's call with arguments that may be named: they are put in order, and the rest is NumPy's affair. */
+static PyObject *call(PyObject *self, PyObject *const *given, size_t flags, PyObject *keywords)
+{
+    enum { MAX_OTHERS = 16 };
+    if (keywords == NULL) {
+        return numpys_call(self, given, flags, NULL);
+    }
+    const kernel *const k = (const kernel *)((PyUFuncObject *)self)->data[0];
+    const Py_ssize_t count = PyVectorcall_NARGS(flags), named = PyTuple_GET_SIZE(keywords);
+    PyObject *ordered[MAX_OPERANDS + MAX_OTHERS] = {NULL};
+    PyObject *others[MAX_OTHERS];
+    Py_ssize_t left = 0;
+    if (count > k->inputs || named > MAX_OTHERS) {
+        return numpys_call(self, given, flags, keywords);
+    }
+    for (Py_ssize_t i = 0; i < count; ++i) {
+        ordered[i] = given[i];
+    }
+    for (Py_ssize_t i = 0; i < named; ++i) {
+        PyObject *const name = PyTuple_GET_ITEM(keywords, i);
+        const int place = argument_place(k, name);
+        if (place < 0) {
+            ordered[k->inputs + left] = given[count + i];
+            others[left++] = name;
+        } else if (ordered[place] != NULL) {
+            return argument_error(k, "got several values for", k->argument[place]);
+        } else {
+            ordered[place] = given[count + i];
+        }
+    }
+    if (left == named) {
+        return numpys_call(self, given, flags, keywords);
+    }
+    for (int i = 0; i < k->inputs; ++i) {
+        if (ordered[i] == NULL) {
+            return argument_error(k, "lacks", k->argument[i]);
+        }
+    }
+    PyObject *rest = NULL;
+    if (left > 0) {
+        rest = PyTuple_New(left);
+        for (Py_ssize_t i = 0; rest != NULL && i < left; ++i) {
+            PyTuple_SET_ITEM(rest, i, Py_NewRef(others[i]));
+        }
+        if (rest == NULL) {
+            return NULL;
+        }
+    }
+    PyObject *const result = numpys_call(self, ordered, (size_t)k->inputs, rest);
+    Py_XDECREF(rest);
+    return result;
+}
+
+/* Let a ufunc take its arguments by name, too, and tell Python the names. */
+static int name_arguments(PyObject *ufunc, int index, PyObject *arguments)
+{
+    const kernel *const k = &kernels[index];
+    PyObject *names = PyTuple_New(k->inputs);
+    for (int i = 0; names != NULL && i < k->inputs; ++i) {
+        PyObject *name = PyUnicode_InternFromString(k->argument[i]);
+        if (name == NULL) {
+            Py_CLEAR(names);
+        } else {
+            argument_names[index][i] = Py_NewRef(name);
+            PyTuple_SET_ITEM(names, i, name);
+        }
+    }
+    const int failed = names == NULL || PyDict_SetItemString(arguments, k->name, names) < 0;
+    Py_XDECREF(names);
+    numpys_call = ((PyUFuncObject *)ufunc)->vectorcall;
+    ((PyUFuncObject *)ufunc)->vectorcall = call;
+    return failed ? -1 : 0;
+}
+
 static char types[MAX_OPERANDS];
 static void *data[KERNELS];
 
@@ -1509,18 +1643,24 @@ static int execute(PyObject *module)
             "compile it without -Ofast and its like (see CC, CFLAGS)");
         return -1;
     }
-    if (PyArray_ImportNumPyAPI() < 0 || PyUFunc_ImportUFuncAPI() < 0) {
-        return -1;
-    }
+    import_array1(-1);
+    import_umath1(-1);
     for (int o = 0; o < MAX_OPERANDS; ++o) {
         types[o] = NPY_DOUBLE;
     }
+    PyObject *arguments = PyDict_New();
+    if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
+        || PyModule_AddStringConstant(module, "SOURCES", "07d40727f645638a") < 0) {
+        Py_XDECREF(arguments);
+        return -1;
+    }
+    Py_DECREF(arguments); /* the module has it */
     for (int i = 0; i < KERNELS; ++i) {
         const kernel *k = &kernels[i];
         data[i] = &kernels[i];
         PyObject *ufunc = PyUFunc_FromFuncAndDataAndSignature(
             loops, &data[i], types, 1, k->inputs, k->operands - k->inputs, PyUFunc_None, k->name, k->documentation, 0, k->signature);
-        if (ufunc == NULL || PyModule_AddObjectRef(module, k->name, ufunc) < 0) {
+        if (ufunc == NULL || name_arguments(ufunc, i, arguments) < 0 || PyModule_AddObjectRef(module, k->name, ufunc) < 0) {
             Py_XDECREF(ufunc);
             return -1;
         }
