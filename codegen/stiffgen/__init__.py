@@ -10,6 +10,7 @@ from stiffgen.errors import (
     EmptyRecordingError,
     MissingExtraError,
     OutputError,
+    PotentialError,
     RecordingError,
     StiffgenError,
 )
@@ -17,6 +18,8 @@ from stiffgen.generate import generate
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain, Tool, load_chain
 from stiffgen.symbolic.model import StiffnessModel
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import Placement
 
 __all__ = [
     "Analysis",
@@ -29,7 +32,10 @@ __all__ = [
     "GeneratedRobot",
     "MissingExtraError",
     "OutputError",
+    "Placement",
+    "PotentialError",
     "RecordingError",
+    "SpringOptions",
     "StiffgenError",
     "StiffnessModel",
     "Tool",

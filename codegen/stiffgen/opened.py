@@ -12,24 +12,32 @@ from types import ModuleType
 from typing import Any
 
 from stiffgen.emit.render import MANIFEST, chain_from_manifest
-from stiffgen.errors import OutputError
+from stiffgen.errors import OutputError, StiffgenError
 from stiffgen.generate import read_manifest
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
 
 
 @dataclass(frozen=True)
 class GeneratedRobot:
     """A folder that ``stiffgen generate`` wrote; from :func:`open_robot`.
 
-    ``chain`` is what it was generated from, ``manifest`` the parsed manifest.json, ``name`` the prefix of its C names.
+    ``chain`` and ``springs`` are what it was generated from, ``manifest`` the parsed manifest.json, ``name`` the prefix
+    of its C names.
     """
 
     folder: Path
     name: str
     chain: Chain
+    springs: SpringOptions
     manifest: Mapping[str, Any]
+
+    @cached_property
+    def table(self) -> tuple[Kernel, ...]:
+        """The kernel table's records of its functions."""
+        return chain_kernels(self.chain, self.springs)
 
     @cached_property
     def module(self) -> ModuleType:
@@ -63,7 +71,7 @@ class GeneratedRobot:
             OutputError: see :attr:`module`; also if a function is missing, as in a folder of another version.
 
         """
-        return functions_of(self.module, chain_kernels(self.chain), self.folder)
+        return functions_of(self.module, self.table, self.folder)
 
 
 def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) -> dict[str, Callable[..., Any]]:
@@ -89,7 +97,7 @@ def open_robot(folder: str | Path) -> GeneratedRobot:
         folder: what ``stiffgen generate`` wrote.
 
     Returns:
-        The robot: ``chain``, ``module``, ``kernels``, ``manifest``, ``name``, ``folder``.
+        The robot: ``chain``, ``springs``, ``module``, ``table``, ``kernels``, ``manifest``, ``name``, ``folder``.
 
     Raises:
         OutputError: the folder is none of stiffgen's, or its manifest is damaged.
@@ -105,10 +113,11 @@ def open_robot(folder: str | Path) -> GeneratedRobot:
     try:
         chain = chain_from_manifest(manifest)
         name = checked_identifier(manifest["name"])
-        chain_kernels(chain)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OutputError) as error:
+        springs = springs_of_manifest(manifest)
+        chain_kernels(chain, springs)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, StiffgenError) as error:
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise OutputError(
             f"{folder / MANIFEST}: is damaged or of another version ({what}); generate it again"
         ) from error
-    return GeneratedRobot(folder, name, chain, manifest)
+    return GeneratedRobot(folder, name, chain, springs, manifest)

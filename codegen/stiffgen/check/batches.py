@@ -10,7 +10,8 @@ import numpy as np
 
 from stiffgen.check.result import BOUND, Array, Check, Kernels, as_results, faultless, relative_error
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel
 
 LENGTHS = range(18)
 """0 to two blocks of the widest lanes (8) and one more."""
@@ -19,20 +20,22 @@ LONG = 131
 _UNTOUCHED = -7.25
 
 
-def check_stacks(kernels: Kernels, single: Kernels, chain: Chain, pool: Mapping[str, Array]) -> list[Check]:
+def check_stacks(
+    kernels: Kernels, single: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array]
+) -> list[Check]:
     """Stacks of every length through the Python module: forwards, backwards, spread, with one argument shared.
 
     Args:
         kernels: functions of the module, which take stacks.
         single: the same, one configuration a call.
-        chain: the robot.
+        table: their records.
         pool: at least ``LONG`` values of every argument.
 
     """
     checks = []
-    for kernel in chain_kernels(chain):
+    for kernel in table:
         call, reference = kernels[kernel.qualified_name], single[kernel.qualified_name]
-        stacks = [pool[argument.name][:LONG] for argument in kernel.arguments]
+        stacks = [pool[argument][:LONG] for argument in kernel.arguments]
         expected = as_results(reference(*stacks))
         faults = []
         for length in (*LENGTHS, LONG):
@@ -61,20 +64,27 @@ def check_stacks(kernels: Kernels, single: Kernels, chain: Chain, pool: Mapping[
 
 
 def check_c_batches(
-    library: ctypes.CDLL, name: str, single: Kernels, chain: Chain, pool: Mapping[str, Array]
+    library: ctypes.CDLL,
+    name: str,
+    single: Kernels,
+    table: tuple[Kernel, ...],
+    chain: Chain,
+    pool: Mapping[Argument, Array],
 ) -> list[Check]:
     """NAME_..._batch called from C's side: counts 0 to 17, steps of every sign, NaN around arguments, sentinels."""
     checks = []
-    for kernel in chain_kernels(chain):
+    for kernel in table:
         if kernel.batch:
             faults = _batch_faults(library[f"{name}_{kernel.qualified_name}_batch"], single, kernel, chain, pool)
             checks.append(faultless(f"{kernel.qualified_name}_batch", "C: counts, steps, ends", faults))
     return checks
 
 
-def _batch_faults(call: Any, single: Kernels, kernel: Kernel, chain: Chain, pool: Mapping[str, Array]) -> list[str]:
+def _batch_faults(
+    call: Any, single: Kernels, kernel: Kernel, chain: Chain, pool: Mapping[Argument, Array]
+) -> list[str]:
     most = LENGTHS[-1]
-    stacks = [pool[argument.name][:most].reshape(most, -1) for argument in kernel.arguments]
+    stacks = [pool[argument][:most].reshape(most, -1) for argument in kernel.arguments]
     names = [argument.name for argument in kernel.arguments]
     sizes = [result.array(chain).size for result in kernel.results]
     reference = single[kernel.qualified_name]

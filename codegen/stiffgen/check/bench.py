@@ -16,7 +16,6 @@ from stiffgen.check.verify import argument_samples
 from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.symbolic.kernels import chain_kernels
 
 _BATCH = 4096
 _SECONDS = 0.01
@@ -52,16 +51,16 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
 
     """
     robot = open_robot(folder)
-    chain, kernels = robot.chain, robot.kernels
-    pool = argument_samples(chain, _BATCH, seed=0)
+    kernels = robot.kernels
+    pool = argument_samples(robot.chain, _BATCH, 0, robot.springs)
     timings = []
     with tempfile.TemporaryDirectory(prefix="stiffgen-bench-") as build:
         progress("compiling C calls")
         library = _c_loops(robot, Path(build))
-        for kernel in chain_kernels(chain):
+        for kernel in robot.table:
             progress(f"timing {kernel.qualified_name}")
             function = kernels[kernel.qualified_name]
-            stacks = [pool[argument.name] for argument in kernel.arguments]
+            stacks = [pool[argument] for argument in kernel.arguments]
             first = [stack[0].copy() for stack in stacks]
             out = function(*stacks)
             call = _median(function, first, {})
@@ -78,7 +77,7 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
 def _c_loops(robot: GeneratedRobot, build: Path) -> ctypes.CDLL | None:
     """For every kernel a C function that calls it once for each of the 4096 samples; None without a compiler."""
     lines = [f'#include "{robot.name}.h"']
-    for kernel in chain_kernels(robot.chain):
+    for kernel in robot.table:
         sizes = [array.array(robot.chain).size for array in (*kernel.arguments, *kernel.results)]
         blocks = ", ".join(f"blocks[{k}] + {size} * c" for k, size in enumerate(sizes))
         lines += [

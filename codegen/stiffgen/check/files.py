@@ -14,7 +14,6 @@ import numpy as np
 from stiffgen.check.result import Check, faultless
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain, load_chain
-from stiffgen.symbolic.kernels import chain_kernels
 
 LIMITS = ("lower", "upper", "velocity", "effort")
 
@@ -30,7 +29,7 @@ def check_files(robot: GeneratedRobot) -> list[Check]:
             continue
         if hashlib.sha256(text).hexdigest() != digest:
             faults.append(f"{file} was changed")
-    signatures = {kernel.qualified_name: kernel.signature(robot.chain) for kernel in chain_kernels(robot.chain)}
+    signatures = {kernel.qualified_name: kernel.signature(robot.chain) for kernel in robot.table}
     listed = {name: entry["signature"] for name, entry in robot.manifest["kernels"].items()}
     return [
         faultless("files", "SHA-256 in the manifest", faults),

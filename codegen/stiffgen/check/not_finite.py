@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from stiffgen.check.result import Array, Check, Kernels, as_results, faultless
-from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel
 
 STACK = 11
 """Configurations of a stack: neither a block of lanes nor several."""
 _DEPENDS = 1e-9
 
 
-def check_not_finite(kernels: Kernels, chain: Chain, pool: Mapping[str, Array]) -> list[Check]:
+def check_not_finite(kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array]) -> list[Check]:
     """Put NaN and infinity into every entry of every argument, single and in a stack.
 
     What depends on an entry is found by changing it: no table of dependences is believed.
@@ -26,15 +26,15 @@ def check_not_finite(kernels: Kernels, chain: Chain, pool: Mapping[str, Array]) 
             faultless(
                 kernel.qualified_name, "NaN and infinity in", _faults(kernels[kernel.qualified_name], kernel, pool)
             )
-            for kernel in chain_kernels(chain)
+            for kernel in table
         ]
 
 
-def _faults(call: Any, kernel: Kernel, pool: Mapping[str, Array]) -> list[str]:
+def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[str]:
     faults = []
-    one = [pool[argument.name][0].copy() for argument in kernel.arguments]
+    one = [pool[argument][0].copy() for argument in kernel.arguments]
     clean = _flat(call(*one))
-    stacks = [pool[argument.name][:STACK].copy() for argument in kernel.arguments]
+    stacks = [pool[argument][:STACK].copy() for argument in kernel.arguments]
     clean_stack = [np.array(each) for each in as_results(call(*stacks))]
     turn = 0
     for argument, array, stack in zip(kernel.arguments, one, stacks, strict=True):

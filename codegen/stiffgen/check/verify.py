@@ -35,9 +35,11 @@ from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError, StiffgenError
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
-from stiffgen.symbolic.kernels import SPRINGS, chain_kernels
+from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
 
 
@@ -53,6 +55,7 @@ class Samples:
     equilibrium: Array
     translation_stiffness: Array
     rotation_stiffness: Array
+    stiffness: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -73,7 +76,18 @@ class Samples:
             equilibrium=_random_poses(random, count),
             translation_stiffness=_random_positive(random, count, 3, 300.0),
             rotation_stiffness=_random_positive(random, count, 3, 20.0),
+            stiffness=_random_positive(random, count, 6, 30.0),
         )
+
+    def of(self, argument: Argument, seed: int) -> Array:
+        """The values of a kernel's argument; what a user's potential takes is drawn for it."""
+        known = getattr(self, argument.name, None)
+        if known is not None and len(known.shape) == 1 + len(argument.shape):
+            sizes = zip(argument.shape, known.shape[1:], strict=True)
+            if all(extent in ("n", size) for extent, size in sizes):
+                values: Array = known
+                return values
+        return _random_parameter(argument, len(self.q), seed)
 
     def __getitem__(self, argument: str) -> Array:
         """The values of a kernel's argument by its name."""
@@ -94,6 +108,12 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
     poses[:, :3, 3] = random.normal(size=(count, 3)) * 0.2
     poses[:, 3, 3] = 1
     return poses
+
+
+def _random_parameter(argument: Argument, count: int, seed: int) -> Array:
+    """Values of about 1, positive, for what a user's potential takes."""
+    extents = [int(extent) for extent in argument.shape]
+    return np.random.default_rng(seed + 77).uniform(0.2, 2.0, (count, *extents))
 
 
 def _random_positive(random: np.random.Generator, count: int, size: int, scale: float) -> Array:
@@ -181,11 +201,15 @@ class References:
         count: number of samples.
         seed: of the random generator.
         q: postures (count, n) instead of random ones.
+        options: springs beyond the default one.
 
     """
 
-    def __init__(self, chain: Chain, count: int, seed: int, q: Array | None = None) -> None:
+    def __init__(
+        self, chain: Chain, count: int, seed: int, q: Array | None = None, options: SpringOptions | None = None
+    ) -> None:
         self.chain = chain
+        self.options = options or SpringOptions()
         self.samples = Samples.draw(chain, count, seed)
         if q is not None:
             self.samples = replace(self.samples, q=q)
@@ -205,7 +229,8 @@ class References:
             n = chain.dof
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
         self.potential = self._potential(symbol, pose, seed)
-        self.springs = {spring.name: self._spring(spring, symbol, pose) for spring in SPRINGS}
+        self.parameters: dict[str, list[Array]] = {}
+        self.springs = {spring.name: self._spring(spring, symbol, pose, seed) for spring in self.options.springs()}
 
     @property
     def posture(self) -> tuple[Array, ...]:
@@ -219,16 +244,18 @@ class References:
         mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
 
-    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX) -> dict[str, Array]:
+    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, Array]:
         """Results of a spring's kernels by name, from its differentiated energy."""
         count = len(self.samples.q)
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
-        stacks = [self.samples[argument.name] for argument in spring.parameters]
+        stacks = self.parameters[spring.name] = [
+            self.samples.of(argument, seed + k) for k, argument in enumerate(spring.parameters)
+        ]
         # Stacks go in as columns, a matrix row by row.
         given = [*self._symbols, *(ca.vec(symbol.T) for symbol in symbols)]
         columns = [each.reshape(count, -1).T for each in (self.samples.q, self.samples.tool_pose, *stacks)]
         results = {}
-        for name, expression in differentiated(spring, pose, q, symbols).items():
+        for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
             rows, width = expression.shape
             function = ca.Function("f", given, [ca.densify(expression)], {})
             mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
@@ -324,9 +351,9 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
 
 def _spring_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
     checks = []
-    for spring in SPRINGS:
+    for spring in references.options.springs():
         expected = references.springs[spring.name]
-        arguments = (*references.posture, *(references.samples[argument.name] for argument in spring.parameters))
+        arguments = (*references.posture, *references.parameters[spring.name])
         for name, reference in expected.items():
             kernel = f"{prefix}{spring.name}_{name}"
             value = kernels[kernel](*arguments)
@@ -370,12 +397,14 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
     ]
 
 
-def check_robot(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+def check_robot(
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> list[Check]:
     """Compare all kernels of a robot with every oracle but the CasADi functions they came from."""
     if len(chain.tips) == 1:
-        return check_kernels(kernels, References(chain, count, seed))
+        return check_kernels(kernels, References(chain, count, seed, options=options))
     q = Samples.draw(chain, count, seed).q
-    tips = [References(chain.branch(tip), count, seed + index, q) for index, tip in enumerate(chain.tips)]
+    tips = [References(chain.branch(tip), count, seed + index, q, options) for index, tip in enumerate(chain.tips)]
     checks = []
     if chain.masses:
         reference = kinetic_hessian(chain, q)
@@ -388,9 +417,8 @@ def check_robot(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[C
         total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
         value = kernels[name](q, *stacked)
         checks += [compared(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
-    for spring in SPRINGS:
-        names = [argument.name for argument in spring.parameters]
-        given = [np.stack([r.samples[name] for r in tips], axis=1) for name in names]
+    for spring in tips[0].options.springs():
+        given = [np.stack(each, axis=1) for each in zip(*(r.parameters[spring.name] for r in tips), strict=True)]
         poses = [np.stack([r.posture[1] for r in tips], axis=1)] if chain.runtime_tool else []
         for result in ("energy", "torque", "joint_stiffness"):
             name = f"{spring.name}_{result}_total"
@@ -404,15 +432,19 @@ def _contact(references: References) -> tuple[Array, ...]:
     return (*references.posture[1:], samples.wrench, samples.task_stiffness)
 
 
-def argument_samples(chain: Chain, count: int, seed: int) -> dict[str, Array]:
-    """A stack of ``count`` random values for every argument that kernels take, by name."""
+def argument_samples(
+    chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> dict[Argument, Array]:
+    """A stack of ``count`` random values for every argument that kernels take."""
     drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
+    names = [tip.name for tip in chain.tips]
     pool = {}
-    for kernel in chain_kernels(replace(chain, tips=chain.tips[:1])):
-        for argument in kernel.arguments:
-            pool[argument.name] = drawn[0][argument.name]
+    for kernel in chain_kernels(replace(chain, tips=chain.tips[:1]), options):
+        for k, argument in enumerate(kernel.arguments):
+            each = [samples.of(argument, seed + index + k) for index, samples in enumerate(drawn)]
+            pool[argument] = each[0]
             if argument.plural:
-                pool[argument.plural] = np.stack([samples[argument.name] for samples in drawn], axis=1)
+                pool[argument.of_all_tips(names)] = np.stack(each, axis=1)
     return pool
 
 
@@ -420,7 +452,7 @@ FAR = (1.5e4, -1.0e6, 3.0e9)
 """Angles beyond those that the generated code reduces itself."""
 
 
-def check_far_angles(kernels: Kernels, chain: Chain, seed: int) -> list[Check]:
+def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringOptions | None = None) -> list[Check]:
     """One joint many turns away at a time, against the CasADi functions.
 
     Not where joints mimic: their positions, multiplied and shifted, are rounded there, in either code its own way.
@@ -428,23 +460,30 @@ def check_far_angles(kernels: Kernels, chain: Chain, seed: int) -> list[Check]:
     turning = [k for k, coordinate in enumerate(chain.coordinates) if coordinate.type != "prismatic"]
     if chain.coupled or not turning:
         return []
-    pool = argument_samples(chain, len(FAR) * len(turning), seed)
+    pool = argument_samples(chain, len(FAR) * len(turning), seed, options)
     for row, (angle, joint) in enumerate((angle, joint) for angle in FAR for joint in turning):
-        pool["q"][row, joint] = angle
-    return [replace(check, oracle="CasADi, many turns away") for check in _against_casadi(kernels, chain, pool)]
+        pool[Q][row, joint] = angle
+    return [
+        replace(check, oracle="CasADi, many turns away") for check in _against_casadi(kernels, chain, pool, options)
+    ]
 
 
-def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+def check_against_casadi(
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> list[Check]:
     """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
-    pool = argument_samples(chain, count, seed)
-    pool["task_stiffness"] = Samples.draw(chain, count, seed).general_stiffness
-    return _against_casadi(kernels, chain, pool)
+    pool = argument_samples(chain, count, seed, options)
+    general = Samples.draw(chain, count, seed).general_stiffness
+    pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
+    return _against_casadi(kernels, chain, pool, options)
 
 
-def _against_casadi(kernels: Kernels, chain: Chain, pool: dict[str, Array]) -> list[Check]:
+def _against_casadi(
+    kernels: Kernels, chain: Chain, pool: dict[Argument, Array], options: SpringOptions | None
+) -> list[Check]:
     checks = []
-    for kernel in chain_kernels(chain):
-        arguments = [pool[argument.name] for argument in kernel.arguments]
+    for kernel in chain_kernels(chain, options):
+        arguments = [pool[argument] for argument in kernel.arguments]
         function = casadi_function(chain, kernel)
         folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
         each = [
@@ -515,10 +554,10 @@ def default_count(chain: Chain) -> int:
 
 
 def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path) -> list[tuple[str, Step]]:
-    chain, kernels = robot.chain, robot.kernels
+    chain, kernels, table, springs = robot.chain, robot.kernels, robot.table, robot.springs
     # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
     single = {name: one_by_one(kernel) for name, kernel in kernels.items()}
-    pool = argument_samples(chain, LONG, seed)
+    pool = argument_samples(chain, LONG, seed, springs)
     try:
         library = ctypes.CDLL(str(build_library(robot.folder, robot.name, build)))
     except BuildError:  # the folder may have been compiled elsewhere
@@ -526,15 +565,15 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     steps: list[tuple[str, Step]] = [
         ("files", lambda: check_files(robot)),
         ("names and limits", lambda: check_tables(robot, library)),
-        ("differentiating and comparing", lambda: check_robot(single, chain, count, seed)),
-        ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed)),
-        ("angles many turns away", lambda: check_far_angles(single, chain, seed)),
-        ("stacks of every length", lambda: check_stacks(kernels, single, chain, pool)),
-        ("NaN and infinity", lambda: check_not_finite(kernels, chain, pool)),
+        ("differentiating and comparing", lambda: check_robot(single, chain, count, seed, springs)),
+        ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
+        ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
+        ("stacks of every length", lambda: check_stacks(kernels, single, table, pool)),
+        ("NaN and infinity", lambda: check_not_finite(kernels, table, pool)),
     ]
     if library is not None:
         loaded = library
-        steps.append(("batches in C", lambda: check_c_batches(loaded, robot.name, single, chain, pool)))
+        steps.append(("batches in C", lambda: check_c_batches(loaded, robot.name, single, table, chain, pool)))
     if urdf is not None:
         file = urdf
         steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))
