@@ -155,7 +155,7 @@ spring = _Functions(
     linearization=_c.spring_linearization,
 )
 
-from .impedance import Fault, Impedance, Mode, Reason, Status
+from .impedance import Impedance, Mode, Status
 
 __all__ = [
     "DOF", "JOINTS", "BASE", "TIP", "TOOL", "LOWER", "UPPER", "VELOCITY", "EFFORT",
@@ -164,10 +164,6 @@ __all__ = [
     "body",
     "spatial",
     "hybrid",
-<<<<<<< HEAD
-    "Fault", "Impedance", "Mode", "Reason", "Status",
-=======
     "spring",
     "Impedance", "Mode", "Status",
->>>>>>> main
 ]
