@@ -6,15 +6,20 @@ from stiffgen.errors import (
     BuildError,
     ChainError,
     DescriptionError,
+    DescriptionWarning,
     EmptyRecordingError,
     MissingExtraError,
     OutputError,
+    PotentialError,
     RecordingError,
     StiffgenError,
 )
 from stiffgen.generate import generate
+from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain, Tool, load_chain
 from stiffgen.symbolic.model import StiffnessModel
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import Placement
 
 __all__ = [
     "Analysis",
@@ -22,10 +27,15 @@ __all__ = [
     "Chain",
     "ChainError",
     "DescriptionError",
+    "DescriptionWarning",
     "EmptyRecordingError",
+    "GeneratedRobot",
     "MissingExtraError",
     "OutputError",
+    "Placement",
+    "PotentialError",
     "RecordingError",
+    "SpringOptions",
     "StiffgenError",
     "StiffnessModel",
     "Tool",
@@ -33,4 +43,5 @@ __all__ = [
     "analyze",
     "generate",
     "load_chain",
+    "open_robot",
 ]

@@ -14,10 +14,11 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
@@ -26,15 +27,21 @@ from rich.table import Table
 
 import stiffgen
 from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
-from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows, warnings
+from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
+from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
-from stiffgen.check.verify import Check, verify
-from stiffgen.errors import DescriptionError, EmptyRecordingError, StiffgenError, printable
+from stiffgen.check.result import Check
+from stiffgen.check.verify import verify
+from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
 from stiffgen.robot.chain import Tool
-from stiffgen.robot.description import Description, JointElement, read_description
+from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.reader import read_description
+from stiffgen.robot.survey import TipSurvey, survey_tip
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.potentials import SpringOptions, read_potential
+from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,7 +76,21 @@ def _run(arguments: Sequence[str] | None) -> int:
     except SystemExit:
         sys.stdout.flush()  # of --help and --version
         raise
-    return int(options.run(options))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", DescriptionWarning)
+        warnings.showwarning = _show_warning
+        return int(options.run(options))
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    print(f"stiffgen: warning: {message}", file=sys.stderr)
 
 
 class _Terminated(BaseException):
@@ -191,6 +212,7 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="hold a joint [rad or m]; repeatable",
     )
+    _add_springs(command)
     tool = command.add_argument_group("tool", "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="functions take the tool's pose (4x4, in the tip) after q")
     tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
@@ -208,14 +230,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.set_defaults(run=_generate)
 
-    command = commands.add_parser("inspect", help="show a URDF's chain, its tips and all its problems")
+    command = commands.add_parser(
+        "inspect", help="show a URDF's joints, what a chain to each tip has, and all problems"
+    )
     command.add_argument("urdf", type=Path, metavar="URDF")
+    command.add_argument("--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)")
+    command.add_argument("--base", metavar="LINK", help="from this link (default: the one nearest the root)")
     command.set_defaults(run=_inspect)
 
     command = commands.add_parser("verify", help="check a robot's compiled kernels against independent oracles")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
-    command.add_argument("--samples", type=_positive, default=200, help="random postures (default: 200)")
-    command.add_argument("--seed", type=int, default=0, help="of the random postures (default: 0)")
+    command.add_argument("--urdf", type=Path, metavar="URDF", help="read the robot's file again and compare the chain")
+    command.add_argument(
+        "--samples", type=_positive, help="random postures (default: 200 up to 7 joints, fewer for more)"
+    )
+    command.add_argument("--seed", type=_natural, default=0, help="of the random postures (default: 0)")
     command.set_defaults(run=_verify)
 
     command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
@@ -224,6 +253,42 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_analyze(commands)
     return parser
+
+
+def _add_springs(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("springs", "energies with torque and tangent, beside the one of every robot")
+    group.add_argument(
+        "--spring", choices=KINDS, action="append", default=[], help="another one (default: trace alone); repeatable"
+    )
+    group.add_argument(
+        "--potential",
+        metavar="FILE.py:FUNCTION",
+        action="append",
+        default=[],
+        help="your own U(p, R, parameters) of CasADi expressions; the file is run; repeatable",
+    )
+    group.add_argument(
+        "--translation-axes", choices=AXES, help="of the translation stiffness (default: base; coupled: equilibrium)"
+    )
+    group.add_argument(
+        "--rotation-axes", choices=AXES, default="equilibrium", help="of the rotation stiffness (default: equilibrium)"
+    )
+    group.add_argument(
+        "--spring-centre",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        default=(0.0, 0.0, 0.0),
+        help="centre of stiffness in the tip's frame [m] (default: its origin)",
+    )
+
+
+def _springs(options: argparse.Namespace) -> SpringOptions:
+    x, y, z = options.spring_centre
+    if not all(map(math.isfinite, (x, y, z))):
+        raise StiffgenError("--spring-centre must be three finite numbers")
+    placement = Placement(options.translation_axes, options.rotation_axes, (x, y, z))
+    return SpringOptions(tuple(options.spring), placement, tuple(map(read_potential, options.potential)))
 
 
 def _add_analyze(commands: Any) -> None:
@@ -271,6 +336,13 @@ def _add_analyze(commands: Any) -> None:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
+
+
+def _natural(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("must not be negative")
+    return value
 
 
 def _positive(text: str) -> int:
@@ -349,11 +421,16 @@ def _generate(options: argparse.Namespace) -> int:
             build=not options.no_build,
             masses=not options.no_masses,
             cuda=options.cuda,
+            springs=_springs(options),
             force=options.force,
             progress=progress,
         )
     print(folder)
     return 0
+
+
+_MOST_TIPS = 100
+"""Tips that ``inspect`` looks at; humanoids with hands have some 40."""
 
 
 def _inspect(options: argparse.Namespace) -> int:
@@ -369,17 +446,38 @@ def _inspect(options: argparse.Namespace) -> int:
         markup=False,
     )
     console.print(_joint_table(description))
-    console.print("tips (leaf links): " + ", ".join(comment(leaf) for leaf in description.leaves), markup=False)
+    tips = description.leaves if options.tip is None else [options.tip]
+    surveys = [survey_tip(description, tip, options.base) for tip in tips[:_MOST_TIPS]]
+    console.print()
+    console.print(_tip_table(surveys, names=20 if options.tip else 4))
+    if len(tips) > _MOST_TIPS:
+        console.print(f"and {len(tips) - _MOST_TIPS} more tips; --tip shows one", markup=False)
     if not description.problems:
         return 0
-    print(f"{len(description.problems)} problems, each of which refuses the chains that use the element:")
+    print(f"\n{len(description.problems)} problems; each refuses the chains that it can change, and leaves the others:")
     print("\n".join(f"  {problem.text}" for problem in description.problems))
     return 1
 
 
+def _tip_table(surveys: list[TipSurvey], names: int) -> Table:
+    table = Table(show_edge=False, pad_edge=False)
+    for column in ("tip", "base", "coordinates (q)", "left out of q"):
+        table.add_column(column)
+    for survey in surveys:
+        coordinates = f"{len(survey.coordinates)}: {listed(survey.coordinates)}" if survey.coordinates else ""
+        lines = [coordinates, survey.hindrance] if survey.hindrance else [coordinates]
+        table.add_row(
+            escape(comment(survey.tip)),
+            escape(comment(survey.base)),
+            escape("\n".join(filter(None, lines))),
+            escape("\n".join(f"{what}: {len(joints)} ({listed(joints, names)})" for what, joints in survey.left_out)),
+        )
+    return table
+
+
 def _joint_table(description: Description) -> Table:
     table = Table(show_edge=False, pad_edge=False)
-    for column in ("joint", "type", "axis", "lower", "upper", "velocity", "effort", "link", "mass [kg]"):
+    for column in ("joint", "type", "axis", "lower", "upper", "velocity", "effort", "parent", "link", "mass [kg]"):
         table.add_column(
             escape(column),
             justify="right" if column in ("lower", "upper", "velocity", "effort", "mass [kg]") else "left",
@@ -394,6 +492,7 @@ def _joint_table(description: Description) -> Table:
             escape(kind),
             " ".join(f"{value:.4g}" for value in joint.axis) if moves else "",
             *(f"{value:.6g}" if moves and math.isfinite(value) else "" for value in limits),
+            escape(comment(joint.parent)),
             escape(comment(joint.child)),
             "" if inertial is None else f"{inertial.mass:.6g}",
         )
@@ -415,10 +514,15 @@ def _from_root(description: Description) -> Iterator[JointElement]:
 def _verify(options: argparse.Namespace) -> int:
     console = _Console(stderr=True, highlight=False)
     with _Progress(console).shown() as progress:
-        checks = verify(options.folder, count=options.samples, seed=options.seed, progress=progress)
+        checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
     _table_console().print(_check_table(checks))
-    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound, {options.samples} postures")
+    for check in failed:
+        if check.detail:
+            print(f"{check.kernel}, {check.oracle}: {check.detail}")
+    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
+    if options.urdf is None:
+        print("the chain is the manifest's; --urdf URDF compares it with the robot's file")
     return 1 if failed else 0
 
 
@@ -427,10 +531,11 @@ def _bench(options: argparse.Namespace) -> int:
     with _Progress(console).shown() as progress:
         timings = bench(options.folder, progress=progress)
     table = Table(show_edge=False, pad_edge=False)
-    for column in ("kernel", "one Python call [us]", "in a stack of 4096 [us]"):
+    for column in ("kernel", "Python call [us]", "of a stack of 4096 [us]", "C call [us]"):
         table.add_column(column, justify="left" if column == "kernel" else "right")
     for timing in timings:
-        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}")
+        c = f"{timing.c:.3f}" if math.isfinite(timing.c) else "no compiler"
+        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}", c)
     _table_console().print(table)
     return 0
 
@@ -495,14 +600,17 @@ def _analyze(options: argparse.Namespace) -> int:
         except EmptyRecordingError as error:
             print(f"stiffgen: {error}", file=sys.stderr)
             return 1
-    table = Table(show_edge=False, pad_edge=False)
-    for column in TABLE_HEAD:
-        table.add_column(column, justify="left" if column in ("quantity", "unit", "least at", "most at") else "right")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    shown = [k for k, column in enumerate(TABLE_HEAD) if column not in ("mean", "least at", "most at")]
+    for column in (TABLE_HEAD[k] for k in shown):
+        words = column in ("quantity", "unit")
+        table.add_column(column, justify="left" if words else "right", no_wrap=column != "quantity")
     for row in table_rows(analysis.summary):
-        table.add_row(*map(escape, row))
-    _table_console().print(table)
+        table.add_row(*(escape(row[k]) for k in shown))
+    console = _Console(highlight=False)
+    (console if console.is_terminal else _Console(highlight=False, width=80)).print(table)
     print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
-    for line in warnings(analysis.recording, analysis.result):
+    for line in recording_warnings(analysis.recording, analysis.result):
         print(f"stiffgen: warning: {line}", file=sys.stderr)
     print(analysis.folder / (SUMMARY if options.no_figures else "report.html"))
     return 0

@@ -31,7 +31,7 @@ CAPTIONS = {
     "eigenvalues.svg": "Eigenvalues of the symmetric part. Symmetric is not positive definite: for some of the wipe "
     "the smallest one is below zero, with and without the correction. There the spring pushes away from its "
     "zero-force position, and damping alone slows it.",
-    "energy.svg": "Energy account of the controller (docs/controller.md). The paper's law is the gradient of no energy: "
+    "energy.svg": "Energy account of the controller (docs/controller.md). The paper's law has no energy: "
     "what it puts out is all that is known. The potential law stores what the moving equilibrium puts in, and damping "
     "takes it out.",
     "trajectory.svg": "The zero-force trajectory: as recorded, and by inverse kinematics from the stated and from the "

@@ -6,35 +6,41 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import Samples, kernels_of
+from stiffgen import open_robot
+from stiffgen.check.result import as_results
+from stiffgen.check.verify import Samples
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
+from support.project import kernels_of
 
 
 def dependence(chain, kernel, index):
-    """Which entries of the result depend on which entries of an argument, from the expression graph."""
+    """Which entries of the results depend on which entries of an argument, from the expression graph."""
     function = casadi_function(chain, kernel)
     symbols = [ca.SX.sym(f"x{k}", *function.sparsity_in(k).shape) for k in range(function.n_in())]
-    row_major = ca.vec(function(*symbols).T)
+    row_major = ca.vertcat(*(ca.vec(each.T) for each in as_results(function(*symbols))))
     pattern = ca.jacobian_sparsity(row_major, ca.vec(symbols[index].T))
     return np.array(ca.DM(pattern, 1)) != 0
+
+
+def flat(value):
+    return np.concatenate([np.ravel(each) for each in as_results(value)])
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_every_dependent_entry_is_nan(kernel, value, chain, robot):
     samples = Samples.draw(chain, 1, seed=2)
-    pool = {"q": samples.q[0], "wrench": samples.wrench[0], "task_stiffness": samples.general_stiffness[0]}
-    arguments = [pool[argument.name] for argument in kernel.arguments]
+    arguments = [samples[argument.name][0] for argument in kernel.arguments]
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
-    clean = ufunc(*arguments).ravel()
+    clean = flat(ufunc(*arguments))
     for index, argument in enumerate(arguments):
         depends = dependence(chain, kernel, index)
         for entry in range(argument.size):
             spoiled = [a.copy() for a in arguments]
             spoiled[index].flat[entry] = value
             with np.errstate(invalid="ignore"):
-                found = ufunc(*spoiled).ravel()
+                found = flat(ufunc(*spoiled))
             assert np.isnan(found[depends[:, entry]]).all()
             others = found[~depends[:, entry]]
             assert (np.isnan(others) | (others == clean[~depends[:, entry]])).all()
@@ -56,7 +62,6 @@ def test_zeros_do_not_hide_a_nan(robot):
 def test_an_infinite_slide_is_nan(tmp_path):
     """A prismatic coordinate enters linearly, where an infinity would otherwise stay one."""
     import stiffgen
-    from stiffgen.check.verify import import_robot
 
     urdf = tmp_path / "slide.urdf"
     urdf.write_text(
@@ -64,7 +69,7 @@ def test_an_infinite_slide_is_nan(tmp_path):
         '<joint name="s" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/></joint>'
         '<joint name="t" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/></joint></robot>'
     )
-    slide = import_robot(stiffgen.generate(urdf, output=tmp_path))
+    slide = open_robot(stiffgen.generate(urdf, output=tmp_path)).module
     with np.errstate(invalid="ignore"):
         assert np.isnan(slide.forward_kinematics([np.inf, 0])[0, 3])
         assert np.isnan(slide.spatial.jacobian([-np.inf, 0])[1, 1])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
+import pydoc
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,9 +13,11 @@ import dask.array as da
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import Samples, kernels_of, relative_error
+from stiffgen.check.result import as_results, relative_error
+from stiffgen.check.verify import Samples
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import KERNELS
+from support.project import kernels_of
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +26,23 @@ def samples(chain):
 
 
 def arguments(kernel, samples):
-    pool = {"q": samples.q, "wrench": samples.wrench, "task_stiffness": samples.general_stiffness}
-    return [pool[argument.name] for argument in kernel.arguments]
+    return [samples[argument.name] for argument in kernel.arguments]
+
+
+RESULTS = [(kernel, index) for kernel in KERNELS for index in range(len(kernel.results))]
+every_result = pytest.mark.parametrize(
+    ("kernel", "index"), RESULTS, ids=[f"{kernel.qualified_name}-{index}" for kernel, index in RESULTS]
+)
+
+
+def result_of(kernel, index, chain, robot):
+    """The kernel's ufunc as a function of one result."""
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    if ufunc.nout == 1:
+        return ufunc
+    return lambda *given, out=None: ufunc(*given, out=tuple(out if k == index else None for k in range(ufunc.nout)))[
+        index
+    ]
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
@@ -37,13 +57,88 @@ def test_signature_and_documentation(kernel, chain, robot):
     assert pickle.loads(pickle.dumps(ufunc)) is ufunc
 
 
+def as_tuple(results):
+    return results if isinstance(results, tuple) else (results,)
+
+
+def same(one, other):
+    return all(map(np.array_equal, as_tuple(one), as_tuple(other)))
+
+
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
-def test_broadcasting_and_strides(kernel, chain, robot, samples):
+def test_arguments_by_name(kernel, chain, robot, samples):
+    """In any order, some or all of them; with NumPy's own keywords; for stacks and single calls; the names told."""
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    stacks, names = arguments(kernel, samples), [argument.name for argument in kernel.arguments]
+    expected = ufunc(*stacks)
+    named = dict(zip(names, stacks, strict=True))
+    for count in range(len(names)):
+        rest = dict(reversed([(name, named[name]) for name in names[count:]]))
+        out = tuple(map(np.empty_like, as_tuple(expected)))
+        assert same(ufunc(*stacks[:count], **rest), expected)
+        found = as_tuple(ufunc(*stacks[:count], out=out, casting="same_kind", **rest))
+        assert all(one is other for one, other in zip(found, out, strict=True))
+        assert same(out, as_tuple(expected))
+    computed = {"".join(list(name)): array[0] for name, array in named.items()}  # names that are not interned
+    assert same(ufunc(**computed), ufunc(*(array[0] for array in stacks)))
+    assert list(inspect.signature(ufunc).parameters) == [*names, "out", "options"]
+    assert ufunc.__doc__.startswith(f"{kernel.qualified_name}({', '.join(names)}, *, out=None, **options)\n\n")
+    assert repr(samples.q.dtype) and ufunc.__name__ == kernel.qualified_name
+
+
+def test_wrong_names(robot, samples):
+    q, wrench, stiffness = samples.q[0], samples.wrench[0], samples.task_stiffness[0]
+    function = robot.hybrid.joint_stiffness
+    for call, words in (
+        (
+            lambda: function(q, wrnch=wrench, task_stiffness=stiffness),
+            "lacks 'wrench'; its arguments are q, wrench, task",
+        ),
+        (lambda: function(q, wrench, q=q), "several values for 'q'"),
+        (lambda: function(q, wrench, stiffness, wrench=wrench), "several values for 'wrench'"),
+        (lambda: function(q, wrench, stiffness, wrnch=wrench), "unexpected keyword argument 'wrnch'"),
+        (lambda: function(task_stiffness=stiffness), "lacks 'q'"),
+        (lambda: function(q=q), "lacks 'wrench'"),
+        (lambda: function(q, wrench, stiffness, **{f"x{k}": 1 for k in range(40)}), "unexpected keyword"),
+        (lambda: function(q, **{f"x{k}": 1 for k in range(40)}, wrench=wrench, task_stiffness=stiffness), "argument"),
+        (lambda: function(), "arguments"),
+    ):
+        with pytest.raises(TypeError, match=words):
+            call()
+
+
+def test_a_call_by_name_keeps_no_reference(robot, samples):
+    q, wrench, stiffness = samples.q[0].copy(), samples.wrench[0].copy(), samples.task_stiffness[0].copy()
+    out = np.empty((7, 7))
+    before = [sys.getrefcount(array) for array in (q, wrench, stiffness, out)]
+    for _ in range(100):
+        robot.hybrid.joint_stiffness(q, task_stiffness=stiffness, out=out, wrench=wrench)
+        with pytest.raises(TypeError):
+            robot.hybrid.joint_stiffness(q, task_stiffness=stiffness, wrench=wrench, otu=out)
+    assert [sys.getrefcount(array) for array in (q, wrench, stiffness, out)] == before
+
+
+def test_help_is_for_a_reader(robot):
+    text = pydoc.plain(pydoc.render_doc(robot))
+    for line in (
+        "joint_stiffness(q, wrench, task_stiffness) -> (7, 7)",
+        "body, spatial, hybrid",
+        "LOWER, UPPER, VELOCITY",
+    ):
+        assert line in text
+    assert "joint_stiffness(q, wrench, task_stiffness)\n" in pydoc.plain(pydoc.render_doc(robot.hybrid))
+    assert "SimpleNamespace" not in text
+    assert repr(robot.hybrid).startswith("<iiwa14.hybrid: jacobian, ")
+    assert set(vars(robot.hybrid)) == {kernel.name for kernel in KERNELS if kernel.group == "hybrid"}
+
+
+@every_result
+def test_broadcasting_and_strides(kernel, index, chain, robot, samples):
     """Broadcasts, non-contiguous, Fortran-ordered, reversed and float32 inputs agree with stacks and single calls.
 
     Stacks go through the batch functions where there are any, single calls do not: there the last digits may differ.
     """
-    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    ufunc = result_of(kernel, index, chain, robot)
     stacks = arguments(kernel, samples)
     single = np.stack([ufunc(*each) for each in zip(*stacks, strict=True)])
     assert relative_error(ufunc(*stacks), single) <= (2e-15 if kernel.batch else 0)
@@ -66,9 +161,9 @@ def test_broadcasting_and_strides(kernel, chain, robot, samples):
     assert ufunc(*[s[:0] for s in stacks]).shape == (0, *single.shape[1:])
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
-def test_out(kernel, chain, robot, samples):
-    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+@every_result
+def test_out(kernel, index, chain, robot, samples):
+    ufunc = result_of(kernel, index, chain, robot)
     stacks = arguments(kernel, samples)
     expected = ufunc(*stacks)
     out = np.empty_like(expected)
@@ -178,11 +273,13 @@ def test_dask_arrays(kernel, chain, robot, samples):
     stacks = arguments(kernel, samples)
     chunked = [da.from_array(stack, chunks=(5,) + (-1,) * (stack.ndim - 1)) for stack in stacks]
     sizes = {"4": 4, "6": 6}
-    lazy = da.apply_gufunc(ufunc, ufunc.signature, *chunked, output_dtypes=float, output_sizes=sizes)
-    assert np.array_equal(lazy.compute(scheduler="threads"), ufunc(*stacks))
+    types = float if ufunc.nout == 1 else [float] * ufunc.nout
+    lazy = da.apply_gufunc(ufunc, ufunc.signature, *chunked, output_dtypes=types, output_sizes=sizes)
+    for one, expected in zip(as_results(lazy), as_results(ufunc(*stacks)), strict=True):
+        assert np.array_equal(one.compute(scheduler="threads"), expected)
     with pytest.raises(ValueError):
         short = [chunked[0][:, :-1], *chunked[1:]]
-        da.apply_gufunc(ufunc, ufunc.signature, *short, output_dtypes=float, output_sizes=sizes).compute()
+        da.apply_gufunc(ufunc, ufunc.signature, *short, output_dtypes=types, output_sizes=sizes)[0].compute()
 
 
 def test_dask_cannot_call_them_as_they_are(robot, samples):

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from stiffgen.errors import DescriptionError, StiffgenError
-from stiffgen.robot.chain import chain_between
-from stiffgen.robot.description import MAX_BYTES, MAX_JOINTS, read_description
+from stiffgen.robot.chain import ChainOptions, chain_between
+from stiffgen.robot.checker import MAX_JOINTS
+from stiffgen.robot.reader import MAX_BYTES, read_description
 from support.chains import ARM
 
 SECONDS, MEGABYTES = 30, 500  # of processor time, a guard against hanging; and of memory
@@ -129,7 +130,7 @@ def test_the_largest_file_is_read_in_time(tmp_path, deep):
     file = tmp_path / "large.urdf"
     file.write_text(text.replace("fixed", "revolute", 1))
     description = read_description(file)
-    assert chain_between(description, tip=f"l{MAX_JOINTS}" if deep else "l1").dof == 1
+    assert chain_between(description, ChainOptions(tip=f"l{MAX_JOINTS}" if deep else "l1")).dof == 1
     assert run(["inspect", "large.urdf"], tmp_path).returncode == 0
 
 
@@ -156,7 +157,7 @@ def test_every_byte_replaced(tmp_path):
         for byte in (b"\xff", b"<", b"0"):
             file.write_bytes(data[:at] + byte + data[at + 1 :])
             try:
-                chain_between(read_description(file), tip="hand")
+                chain_between(read_description(file), ChainOptions(tip="hand"))
             except StiffgenError as error:
                 refused += 1
                 assert str(error).startswith("arm.urdf")
@@ -181,3 +182,25 @@ def test_inspect_prints_every_problem_and_any_name_on_any_terminal(tmp_path):
 def test_unreadable_file(tmp_path):
     done = run(["generate", "missing\udcff.urdf"], tmp_path)
     assert done.returncode == 2 and "cannot be read" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_a_pipe_is_read_if_something_writes_to_it(tmp_path):
+    """None waits for ever; a writer that comes late, or has long finished, is read."""
+    pipe = tmp_path / "pipe.urdf"
+    os.mkfifo(pipe)
+    done = run(["inspect", "pipe.urdf"], tmp_path)
+    assert done.returncode == 2
+    assert "nothing writes" in done.stderr and len(done.stderr.splitlines()) <= 2  # the second is the measurement
+    writer = subprocess.Popen(
+        ["sh", "-c", "sleep 0.2; cat > pipe.urdf"], cwd=tmp_path, stdin=subprocess.PIPE, text=True
+    )
+    writer.stdin.write(ARM)
+    writer.stdin.close()
+    assert run(["inspect", "pipe.urdf"], tmp_path).returncode == 0
+    assert writer.wait() == 0
+    reading, writing = os.pipe()
+    os.write(writing, ARM.encode())
+    os.close(writing)
+    assert read_description(f"/dev/fd/{reading}").problems == ()
+    os.close(reading)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from stiffgen.check.result import as_results
 from stiffgen.check.verify import References, check_kernels
 from stiffgen.errors import StiffgenError
-from stiffgen.robot.chain import Chain, chain_between
-from stiffgen.robot.description import read_description
+from stiffgen.robot.chain import Chain, ChainOptions, chain_between, select
+from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
 from support.chain_checks import disagreements
@@ -29,7 +32,7 @@ def file(tmp_path_factory) -> Path:
 
 def chain_of(robot: Robot, file: Path) -> Chain:
     file.write_text(robot.text, encoding="utf-8")
-    return chain_between(read_description(file), tip=robot.tip, base=robot.base)
+    return chain_between(read_description(file), ChainOptions(tip=robot.tip, base=robot.base))
 
 
 @settings(FEW, max_examples=60)
@@ -46,7 +49,7 @@ def test_broken_files_are_refused_or_read(file, data, leaf):
     file.write_bytes(data)
     try:
         description = read_description(file)
-        chain_between(description, tip=description.leaves[leaf % len(description.leaves)])
+        chain_between(description, ChainOptions(tip=description.leaves[leaf % len(description.leaves)]))
     except StiffgenError as error:
         assert str(error).startswith("robot.urdf:")
 
@@ -57,10 +60,17 @@ def test_stiffness_against_differentiation(file, seed):
     chain = chain_of(random_robot(Plain(seed), 5), file)
 
     def over_samples(kernel):
-        function, shape = casadi_function(chain, kernel), kernel.result.array(chain).shape
-        return lambda *arguments: np.stack(
-            [np.asarray(function(*a)).reshape(shape) for a in zip(*arguments, strict=True)]
-        )
+        function, shapes = casadi_function(chain, kernel), [result.array(chain).shape for result in kernel.results]
+
+        def stacks(*arguments):
+            rows = [as_results(function(*each)) for each in zip(*arguments, strict=True)]
+            stacked = [
+                np.stack([np.asarray(one).reshape(shape) for one in column])
+                for column, shape in zip(zip(*rows, strict=True), shapes, strict=True)
+            ]
+            return stacked[0] if len(stacked) == 1 else stacked
+
+        return stacks
 
     kernels = {kernel.qualified_name: over_samples(kernel) for kernel in KERNELS}
     failed = [check for check in check_kernels(kernels, References(chain, 5, seed)) if not check.passed]
@@ -88,3 +98,39 @@ def test_the_generator_makes_every_kind_of_robot(file):
         "revolute", "continuous", "prismatic", "mimic", "master off the chain", "odd axis", "base inside", "tip inside",
         "massless", "many",
     }  # fmt: skip
+
+
+NAMES = re.compile(
+    r"(?<=[< ])(axis|effort|inertia|ixx|limit|lower|mass|mimic|multiplier|offset|origin|rpy|type|upper|value|velocity"
+    r"|xyz)"
+    r"(?=[ =>])"
+)
+BREAKS = {  # what is broken, and by what
+    "misspelt": (NAMES, lambda found: found[:-2] + found[:-3:-1]),
+    "no number": (re.compile(r'(?<==)"-?[0-9.][^"]*"'), lambda found: '"x"'),
+    "type": (re.compile(r'(?<=type=)"[a-z]+"'), lambda found: '"wheel"'),
+    "mimic": (re.compile(r'(?<=<mimic joint=)"[^"]*"'), lambda found: '"ghost"'),
+}
+
+
+@pytest.mark.parametrize("kind", BREAKS)
+def test_a_fault_refuses_the_chain_or_does_not_change_it(kind, file):
+    """Whatever is broken in a sound robot: a chain that is given all the same is the sound one."""
+    pattern, broken = BREAKS[kind]
+    random = Plain(len(kind))
+    refused = beside = 0
+    for seed in range(60, 75):
+        robot = random_robot(Plain(seed), 5)
+        text, options = robot.text, ChainOptions(tip=robot.tip, base=robot.base)
+        sound = chain_of(robot, file)
+        for found in (random.pick(list(pattern.finditer(text))) for _ in range(3) if pattern.search(text)):
+            file.write_text(text[: found.start()] + broken(found[0]) + text[found.end() :])
+            try:
+                description = read_description(file)
+                selection, chain = select(description, options), chain_between(description, options)
+            except StiffgenError:
+                refused += 1
+                continue
+            beside += bool(selection.beside)
+            assert replace(chain, digest="") == replace(sound, digest=""), (found, text)
+    assert refused and beside

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 from stiffgen.emit.fields import CONFIG, FAULTS, INPUT, OUTPUT, REASONS, STATUS
 from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
 from support.controller_reference import elastic_torque, joint_hessian, modal_damping
@@ -726,7 +726,7 @@ def chain_of(joints: int, folder: Path) -> Path:
 @pytest.mark.slow
 def test_controller_of_40_joints_and_none_beyond(tmp_path: Path) -> None:
     folder = stiffgen.generate(chain_of(40, tmp_path), output=tmp_path)
-    arm = import_robot(folder)
+    arm = open_robot(folder).module
     random = np.random.default_rng(0)
     q0 = random.uniform(-0.3, 0.3, 40)
     q = q0 + 0.002 * np.sin(np.arange(300)[:, None] * 1e-2 + random.uniform(0, 6, 40)) * np.linspace(0, 1, 300)[:, None]
@@ -748,7 +748,7 @@ def test_several_tips_and_tools(tmp_path: Path, runtime_tool: bool) -> None:
     """Two springs on one q: the torque is the sum of both gradients; a tool that changes while engaged is a fault."""
     urdf = ROOT / "tests" / "data" / "dual_arm.urdf"
     folder = stiffgen.generate(urdf, tip=["left hand", "right-hand"], output=tmp_path, runtime_tool=runtime_tool)
-    arm = import_robot(folder)
+    arm = open_robot(folder).module
     n, random = arm.DOF, np.random.default_rng(3)
     tools = np.tile(np.eye(4), (2, 1, 1))
     tools[:, :3, 3] = random.uniform(-0.1, 0.1, (2, 3))

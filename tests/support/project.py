@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import BOUND, relative_error
+import stiffgen
+from stiffgen.check.result import BOUND, relative_error
+from stiffgen.opened import functions_of
+from stiffgen.symbolic.kernels import chain_kernels
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf" / "iiwa14.urdf"
@@ -19,6 +26,11 @@ def assert_close(value, expected) -> None:
     """Two arrays agree to 1e-12 of the largest entry expected."""
     error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
     assert error <= BOUND, f"relative error {error:.2e}"
+
+
+def kernels_of(module: ModuleType, chain: stiffgen.Chain) -> dict[str, Callable[..., Any]]:
+    """The functions of an imported robot by qualified name, for a chain that need not be the one in its folder."""
+    return functions_of(module, chain_kernels(chain), Path(str(module.__file__)).parent)
 
 
 def compilers() -> list[str]:
@@ -33,3 +45,13 @@ def require_compiler(name: str) -> str:
             pytest.fail(f"{name} is missing; .ci/run installs it")
         pytest.skip(f"{name} is not installed (Debian: apt-get install {name})")
     return found
+
+
+def require_32_bits(compiler: str) -> None:
+    """Skip, or fail on CI, where 32-bit x86 programs cannot be built."""
+    program = "#include <math.h>\nint main(void) { return 0; }\n"
+    command = [compiler, "-m32", "-x", "c", "-", "-o", os.devnull, "-lm"]
+    if subprocess.run(command, input=program, capture_output=True, text=True, check=False).returncode != 0:
+        if os.environ.get("CI"):
+            pytest.fail(f"{compiler} -m32 does not work; .ci/run installs gcc-multilib")
+        pytest.skip("no 32-bit x86 (Debian: apt-get install gcc-multilib)")

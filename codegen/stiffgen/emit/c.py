@@ -18,6 +18,7 @@ from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_
 from stiffgen.names import c_comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import (
     Array,
     Block,
@@ -42,6 +43,8 @@ class Function:
     lines: tuple[str, ...]
     operations: Operations
     meaning: str = ""
+    columns: int = 0
+    """Of the outputs, so many are columns of joints."""
 
 
 @dataclass(frozen=True)
@@ -97,20 +100,21 @@ class Code:
         return self.single.calls(function) or self.batch.calls(function)
 
 
-def print_chain(chain: Chain, name: str) -> Code:
+def print_chain(chain: Chain, name: str, options: SpringOptions) -> Code:
     """Print every kernel of a chain; ``name`` is the prefix of public functions."""
-    return Code(_ChainPrinter(chain, name, _Body).functions(), _ChainPrinter(chain, name, _BatchBody).functions())
+    return Code(*(_ChainPrinter(chain, name, body, options).functions() for body in (_Body, _BatchBody)))
 
 
-def print_threads(chain: Chain, name: str) -> Functions:
+def print_threads(chain: Chain, name: str, options: SpringOptions) -> Functions:
     """Print the kernels that have a batch for one configuration a CUDA thread; none for chains without batches."""
-    return _ChainPrinter(chain, name, _ThreadBody).functions()
+    return _ChainPrinter(chain, name, _ThreadBody, options).functions()
 
 
 class _ChainPrinter:
     """Prints bodies of one kind."""
 
-    def __init__(self, chain: Chain, name: str, body: type[_Body]) -> None:
+    def __init__(self, chain: Chain, name: str, body: type[_Body], options: SpringOptions) -> None:
+        self.options = options
         self.chain = chain
         self.name = name
         self.body = body
@@ -119,7 +123,7 @@ class _ChainPrinter:
         self.finished: dict[str, Operations] = {}  # public functions printed so far
 
     def functions(self) -> Functions:
-        table = [kernel for kernel in chain_kernels(self.chain) if kernel.batch or not self.body.many]
+        table = [kernel for kernel in chain_kernels(self.chain, self.options) if kernel.batch or not self.body.many]
         kernels = tuple((kernel, self.kernel(kernel)) for kernel in table)
         return Functions(tuple(self.scopes.values()), tuple(self.recursions.values()), kernels)
 
@@ -139,19 +143,29 @@ class _ChainPrinter:
         """The internal function of a shared block, printed once however many kernels call it."""
         name = scope.prefix + step.name
         if name not in self.recursions:
-            columns = (6, len(scope.chain.joints))
-            targets = tuple(Array("J", t.shape) if t.shape == columns else t for t in step.targets)
-            lines, operations = self.block_body(scope, step, targets)
-            function = Function(name, step.arguments, targets, tuple(lines), operations, step.meaning)
+            targets = (*(Array("J", t.shape) for t in step.targets[: step.columns]), *step.targets[step.columns :])
+            body = self.block_body(scope, step, targets)
+            function = Function(
+                name, step.arguments, targets, tuple(body.lines), body.operations, step.meaning, step.columns
+            )
             self.recursions[name] = scope, function
         return self.recursions[name][1]
 
     def block_body(
-        self, scope: Scope, step: Block, targets: tuple[Array, ...], local: Container[str] = ()
-    ) -> tuple[list[str], Operations]:
+        self,
+        scope: Scope,
+        step: Block,
+        targets: tuple[Array, ...],
+        local: Container[str] = (),
+        private: Container[str] = (),
+        zeros: dict[str, set[int]] | None = None,
+        temporaries: int = 0,
+    ) -> Printed:
         """Statements of a block, filling the ``targets`` (arrays of the step's targets' shapes).
 
-        Arguments named in ``local`` are arrays that earlier steps of the same body wrote.
+        Arguments named in ``local`` are arrays that earlier steps of the same body wrote. What is always zero in the
+        targets named in ``private`` is not stored, and noted in ``zeros``. ``temporaries`` is the number of the first
+        unnamed local.
         """
         chain = scope.chain
         # What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into
@@ -175,24 +189,32 @@ class _ChainPrinter:
         entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
         m = len(chain.joints)
-        by_rows = [] if self.body.many else [target for target in targets if target.shape == (6, m)]
-        places = []
+        columns = targets[: step.columns]
+        by_rows = () if self.body.many else columns
+        outputs: list[tuple[str, ca.SX]] = []
+        start = 0
         for target in targets:
+            own, start = entries[start : start + target.size], start + target.size
             if target in by_rows:
-                places += [f"{target.name}{r}_{c}" for r in range(6) for c in range(m)]
-            elif target.shape == (6, m):
-                places += [element(target, k) for k in range(target.size)]
+                places = [f"{target.name}{r}_{c}" for r in range(6) for c in range(m)]
+            elif target in columns:
+                places = [element(target, k) for k in range(target.size)]
             else:
-                places += [f"{target.name}[{k}]" for k in range(target.size)]
+                places = [f"{target.name}[{k}]" for k in range(target.size)]
+            known = set()
+            if zeros is not None and target.name in private and target not in columns:
+                known = zeros[target.name] = {k for k, value in enumerate(own) if value.is_zero()}
+            outputs += [(place, own[k]) for k, place in enumerate(places) if k not in known]
         printed = print_statements(
             inputs,
-            list(zip(places, entries, strict=True)),
+            outputs,
             named,
             heading=step.heading,
             wide={text for _, text in inputs} if self.body.many else (),
             wide_outputs=self.body.many,
             wide_number=self.body.wide_number,
             define=6 * m * len(by_rows),
+            temporaries=temporaries,
         )
         lines, values = list(printed.lines), list(printed.values)
         for target in by_rows:
@@ -203,7 +225,8 @@ class _ChainPrinter:
         guarded = [f"const {self.body.number} {name} = {self.body.guard}({source});" for name, source in used.items()]
         read = text + str(used)
         unused = [f"(void){a.name};" for a in step.arguments if not re.search(rf"\b{a.name}\[", read)]
-        return [*guarded, *unused, *lines], printed.operations + Operations(add=len(used), multiply=len(used))
+        operations = printed.operations + Operations(add=len(used), multiply=len(used))
+        return Printed([*guarded, *unused, *lines], operations, temporaries=printed.temporaries)
 
 
 def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
@@ -283,6 +306,7 @@ class _Body:
         self.filled: set[str] = set()
         self.lane_arrays: set[str] = set()
         self.flat: set[str] = set()
+        self.temporaries = 0
 
     def arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
@@ -333,13 +357,13 @@ class _Body:
             self._map(step)
 
     def _block(self, step: Block) -> None:
-        columns = (6, len(self.scope.chain.joints))
         # Columns of joints are lanes; the public Jacobian is copied out of them.
-        targets = tuple(
-            Array("J", t.shape) if self._public(t) and t.shape == columns and not self.many else t for t in step.targets
+        columns = tuple(
+            Array("J", t.shape) if self._public(t) and not self.many else t for t in step.targets[: step.columns]
         )
+        targets = (*columns, *step.targets[step.columns :])
         for target in targets:
-            if target.shape == columns:
+            if target in columns:
                 if not self._public(target):
                     self._declare(target, "j")
             elif not self._public(target):
@@ -348,14 +372,18 @@ class _Body:
         if step.name:
             function = self.printer.shared_block(self.scope, step)
             operations = function.operations
-            into = ", ".join(self._passed(target) for target in targets)
+            into = ", ".join([*map(self._passed, columns), *(target.name for target in targets[step.columns :])])
             self.lines.append(f"{function.name}{self._suffix}({self._given(step)}, {into});")
         else:
-            lines, operations = self.printer.block_body(self.scope, step, targets, self.flat)
-            self.lines += ["", *lines] if self.lines else lines
+            private = {target.name for target in targets if not self._public(target)}
+            body = self.printer.block_body(
+                self.scope, step, targets, self.flat, private, self.zero_rows, self.temporaries
+            )
+            operations, self.temporaries = body.operations, body.temporaries
+            self.lines += ["", *body.lines] if self.lines else body.lines
         self.operations = self.operations + operations
         if targets != step.targets:
-            (public,) = (target for target in step.targets if target.shape == columns)
+            public = step.targets[0]
             self.lines += [
                 f"for (int k = 0; k < {public.shape[0]}; ++k) {{",
                 f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
@@ -363,8 +391,8 @@ class _Body:
             ]
 
     def _passed(self, target: Array) -> str:
-        """C text of an array that a block's function is to fill."""
-        if self.many and self._public(target) and target.shape == (6, len(self.scope.chain.joints)):
+        """C text of the array of columns that a block's function is to fill."""
+        if self.many and self._public(target):
             return f"({self.number} (*)[{target.shape[1]}]){target.name}"
         return target.name
 
@@ -420,8 +448,9 @@ class _Body:
             if len(zeros) == len(results):
                 return
         if not self._public(target.array):
-            self._declare(target.array, target.at)
-        places = ["row[j]"] if rows else [self._write(target, k) for k in range(target.count)]
+            self._declare(target.array, target.at if len(target.array.shape) > 1 else "")
+        vector = self._is_vector_row(step)
+        places = ["row[j]"] if rows or vector else [self._write(target, k) for k in range(target.count)]
         outputs = [(places[k], value) for k, value in enumerate(results) if k not in zeros]
         printed = print_statements(
             inputs,
@@ -429,14 +458,35 @@ class _Body:
             wide=wide,
             wide_outputs=rows or step.over == "j" or self.many,
             wide_number=self.wide_number,
+            temporaries=0 if step.over else self.temporaries,
         )
+        self.temporaries = self.temporaries if step.over else printed.temporaries
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
-        self.lines += self._row_loops(step, printed) if rows else self._loops(step, printed)
+        if vector:
+            self.lines += self._vector_row(step, printed)
+        else:
+            self.lines += self._row_loops(step, printed) if rows else self._loops(step, printed)
 
     def _by_rows(self, step: Map) -> bool:
         """Whether a map over pairs runs over rows i, and over j in lanes."""
         return step.over not in ("", "j", "i on the way to j") and step.target.count == 1
+
+    def _is_vector_row(self, step: Map) -> bool:
+        """Whether a map over joints fills a vector, one number a joint, in lanes."""
+        return step.over == "j" and len(step.target.array.shape) == 1
+
+    def _vector_row(self, step: Map, printed: Printed) -> list[str]:
+        name, size = step.target.array.name, self.scope.size
+        return [
+            "{",
+            f"    lanes row[{self.scope.padded}];",
+            f"    for (int j = 0; j < {self.scope.blocks}; ++j) {{",
+            *_indented(printed.lines, 2),
+            "    }",
+            f"    put_entries({name}, {size}, 0, row, 0, {size});",
+            "}",
+        ]
 
     def _row_loops(self, step: Map, printed: Printed) -> list[str]:
         name, size = step.target.array.name, self.scope.size
@@ -525,7 +575,7 @@ class _Body:
         if operand.at == "":
             return f"{array.name}[{k}]" if self._public(array) or array.name in self.flat else element(array, k)
         if operand.at != "ij":
-            return f"{array.name}[{k}][{operand.at}]"
+            return f"{array.name}[{k}][{operand.at}]" if len(array.shape) > 1 else f"{array.name}[{operand.at}]"
         if operand.count == 1:
             return self._pair(array, "i", "j")
         return f"entry[{k}]" if self._public(array) else f"{array.name}[i][j][{k}]"
@@ -549,6 +599,15 @@ class _Body:
                 f"        {target.name}[N * k + {prefix}coordinate_of[j]] += "
                 f"{prefix}multiplier_of[j] * {entry.replace('[0]', '[k]')};",
                 "    }",
+                "}",
+            ]
+            return
+        if len(source.shape) == 1:
+            self.operations = self.operations + Operations(add=source.size, multiply=source.size)
+            into, factor = f"{target.name}[{prefix}coordinate_of[j]]", f"{prefix}multiplier_of[j]"
+            self.lines += [
+                f"for (int j = 0; j < {M}; ++j) {{",
+                f"    {into} += {factor} * {source.name}[j];",
                 "}",
             ]
             return
@@ -613,6 +672,9 @@ class _BatchBody(_Body):
     _guards_arguments = False  # results are guarded when they are stored
 
     def _by_rows(self, step: Map) -> bool:
+        return False
+
+    def _is_vector_row(self, step: Map) -> bool:
         return False
 
     @property

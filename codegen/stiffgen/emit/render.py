@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any, Literal
 
@@ -14,26 +15,29 @@ import jinja2
 from stiffgen._version import __version__
 from stiffgen.emit.c import Code, Function, Functions, Scope, print_chain, print_threads
 from stiffgen.emit.controller import controller_context, controller_files
-from stiffgen.emit.expressions import WIDEST, Operations, c_double
+from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, WIDEST, Operations, c_double
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import Array
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
+_SOURCES = "@digest of the C sources@"
 
 
-def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
+def render(chain: Chain, name: str, *, cuda: bool = False, options: SpringOptions | None = None) -> dict[str, str]:
     """The files of a robot's folder by name.
 
     Args:
         chain: the robot.
         name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
         cuda: also NAME.cu and NAME_cuda.h, CUDA for the kernels that have a batch.
+        options: springs beyond the default one, their axes and centre.
 
     Returns:
         Text by file name; the same on every machine.
@@ -42,8 +46,9 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         ChainError: ``cuda`` for a chain too long for batches.
 
     """
-    threads = _threads(chain, name) if cuda else None
-    code = print_chain(chain, name)
+    options = options or SpringOptions()
+    threads = _threads(chain, name, options) if cuda else None
+    code = print_chain(chain, name, options)
     context = _context(chain, name, code) | {"cuda": threads and _cuda(chain, name, threads)}
     environment = _environment()
     files = {
@@ -53,6 +58,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "__init__.py": "init.py.j2",
         "__init__.pyi": "init.pyi.j2",
+        "pyproject.toml": "pyproject.toml.j2",
         "README.md": "README.md.j2",
     } | controller_files(name, chain)
     if cuda:
@@ -62,8 +68,16 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         for file, template in files.items()
     }
     texts["py.typed"] = ""
-    texts[MANIFEST] = _manifest(chain, name, code, texts)
+    texts = _with_sources(texts)
+    texts[MANIFEST] = _manifest(chain, name, code, texts, options)
     return texts
+
+
+def _with_sources(texts: dict[str, str]) -> dict[str, str]:
+    """The digest of the C sources, put where compiled module and Python file have it to find out that they differ."""
+    sources = "".join(text for file, text in sorted(texts.items()) if file.endswith((".c", ".h")))
+    digest = hashlib.sha256(sources.encode()).hexdigest()[:16]
+    return {file: text.replace(_SOURCES, digest) for file, text in texts.items()}
 
 
 def _environment() -> jinja2.Environment:
@@ -99,9 +113,13 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
             f"(SHA-256 {chain.digest[:16]}); {total.total} operations in {len(kernels)} functions. Do not edit."
         ),
         "name": name,
+        "sources": _SOURCES,
         "macro": name.upper(),
         "version": __version__,
+        "compatible": ".".join(__version__.split(".")[:2]),
         "robot": chain,
+        "tool": _tool(chain),
+        "example": _example(chain),
         "n": chain.dof,
         "controller": controller_context(name, chain),
         "scopes": [_scope(scope) for scope in code.single.scopes],
@@ -109,16 +127,76 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "recursions": [_recursion(scope, function) for scope, function in code.single.recursions],
         "kernels": kernels,
         "groups": _groups(kernels),
+        "overview": _overview(kernels),
         "public": list(dict.fromkeys(k["tip"] or k["group"] or k["name"] for k in kernels)),
         "argument_lists": list(dict.fromkeys((tuple(k["inputs"]), len(k["outputs"])) for k in kernels)),
         "batch_recursions": [_recursion(scope, function, "lanes") for scope, function in code.batch.recursions],
         "batches": [_batch(name, kernel, function) for kernel, function in code.batch.kernels],
         "calls": code.calls,
+        "libm": LIBM,
+        "libm_of_two": LIBM_OF_TWO,
+        "own": OWN,
     }
 
 
-def _threads(chain: Chain, name: str) -> Functions:
-    threads = print_threads(chain, name)
+def _tool(chain: Chain) -> list[str]:
+    """What header and README say about the tool on the tip link, in lines; none without a tool."""
+    tool = chain.tool
+    if tool is None:
+        return []
+
+    def numbers(values: Sequence[float]) -> str:
+        return " ".join(f"{value:.6g}" for value in values)
+
+    text = ""
+    if not chain.runtime_tool:
+        text = f"The tool's frame takes the tip's place: xyz {numbers(tool.xyz)} m, rpy {numbers(tool.rpy)} rad. "
+    if not chain.masses:
+        text += "Its mass is left out, as all masses are."
+    elif tool.mass == 0:
+        text += "It has no mass: the mass matrix is that of the arm without it."
+    else:
+        text += f"Its mass is {tool.mass:.6g} kg, its centre of mass {numbers(tool.com)} m"
+        if any(tool.inertia):
+            text += f", its inertia about that {numbers(tool.inertia)} kg m^2 (ixx ixy ixz iyy iyz izz)"
+        text += "; in the tip link's frame."
+        if not any(tool.inertia):
+            text += " No inertia was given: the mass matrix takes it as a point mass."
+    return _wrapped(f"A tool is mounted on the tip link. {text}")
+
+
+@dataclass(frozen=True)
+class _Example:
+    """What the README's examples call, and with what: C values in ``poses``, Python text in ``arguments``."""
+
+    posture: tuple[float, ...]
+    jacobian: str
+    stiffness: str
+    poses: tuple[tuple[str, tuple[float, ...]], ...]
+    arguments: tuple[tuple[str, str], ...]
+
+
+def _example(chain: Chain) -> _Example:
+    several = len(chain.tips) > 1
+    first = f"{chain.tips[0].name}_" if several else ""
+    identity = tuple(float(k % 5 == 0) for k in range(16))
+    wrench, stiffness = "np.array([0, 0, -10, 0, 0, 0])", "np.diag([800, 800, 800, 50, 50, 50])"
+    values = {"tool_pose": "np.eye(4)", "wrench": wrench, "task_stiffness": stiffness}
+    if several:
+        many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
+        values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
+    given = list(values.items())[0 if chain.runtime_tool else 1 :]
+    return _Example(
+        posture=(0.1, 0.2, 0.3)[: chain.dof],
+        jacobian=f"{first}hybrid_jacobian",
+        stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
+        poses=(("tool_pose", identity),) if chain.runtime_tool else (),
+        arguments=tuple(given),
+    )
+
+
+def _threads(chain: Chain, name: str, options: SpringOptions) -> Functions:
+    threads = print_threads(chain, name, options)
     if not threads.kernels:
         raise ChainError(
             f"--cuda: the chain has {len(chain.joints)} moving joints, and CUDA kernels are made for at most "
@@ -210,6 +288,29 @@ def _groups(kernels: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
+def _overview(kernels: list[dict[str, Any]]) -> list[str]:
+    """The functions for a reader, those of groups that have the same ones once: call, shape and meaning."""
+    groups = {(g["tip"], g["group"]): _calls(g["kernels"]) for g in _groups(kernels)}
+    lines: list[str] = []
+    for calls in dict.fromkeys(groups.values()):
+        places = [".".join(filter(None, key)) for key, each in groups.items() if each == calls]
+        if places != [""]:
+            lines.append(", ".join(place or "here" for place in places))
+        lines += [line if places == [""] else f"    {line}" for line in calls]
+    return lines
+
+
+def _calls(kernels: list[dict[str, Any]]) -> tuple[str, ...]:
+    """Two lines a function; words on the representation are left to the groups' names."""
+    lines: list[str] = []
+    for kernel in kernels:
+        shapes = kernel["signature"].partition("->")[2].replace(",", ", ").replace("),", "),")
+        lines.append(f"{kernel['name']}({', '.join(kernel['inputs'])}) -> {shapes}")
+        summary = kernel["summary"].replace(f"in {kernel['group']} representation", "in the representation named above")
+        lines.append(f"    {summary}")
+    return tuple(lines)
+
+
 def _scope(scope: Scope) -> dict[str, Any]:
     return {
         "prefix": scope.prefix,
@@ -232,9 +333,8 @@ def _recursion(
         "thread": ("double", "double", scope.size),
     }[kind]
     parameters = [f"const {number} {_declared(array)}" for array in function.inputs]
-    for array in function.outputs:
-        columns = array.shape == (6, len(scope.chain.joints))
-        parameters.append(f"{wide} {array.name}[6][{extent}]" if columns else f"{number} {_declared(array)}")
+    parameters += [f"{wide} {array.name}[6][{extent}]" for array in function.outputs[: function.columns]]
+    parameters += [f"{number} {_declared(array)}" for array in function.outputs[function.columns :]]
     tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
     name = f"{function.name}_lanes" if kind == "lanes" else function.name
     qualifier = "DEVICE" if kind == "thread" else "static"
@@ -358,7 +458,7 @@ def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
     return lines[:-1]
 
 
-def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str:
+def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str], options: SpringOptions) -> str:
     content = {
         "generator": _GENERATOR,
         "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
@@ -372,6 +472,7 @@ def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str
             for kernel, function in code.single.kernels
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
+        "springs": options.to_manifest(),
         "chain": _finite(asdict(chain)),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"

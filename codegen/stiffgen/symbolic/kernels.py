@@ -15,7 +15,11 @@ from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import Part, Program, Sum, Term
+from stiffgen.symbolic.springs import TRACE, Spring
+
+_Steps = Callable[[Chain], Program]
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,66 @@ _MASS = Argument(
 )
 
 
-def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
+_ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibrium")
+_SPRING_WRENCH = Argument(
+    "wrench", (6,), "N, N m",
+    "F = dU, the (force, moment) that holds the robot against the spring, in base axes, moment about the tip's origin",
+)  # fmt: skip
+_SPRING_TASK_STIFFNESS = Argument(
+    "task_stiffness", (6, 6), "N/m, N, N m",
+    "covariant Hessian of U on twists (linear, angular), base axes at the tip's origin; bitwise symmetric",
+    symmetric=True,
+)  # fmt: skip
+_SPRING_TORQUE = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the spring puts on the joints")
+_SPRING_JOINT_STIFFNESS = Argument(
+    "joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2 = -d torque/dq, bitwise symmetric", symmetric=True
+)
+
+
+def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """All that follows from one energy; torque and tangent also in one call."""
+    energy, torque, joint = _ENERGY, _SPRING_TORQUE, _SPRING_JOINT_STIFFNESS
+    terms, joint_terms = programs.spring_terms, programs.spring_joint_terms
+    hessian = "Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian"
+
+    def kernel(name: str, results: tuple[Argument, ...], summary: str, equation: str, program: _Steps) -> Kernel:
+        arguments = (*given, *spring.parameters)
+        return Kernel(name, spring.name, arguments, results, summary, equation, program, spring.domain, batch=True)
+
+    return (
+        kernel(
+            "energy", (energy,), "Energy of the spring between the tip and the equilibrium.", spring.equation,
+            partial(terms, spring=spring, results=(energy,), parts="U"),
+        ),
+        kernel(
+            "wrench", (_SPRING_WRENCH,), "Wrench of the spring: gradient of its energy.", "F = dU",
+            partial(terms, spring=spring, results=(_SPRING_WRENCH,), parts="F"),
+        ),
+        kernel(
+            "task_stiffness", (_SPRING_TASK_STIFFNESS,),
+            "Task stiffness of the spring: covariant Hessian of its energy.",
+            "K_ij = d2/dx_i dx_j U(p + v, exp([w]) R) at x = (v, w) = 0",
+            partial(terms, spring=spring, results=(_SPRING_TASK_STIFFNESS,), parts="K"),
+        ),
+        kernel(
+            "torque", (torque,), "Joint torque of the spring.", "-dU/dq = -J^T F with F = dU",
+            partial(joint_terms, spring=spring, torque=torque),
+        ),
+        kernel(
+            "joint_stiffness", (joint,), "Joint stiffness of the spring: the exact tangent of its torque.",
+            f"d2U/dq2 = {hessian} (Lachner, Nah, Hogan 2025)",
+            partial(joint_terms, spring=spring, joint_stiffness=joint),
+        ),
+        kernel(
+            "linearization", (energy, torque, joint),
+            "Energy, torque and joint stiffness of the spring in one call.",
+            f"U, -dU/dq = -J^T F, d2U/dq2 = {hessian}",
+            partial(joint_terms, spring=spring, energy=energy, torque=torque, joint_stiffness=joint),
+        ),
+    )  # fmt: skip
+
+
+def _tip_kernels(tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: bool) -> tuple[Kernel, ...]:
     given = posture(runtime_tool=runtime_tool)
     pose = Kernel(
         "forward_kinematics", None, given, (POSE,),
@@ -162,7 +225,11 @@ def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
         "product of joint poses",
         programs.forward_kinematics,
     )  # fmt: skip
-    kernels = (pose, *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep, given)))
+    kernels = (
+        pose,
+        *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep, given)),
+        *(kernel for spring in springs for kernel in _spring_kernels(spring, given)),
+    )
     note = "With a tool pose, 'tip' is the tool's frame." if runtime_tool else ""
     return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
 
@@ -199,17 +266,20 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
     )  # fmt: skip
 
 
-def _total_kernels(chain: Chain) -> tuple[Kernel, ...]:
-    return tuple(
-        _total(
-            chain,
-            kernel,
-            "Symmetric joint stiffness of contacts at all tips together.",
-            "A tip without contact: wrench and task stiffness zero.",
-        )
-        for kernel in _tip_kernels(None, runtime_tool=chain.runtime_tool)
-        if kernel.name == "joint_stiffness"
+def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
+    contacts = (
+        "Symmetric joint stiffness of contacts at all tips together.",
+        "A tip without contact: wrench and task stiffness zero.",
     )
+    of_springs = ("{summary} Springs at all tips together.", "A tip without a spring: its stiffnesses zero.")
+    totals = []
+    for kernel in _tip_kernels(None, springs, runtime_tool=chain.runtime_tool):
+        if kernel.group in REPRESENTATIONS:
+            if kernel.name == "joint_stiffness":
+                totals.append(_total(chain, kernel, *contacts))
+        elif kernel.group and kernel.name in ("energy", "torque", "joint_stiffness", "linearization"):
+            totals.append(_total(chain, kernel, of_springs[0].format(summary=kernel.summary), of_springs[1]))
+    return tuple(totals)
 
 
 _MASS_MATRIX = Kernel(
@@ -222,8 +292,10 @@ _MASS_MATRIX = Kernel(
 )  # fmt: skip
 
 
-def _serial(*, runtime_tool: bool = False, masses: bool = True) -> tuple[Kernel, ...]:
-    first, *others = _tip_kernels(None, runtime_tool=runtime_tool)
+def _serial(
+    springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True
+) -> tuple[Kernel, ...]:
+    first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool)
     return (first, *((_MASS_MATRIX,) if masses else ()), *others)
 
 
@@ -235,20 +307,20 @@ MAX_BATCH_JOINTS = 24
 """Chains with more moving joints have no batch functions, which would double a C source of nearly a megabyte."""
 
 
-def chain_kernels(chain: Chain) -> tuple[Kernel, ...]:
-    """The kernels that a chain has, in the order in which they are printed.
+def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[Kernel, ...]:
+    """The kernels that a chain has, in the order in which they are printed; ``options``: springs beyond the default.
 
     The mass matrix is left out where the chain's masses were. With several tips, each has its own pose and
     representation kernels, and the joint stiffness of all contacts together is added.
     """
-    kernels = _all_kernels(chain)
+    kernels = _all_kernels(chain, (options or SpringOptions()).springs())
     if len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)
 
 
-def _all_kernels(chain: Chain) -> tuple[Kernel, ...]:
+def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
     if len(chain.tips) == 1:
-        return _serial(runtime_tool=chain.runtime_tool, masses=chain.masses)
-    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, runtime_tool=chain.runtime_tool)]
-    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain))
+        return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses)
+    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, runtime_tool=chain.runtime_tool)]
+    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain, springs))

@@ -1,0 +1,149 @@
+"""A robot's folder as a package: pip, find_package, pkg-config, the README's examples, and the tool said everywhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.emit.render import render
+from support.project import URDF
+
+
+def run(*command: str | Path, cwd: Path, **environment: str) -> str:
+    done = subprocess.run(
+        [str(part) for part in command],
+        cwd=cwd, env={**os.environ, **environment}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def example(folder: Path, language: str) -> str:
+    """The README's program in a language."""
+    found = re.search(rf"```{language}\n(.*?)```", (folder / "README.md").read_text(), re.DOTALL)
+    assert found
+    return found[1]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return stiffgen.generate(URDF, output=tmp_path_factory.mktemp("made"), build=False)
+
+
+@pytest.mark.slow
+def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleType, tmp_path: Path) -> None:
+    before = sorted(path.name for path in folder.iterdir())
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+    run(*pip, "wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", tmp_path, folder, cwd=tmp_path)
+    assert sorted(path.name for path in folder.iterdir()) == before  # the next 'stiffgen generate' finds its own files
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        (metadata,) = (name for name in names if name.endswith("METADATA"))
+        headers = Parser().parsestr(archive.read(metadata).decode())
+    assert headers.get_all("Requires-Dist") == ["numpy>=1.26"]
+    assert (headers["Name"], headers["Version"]) == ("iiwa14", stiffgen.__version__)
+    (compiled,) = (name for name in names if name.endswith((".so", ".pyd")))
+    assert compiled.startswith("iiwa14/iiwa14_python.")
+    package = ("__init__.py", "__init__.pyi", "py.typed", "impedance.py", "manifest.json")
+    expected = {f"iiwa14/{file}" for file in package} | {compiled}
+    assert {name for name in names if ".dist-info/" not in name} == expected
+    run(*pip, "install", "--no-deps", "--no-index", "--target", tmp_path / "site", wheel, cwd=tmp_path)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    code = example(folder, "python") + "print(iiwa14.__file__, iiwa14.Impedance().config.sample_time)\n"
+    out = run(sys.executable, "-c", code, cwd=elsewhere, PYTHONPATH=str(tmp_path / "site"))
+    *matrix, last = out.splitlines()
+    assert last == f"{tmp_path / 'site' / 'iiwa14' / '__init__.py'} 0.001"
+    printed = np.array(re.findall(r"-?\d+\.\d*(?:e[+-]\d+)?", " ".join(matrix)), dtype=float).reshape(7, 7)
+    arguments = np.full(7, 0.1), np.array([0.0, 0, -10, 0, 0, 0]), np.diag([800.0, 800, 800, 50, 50, 50])
+    np.testing.assert_allclose(printed, robot.hybrid.joint_stiffness(*arguments), rtol=0, atol=1e-6 * 800)
+
+
+@pytest.fixture(scope="module")
+def prefix(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The C library installed, then moved."""
+    work = tmp_path_factory.mktemp("installed")
+    run("cmake", "-S", folder, "-B", work / "build", cwd=work)
+    run("cmake", "--build", work / "build", cwd=work)
+    run("cmake", "--install", work / "build", "--prefix", work / "first", cwd=work)
+    return (work / "first").rename(work / "moved")
+
+
+def test_installed_files_carry_the_name(prefix: Path) -> None:
+    installed = {path.relative_to(prefix).as_posix() for path in prefix.rglob("*") if path.is_file()}
+    assert {"include/iiwa14.h", "include/iiwa14_impedance.h", "lib/libiiwa14.a"} <= installed
+    assert [path for path in installed if not Path(path).name.removeprefix("lib").startswith("iiwa14")] == []
+
+
+def test_pkg_config_compiles_the_readmes_example(folder: Path, prefix: Path, robot: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "example.c").write_text(example(folder, "c"))
+    path = str(prefix / "lib" / "pkgconfig")
+    flags = run("pkg-config", "--cflags", "--libs", "iiwa14", cwd=tmp_path, PKG_CONFIG_PATH=path).split()
+    run("cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "example.c", *flags, "-o", "a", cwd=tmp_path)
+    expected = robot.hybrid.jacobian([0.1, 0.2, 0.3, 0, 0, 0, 0])[0, 0]
+    assert float(run(tmp_path / "a", cwd=tmp_path)) == pytest.approx(expected, abs=1e-6)
+    assert run("pkg-config", "--modversion", "iiwa14", cwd=tmp_path, PKG_CONFIG_PATH=path).strip() == "0.1.0"
+
+
+@pytest.mark.parametrize(
+    ("asked", "found"), [("", True), ("0.1", True), ("0.1.0", True), ("0.2", False), ("1.0", False)]
+)
+def test_find_package_knows_its_version(folder: Path, prefix: Path, asked: str, found: bool, tmp_path: Path) -> None:
+    (tmp_path / "example.c").write_text(example(folder, "c"))
+    (tmp_path / "CMakeLists.txt").write_text(
+        f"cmake_minimum_required(VERSION 3.18)\nproject(app LANGUAGES C)\nfind_package(iiwa14 {asked} REQUIRED)\n"
+        "add_executable(app example.c)\ntarget_link_libraries(app PRIVATE iiwa14::iiwa14)\n"
+    )
+    command = ["cmake", "-S", ".", "-B", "build", f"-DCMAKE_PREFIX_PATH={prefix}"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode == 0) == found, done.stderr
+    if found and asked == "0.1":
+        run("cmake", "--build", "build", cwd=tmp_path)
+        assert float(run(tmp_path / "build" / "app", cwd=tmp_path))
+
+
+FULL = stiffgen.Tool((0.0, 0.0, 0.24), (0.1, 0.2, 0.3), 0.5, (0.0, 0.0, 0.1), (0.01, 0.0, 0.0, 0.02, 0.0, 0.015))
+TOOLS = {
+    "whole": (FULL, "its inertia about that 0.01 0 0 0.02 0 0.015 kg m^2"),
+    "point mass": (stiffgen.Tool(FULL.xyz, FULL.rpy, 0.5, FULL.com), "takes it as a point mass"),
+    "no mass": (stiffgen.Tool(FULL.xyz), "It has no mass: the mass matrix is that of the arm without it"),
+}
+
+
+@pytest.mark.parametrize("kind", TOOLS)
+def test_the_tool_is_said_in_header_readme_and_python(kind: str) -> None:
+    tool, said = TOOLS[kind]
+    texts = render(stiffgen.load_chain(URDF, tool=tool), "arm")
+    for file in ("arm.h", "README.md"):
+        text = " ".join(texts[file].replace("\n *", " ").split())
+        assert "xyz 0 0 0.24 m" in text
+        assert said in text, file
+    line = re.search(r"^TOOL = (\{.*?^\})", texts["__init__.py"], re.DOTALL | re.MULTILINE)
+    assert line
+    assert eval(line[1]) == {key: getattr(tool, key) for key in ("xyz", "rpy", "mass", "com", "inertia")}
+    assert "TOOL: Final[_Tool | None]" in texts["__init__.pyi"]
+
+
+def test_what_is_said_of_a_tool_without_masses_and_at_run_time() -> None:
+    bare = render(stiffgen.load_chain(URDF, tool=FULL, masses=False), "arm")
+    assert "Its mass is left out, as all masses are." in " ".join(bare["arm.h"].replace("\n *", " ").split())
+    held = stiffgen.Tool(mass=0.5, com=FULL.com)
+    late = render(stiffgen.load_chain(URDF, tool=held, runtime_tool=True), "arm")["README.md"]
+    assert "0.5 kg" in late and "takes the tip's place" not in late
+
+
+def test_no_tool(robot: ModuleType, plate: ModuleType) -> None:
+    assert robot.TOOL is None
+    assert plate.TOOL["mass"] == 0.455
+    assert "TOOL" in robot.__all__
