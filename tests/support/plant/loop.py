@@ -174,7 +174,7 @@ class Loop:
         return episode
 
     def segment(self, base: Any = None, **values: Any) -> Any:
-        """The segment before with some fields changed (no reset, no skip); the first has Q0 and the paper's stiffness."""
+        """The segment before with some fields changed, no reset, no skip; the first: Q0 and the paper's stiffness."""
         new = self.Segment()
         if base is None:
             fill(new, wanted=Q0, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
