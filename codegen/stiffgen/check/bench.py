@@ -13,6 +13,7 @@ from stiffgen.emit.render import chain_from_manifest
 from stiffgen.errors import OutputError
 from stiffgen.generate import read_manifest
 from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import springs_of_manifest
 
 _BATCH = 4096
 _SECONDS = 0.01
@@ -46,14 +47,14 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
     manifest = read_manifest(folder)
     if manifest is None:
         raise OutputError(f"{folder}: is not a folder that 'stiffgen generate' wrote; give the robot's own folder")
-    chain = chain_from_manifest(manifest)
-    pool = argument_samples(chain, _BATCH, seed=0)
-    kernels = kernels_of(import_robot(folder), chain)
+    chain, options = chain_from_manifest(manifest), springs_of_manifest(manifest)
+    pool = argument_samples(chain, _BATCH, 0, options)
+    kernels = kernels_of(import_robot(folder), chain, options)
     timings = []
-    for kernel in chain_kernels(chain):
+    for kernel in chain_kernels(chain, options):
         progress(f"timing {kernel.qualified_name}")
         function = kernels[kernel.qualified_name]
-        stacks = [pool[argument.name] for argument in kernel.arguments]
+        stacks = [pool[argument] for argument in kernel.arguments]
         first = [stack[0].copy() for stack in stacks]
         out = function(*stacks)
         call = _median(function, first, {})
