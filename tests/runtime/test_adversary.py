@@ -43,7 +43,7 @@ def test_energy_of_schedules(loop: Loop, pattern: object) -> None:
 
 @pytest.mark.xfail(reason="2.4e-4 J beyond the bound", raises=AssertionError)
 def test_energy_of_torque_on_its_way(loop: Loop) -> None:
-    """Known gap, strict: two samples of delay, samples missed in a fault; what is on its way is not all in the reserve."""
+    """Known gap, strict: two samples of delay, samples missed in a fault: what is on its way is not all reserved."""
     got = energy.measure(loop, energy.shaking(np.random.default_rng(2), loop))
     assert got.excess <= energy.TOLERANCE
 
