@@ -10,12 +10,16 @@ from stiffgen.errors import (
     EmptyRecordingError,
     MissingExtraError,
     OutputError,
+    PotentialError,
     RecordingError,
     StiffgenError,
 )
 from stiffgen.generate import generate
+from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain, Tool, load_chain
 from stiffgen.symbolic.model import StiffnessModel
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import Placement
 
 __all__ = [
     "Analysis",
@@ -25,9 +29,13 @@ __all__ = [
     "DescriptionError",
     "DescriptionWarning",
     "EmptyRecordingError",
+    "GeneratedRobot",
     "MissingExtraError",
     "OutputError",
+    "Placement",
+    "PotentialError",
     "RecordingError",
+    "SpringOptions",
     "StiffgenError",
     "StiffnessModel",
     "Tool",
@@ -35,4 +43,5 @@ __all__ = [
     "analyze",
     "generate",
     "load_chain",
+    "open_robot",
 ]

@@ -30,7 +30,8 @@ from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
-from stiffgen.check.verify import Check, verify
+from stiffgen.check.result import Check
+from stiffgen.check.verify import verify
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
@@ -39,6 +40,8 @@ from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.survey import TipSurvey, survey_tip
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.potentials import SpringOptions, read_potential
+from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -209,6 +212,7 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="hold a joint [rad or m]; repeatable",
     )
+    _add_springs(command)
     tool = command.add_argument_group("tool", "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="functions take the tool's pose (4x4, in the tip) after q")
     tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
@@ -236,8 +240,11 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("verify", help="check a robot's compiled kernels against independent oracles")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
-    command.add_argument("--samples", type=_positive, default=200, help="random postures (default: 200)")
-    command.add_argument("--seed", type=int, default=0, help="of the random postures (default: 0)")
+    command.add_argument("--urdf", type=Path, metavar="URDF", help="read the robot's file again and compare the chain")
+    command.add_argument(
+        "--samples", type=_positive, help="random postures (default: 200 up to 7 joints, fewer for more)"
+    )
+    command.add_argument("--seed", type=_natural, default=0, help="of the random postures (default: 0)")
     command.set_defaults(run=_verify)
 
     command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
@@ -246,6 +253,42 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_analyze(commands)
     return parser
+
+
+def _add_springs(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("springs", "energies with torque and tangent, beside the one of every robot")
+    group.add_argument(
+        "--spring", choices=KINDS, action="append", default=[], help="another one (default: trace alone); repeatable"
+    )
+    group.add_argument(
+        "--potential",
+        metavar="FILE.py:FUNCTION",
+        action="append",
+        default=[],
+        help="your own U(p, R, parameters) of CasADi expressions; the file is run; repeatable",
+    )
+    group.add_argument(
+        "--translation-axes", choices=AXES, help="of the translation stiffness (default: base; coupled: equilibrium)"
+    )
+    group.add_argument(
+        "--rotation-axes", choices=AXES, default="equilibrium", help="of the rotation stiffness (default: equilibrium)"
+    )
+    group.add_argument(
+        "--spring-centre",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        default=(0.0, 0.0, 0.0),
+        help="centre of stiffness in the tip's frame [m] (default: its origin)",
+    )
+
+
+def _springs(options: argparse.Namespace) -> SpringOptions:
+    x, y, z = options.spring_centre
+    if not all(map(math.isfinite, (x, y, z))):
+        raise StiffgenError("--spring-centre must be three finite numbers")
+    placement = Placement(options.translation_axes, options.rotation_axes, (x, y, z))
+    return SpringOptions(tuple(options.spring), placement, tuple(map(read_potential, options.potential)))
 
 
 def _add_analyze(commands: Any) -> None:
@@ -293,6 +336,13 @@ def _add_analyze(commands: Any) -> None:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
+
+
+def _natural(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("must not be negative")
+    return value
 
 
 def _positive(text: str) -> int:
@@ -371,6 +421,7 @@ def _generate(options: argparse.Namespace) -> int:
             build=not options.no_build,
             masses=not options.no_masses,
             cuda=options.cuda,
+            springs=_springs(options),
             force=options.force,
             progress=progress,
         )
@@ -463,10 +514,15 @@ def _from_root(description: Description) -> Iterator[JointElement]:
 def _verify(options: argparse.Namespace) -> int:
     console = _Console(stderr=True, highlight=False)
     with _Progress(console).shown() as progress:
-        checks = verify(options.folder, count=options.samples, seed=options.seed, progress=progress)
+        checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
     _table_console().print(_check_table(checks))
-    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound, {options.samples} postures")
+    for check in failed:
+        if check.detail:
+            print(f"{check.kernel}, {check.oracle}: {check.detail}")
+    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
+    if options.urdf is None:
+        print("the chain is the manifest's; --urdf URDF compares it with the robot's file")
     return 1 if failed else 0
 
 
@@ -475,10 +531,11 @@ def _bench(options: argparse.Namespace) -> int:
     with _Progress(console).shown() as progress:
         timings = bench(options.folder, progress=progress)
     table = Table(show_edge=False, pad_edge=False)
-    for column in ("kernel", "one Python call [us]", "in a stack of 4096 [us]"):
+    for column in ("kernel", "Python call [us]", "of a stack of 4096 [us]", "C call [us]"):
         table.add_column(column, justify="left" if column == "kernel" else "right")
     for timing in timings:
-        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}")
+        c = f"{timing.c:.3f}" if math.isfinite(timing.c) else "no compiler"
+        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}", c)
     _table_console().print(table)
     return 0
 
@@ -543,12 +600,15 @@ def _analyze(options: argparse.Namespace) -> int:
         except EmptyRecordingError as error:
             print(f"stiffgen: {error}", file=sys.stderr)
             return 1
-    table = Table(show_edge=False, pad_edge=False)
-    for column in TABLE_HEAD:
-        table.add_column(column, justify="left" if column in ("quantity", "unit", "least at", "most at") else "right")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    shown = [k for k, column in enumerate(TABLE_HEAD) if column not in ("mean", "least at", "most at")]
+    for column in (TABLE_HEAD[k] for k in shown):
+        words = column in ("quantity", "unit")
+        table.add_column(column, justify="left" if words else "right", no_wrap=column != "quantity")
     for row in table_rows(analysis.summary):
-        table.add_row(*map(escape, row))
-    _table_console().print(table)
+        table.add_row(*(escape(row[k]) for k in shown))
+    console = _Console(highlight=False)
+    (console if console.is_terminal else _Console(highlight=False, width=80)).print(table)
     print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
     for line in recording_warnings(analysis.recording, analysis.result):
         print(f"stiffgen: warning: {line}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Run the bowl-wiping experiment, corrected and conventional, and write its report.
+"""Run the bowl-wiping experiment, paper's law corrected and conventional and the potential law.
 
 ``python -m examples.bowl_wiping`` in the repository's root, or ``make experiment``.
 """
@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 from stiffgen.errors import StiffgenError
 
 try:
@@ -32,7 +32,6 @@ from examples.bowl_wiping.plant import DOF, START_POSTURE, Plant
 
 ROBOT = Path("build/robots/iiwa14_plate")
 RESULTS = Path(__file__).resolve().parent / "results"
-FORMULAS = ("corrected", "conventional")
 PICTURED = (0.0, 0.26, 0.5, 0.63)
 """Shares of the trial's time at which the rendered picture shows the arm, the last one solid."""
 
@@ -69,13 +68,13 @@ def experiment(options: argparse.Namespace) -> int:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console) as progress:
-        tasks = [progress.add_task(f"{formula} trial", total=steps) for formula in FORMULAS]
+        tasks = [progress.add_task(f"{law} trial", total=steps) for law in trial.LAWS]
         work = progress.add_task("analysis and figures", total=4)
-        for formula, task in zip(FORMULAS, tasks, strict=True):
+        for law, task in zip(trial.LAWS, tasks, strict=True):
             trials.append(
                 trial.run(
                     robot,
-                    formula,
+                    law,
                     sample_time=options.sample_time,
                     seed=options.seed,
                     progress=lambda task=task: progress.advance(task),  # type: ignore[misc]
@@ -112,7 +111,7 @@ def _robot(folder: Path) -> ModuleType:
     """The generated arm with the experiment's tool; with any other the stiffness would be that of another point."""
     if not (folder / "manifest.json").is_file():
         raise StiffgenError(f"{folder} is no generated robot; run 'make {ROBOT}', or name one with --robot")
-    robot: ModuleType = import_robot(folder)
+    robot: ModuleType = open_robot(folder).module
     pose = Plant(bowl=False).pose
     if robot.DOF != DOF or not np.allclose(robot.forward_kinematics(START_POSTURE), pose, atol=1e-9):
         raise StiffgenError(f"{folder} is not the arm with the experiment's tool; 'make {ROBOT}' generates it")

@@ -117,13 +117,13 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
         {"sample_time", number(config.sample_time)},
         {"task_stiffness", list(options.settings.task_stiffness, 6)},
         {"stiffness_formula", options.settings.conventional ? quoted("conventional") : quoted("corrected")},
-        {"nullspace", config.nullspace == robot::NULLSPACE_OFF ? quoted("off") : quoted("isotropic")},
-        {"nullspace_stiffness", number(config.nullspace_stiffness)},
+        {"posture_stiffness", number(config.posture_stiffness[0])},
         {"damping_ratio", number(options.settings.damping_ratio)},
         {"joint_damping", number(config.joint_damping)},
         {"effort_limit", list(config.effort_limit, JOINTS)},
         {"torque_rate_limit", list(config.torque_rate_limit, JOINTS)},
-        {"tank", config.tank == robot::TANK_ON ? quoted("on") : quoted("off")},
+        {"automatic_reset_time", number(config.automatic_reset_time)},
+        {"law", quoted("paper")},
     };
 }
 

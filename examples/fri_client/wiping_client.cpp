@@ -32,6 +32,32 @@ double clamp(double x, double least, double most)
     return std::min(std::max(x, least), most);
 }
 
+/* Frobenius norm of the antisymmetric part. */
+double antisymmetric_norm(const double *matrix)
+{
+    double sum = 0.0;
+    for (int i = 0; i < JOINTS; ++i) {
+        for (int j = 0; j < i; ++j) {
+            const double half = (matrix[i * JOINTS + j] - matrix[j * JOINTS + i]) / 2.0;
+            sum += 2.0 * half * half;
+        }
+    }
+    return std::sqrt(sum);
+}
+
+/* [J] e^T Kq e / 2 of the paper's law, e from the position to the reference. */
+double elastic_energy(const robot::Output &output)
+{
+    double sum = 0.0;
+    for (int i = 0; i < JOINTS; ++i) {
+        for (int j = 0; j < JOINTS; ++j) {
+            sum += 0.5 * output.joint_stiffness[i * JOINTS + j] * (output.reference[i] - output.position[i]) *
+                   (output.reference[j] - output.position[j]);
+        }
+    }
+    return sum;
+}
+
 } // namespace
 
 Settings::Settings()
@@ -66,20 +92,23 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     std::memset(&counters_, 0, sizeof counters_);
     std::memset(&record_, 0, sizeof record_);
     fill(q_, 0.0, JOINTS);
+    fill(dq0_, 0.0, JOINTS);
     robot::default_config(&config_);
     config_.joint_damping = settings.joint_damping;
-    config_.nullspace_stiffness = settings.nullspace_stiffness;
-    config_.nullspace = settings.nullspace_stiffness > 0.0 ? robot::NULLSPACE_ISOTROPIC : robot::NULLSPACE_OFF;
+    /* Faults of single samples and of the communication pass: the governor brings the equilibrium back by itself. */
+    config_.law = robot::LAW_PAPER;
+    config_.automatic_reset_time = 0.1;
     for (int i = 0; i < JOINTS; ++i) {
+        config_.posture_stiffness[i] = settings.nullspace_stiffness;
         config_.damping_ratio[i] = settings.damping_ratio;
         config_.effort_limit[i] *= settings.effort_share;
         config_.torque_rate_limit[i] = config_.effort_limit[i] / settings.torque_rise;
     }
     if (settings.conventional) {
-        /* The tank's promise holds for a symmetric stiffness only. */
         config_.stiffness_formula = robot::STIFFNESS_FORMULA_CONVENTIONAL;
-        config_.tank = robot::TANK_OFF;
     }
+    input_.command = robot::COMMAND_POSITION;
+    input_.wrench_valid = 1;
     for (int i = 0; i < 6; ++i) {
         input_.task_stiffness[7 * i] = settings.task_stiffness[i];
     }
@@ -399,8 +428,8 @@ void WipingClient::missed_and_advance()
         let_go(LET_GO_DECLINED);
     }
     const bool waits = button_ || question_.state() == Question::ASKED || let_go_ != LET_GO_NONE;
-    if (output_.mode != robot::MODE_FALLBACK) {
-        pace_.update(start_ ? 0.0 : error, output_.elastic_energy, std::sqrt(force), waits, seconds);
+    if ((output_.status & robot::STATUS_FAULT) == 0) {
+        pace_.update(start_ ? 0.0 : error, elastic_energy(output_), std::sqrt(force), waits, seconds);
         reference_.advance(pace_.value() * seconds);
     }
     if (pace_.reason() != Pace::FREE) {
@@ -423,7 +452,7 @@ bool WipingClient::fill_input()
     }
     copy(q_, input_.q, JOINTS);
     copy(velocity_.velocity(), input_.dq, JOINTS);
-    reference_.at(pace_.value(), input_.q0, input_.dq0);
+    reference_.at(pace_.value(), input_.q0, dq0_);
     return true;
 }
 
@@ -431,12 +460,13 @@ bool WipingClient::fill_input()
 void WipingClient::step_controller(bool valid)
 {
     input_.sample_valid = valid ? 1 : 0;
+    ++input_.counter;
     robot::step(&config_, &state_, &input_, &output_);
     record_.sample_valid = input_.sample_valid;
     copy(input_.q, record_.q, JOINTS);
     copy(input_.dq, record_.dq, JOINTS);
     copy(input_.q0, record_.q0, JOINTS);
-    copy(input_.dq0, record_.dq0, JOINTS);
+    copy(dq0_, record_.dq0, JOINTS);
     copy(input_.wrench, record_.wrench, 6);
     if (!valid) {
         /* Nothing of it was read. */
@@ -449,15 +479,15 @@ void WipingClient::step_controller(bool valid)
     copy(output_.torque, record_.torque, JOINTS);
     record_.status = output_.status;
     record_.mode = output_.mode;
-    record_.antisymmetric = output_.antisymmetric_norm;
+    record_.antisymmetric = antisymmetric_norm(output_.joint_stiffness);
     record_.tank_energy = output_.tank_energy;
-    record_.elastic_energy = output_.elastic_energy;
-    const bool fallback = (output_.status & robot::STATUS_FALLBACK) != 0;
+    record_.elastic_energy = elastic_energy(output_);
+    const bool fallback = (output_.status & robot::STATUS_FAULT) != 0;
     counters_.fallbacks += fallback && !fallen_back_ ? 1 : 0;
     events_ |= fallback ? EVENT_FALLBACK : 0;
     counters_.saturated += (output_.status & robot::STATUS_SATURATED) != 0 ? 1 : 0;
     counters_.rate_limited += (output_.status & robot::STATUS_RATE_LIMITED) != 0 ? 1 : 0;
-    counters_.antisymmetric = std::max(counters_.antisymmetric, output_.antisymmetric_norm);
+    counters_.antisymmetric = std::max(counters_.antisymmetric, record_.antisymmetric);
     fallen_back_ = fallback;
 }
 

@@ -167,6 +167,7 @@ private:
     double since_position_;                /* [s] since the last position; negative: nobody knows */
     bool valid_;                           /* this message is a sample */
     double q_[JOINTS];                     /* [rad] last measured position */
+    double dq0_[JOINTS];                   /* [rad/s] of the wanted motion, for the log */
     bool button_;
     int quality_, operation_mode_;
     int without_torque_mode_, without_drives_; /* messages in a row */

@@ -48,8 +48,8 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
 def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     """The controller of a generated robot, configured as a client's summary says."""
     told = summary["controller"]
-    names = ("sample_time", "stiffness_formula", "nullspace", "nullspace_stiffness", "damping_ratio", "joint_damping",
-             "effort_limit", "torque_rate_limit", "tank")  # fmt: skip
+    names = ("sample_time", "law", "stiffness_formula", "posture_stiffness", "damping_ratio", "joint_damping",
+             "effort_limit", "torque_rate_limit", "automatic_reset_time")  # fmt: skip
     return robot.Impedance({name: told[name] for name in names})
 
 
@@ -64,7 +64,7 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     for begin, end in pairwise([*starts, len(log)]):
         part = slice(begin, end)
         valid = log["sample_valid"][part].astype(int)
-        inputs = {name: log[name][part] for name in ("q", "dq", "q0", "dq0", "wrench")}
+        inputs = {name: log[name][part] for name in ("q", "dq", "q0", "wrench")}
         steps = controller(robot, log.summary).run(task_stiffness=K, sample_valid=valid, **inputs)
         torque[part] = steps.torque
     return torque

@@ -18,6 +18,7 @@ from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_
 from stiffgen.names import c_comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import (
     Array,
     Block,
@@ -99,20 +100,21 @@ class Code:
         return self.single.calls(function) or self.batch.calls(function)
 
 
-def print_chain(chain: Chain, name: str) -> Code:
+def print_chain(chain: Chain, name: str, options: SpringOptions) -> Code:
     """Print every kernel of a chain; ``name`` is the prefix of public functions."""
-    return Code(_ChainPrinter(chain, name, _Body).functions(), _ChainPrinter(chain, name, _BatchBody).functions())
+    return Code(*(_ChainPrinter(chain, name, body, options).functions() for body in (_Body, _BatchBody)))
 
 
-def print_threads(chain: Chain, name: str) -> Functions:
+def print_threads(chain: Chain, name: str, options: SpringOptions) -> Functions:
     """Print the kernels that have a batch for one configuration a CUDA thread; none for chains without batches."""
-    return _ChainPrinter(chain, name, _ThreadBody).functions()
+    return _ChainPrinter(chain, name, _ThreadBody, options).functions()
 
 
 class _ChainPrinter:
     """Prints bodies of one kind."""
 
-    def __init__(self, chain: Chain, name: str, body: type[_Body]) -> None:
+    def __init__(self, chain: Chain, name: str, body: type[_Body], options: SpringOptions) -> None:
+        self.options = options
         self.chain = chain
         self.name = name
         self.body = body
@@ -121,7 +123,7 @@ class _ChainPrinter:
         self.finished: dict[str, Operations] = {}  # public functions printed so far
 
     def functions(self) -> Functions:
-        table = [kernel for kernel in chain_kernels(self.chain) if kernel.batch or not self.body.many]
+        table = [kernel for kernel in chain_kernels(self.chain, self.options) if kernel.batch or not self.body.many]
         kernels = tuple((kernel, self.kernel(kernel)) for kernel in table)
         return Functions(tuple(self.scopes.values()), tuple(self.recursions.values()), kernels)
 

@@ -15,13 +15,14 @@ import jinja2
 from stiffgen._version import __version__
 from stiffgen.emit.c import Code, Function, Functions, Scope, print_chain, print_threads
 from stiffgen.emit.controller import controller_context, controller_files
-from stiffgen.emit.expressions import WIDEST, Operations, c_double
+from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, WIDEST, Operations, c_double
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import Array
 
 MANIFEST = "manifest.json"
@@ -29,13 +30,14 @@ _GENERATOR = "stiffgen"
 _SOURCES = "@digest of the C sources@"
 
 
-def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
+def render(chain: Chain, name: str, *, cuda: bool = False, options: SpringOptions | None = None) -> dict[str, str]:
     """The files of a robot's folder by name.
 
     Args:
         chain: the robot.
         name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
         cuda: also NAME.cu and NAME_cuda.h, CUDA for the kernels that have a batch.
+        options: springs beyond the default one, their axes and centre.
 
     Returns:
         Text by file name; the same on every machine.
@@ -44,8 +46,9 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         ChainError: ``cuda`` for a chain too long for batches.
 
     """
-    threads = _threads(chain, name) if cuda else None
-    code = print_chain(chain, name)
+    options = options or SpringOptions()
+    threads = _threads(chain, name, options) if cuda else None
+    code = print_chain(chain, name, options)
     context = _context(chain, name, code) | {"cuda": threads and _cuda(chain, name, threads)}
     environment = _environment()
     files = {
@@ -66,7 +69,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
     }
     texts["py.typed"] = ""
     texts = _with_sources(texts)
-    texts[MANIFEST] = _manifest(chain, name, code, texts)
+    texts[MANIFEST] = _manifest(chain, name, code, texts, options)
     return texts
 
 
@@ -130,6 +133,9 @@ def _context(chain: Chain, name: str, code: Code) -> dict[str, Any]:
         "batch_recursions": [_recursion(scope, function, "lanes") for scope, function in code.batch.recursions],
         "batches": [_batch(name, kernel, function) for kernel, function in code.batch.kernels],
         "calls": code.calls,
+        "libm": LIBM,
+        "libm_of_two": LIBM_OF_TWO,
+        "own": OWN,
     }
 
 
@@ -189,8 +195,8 @@ def _example(chain: Chain) -> _Example:
     )
 
 
-def _threads(chain: Chain, name: str) -> Functions:
-    threads = print_threads(chain, name)
+def _threads(chain: Chain, name: str, options: SpringOptions) -> Functions:
+    threads = print_threads(chain, name, options)
     if not threads.kernels:
         raise ChainError(
             f"--cuda: the chain has {len(chain.joints)} moving joints, and CUDA kernels are made for at most "
@@ -452,7 +458,7 @@ def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
     return lines[:-1]
 
 
-def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str:
+def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str], options: SpringOptions) -> str:
     content = {
         "generator": _GENERATOR,
         "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
@@ -466,6 +472,7 @@ def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str
             for kernel, function in code.single.kernels
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
+        "springs": options.to_manifest(),
         "chain": _finite(asdict(chain)),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
