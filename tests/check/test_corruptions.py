@@ -85,7 +85,7 @@ FAULTS = [
     Fault("another representation", PYTHON_C, "iiwa14_body_jacobian", "iiwa14_hybrid_jacobian", "evaluate_body_jacobian("),
     Fault("step of another argument", PYTHON_C, r"steps\[1\]", "steps[0]", "evaluate_hybrid_joint_stiffness_batch("),
     Fault("rows taken as planes", PYTHON_C, r"a \* steps\[0\]", "a * steps[1]", "static void copy_block("),
-    Fault("columns taken as rows", PYTHON_C, r"block \+ c \* steps\[rank - 1\]", "block + c * (npy_intp)sizeof(double)", "static void copy_block("),
+    Fault("columns taken as rows", PYTHON_C, r"block \+ c \* steps\[[^]]*\]", "block + c * (npy_intp)sizeof(double)", "static void copy_block("),
     Fault("every chunk is the first", PYTHON_C, r"steps\[o\] \* \(done \+ n\)", "steps[o] * n", "static void batch_loop("),
     Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),
     Fault("effort in Python", PYTHON, r"320\.0", "300.0", "EFFORT ="),

@@ -558,6 +558,9 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
     single = {name: one_by_one(kernel) for name, kernel in kernels.items()}
     pool = argument_samples(chain, LONG, seed, springs)
+    # Not symmetric: a batch that reads another triangle than the single call is seen.
+    general = Samples.draw(chain, LONG, seed).general_stiffness
+    pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
     try:
         library = ctypes.CDLL(str(build_library(robot.folder, robot.name, build)))
     except BuildError:  # the folder may have been compiled elsewhere
