@@ -165,7 +165,13 @@ def test_a_held_arm_stops_the_trajectory_and_is_let_go(
 
 @versions
 def test_an_arm_that_is_held_for_a_while_goes_on(scenario: Scenario, version: str) -> None:
-    run = scenario(version, "held@1.0-1.6", "--duration", 3, client=("--energy-limit", 0.3, "--hold-time", 1.0))
+    run = scenario(
+        version,
+        "held@1.0-1.6",
+        "--duration",
+        3,
+        client=("--energy-limit", 0.3, "--hold-time", 1.0, "--effort-share", 1, "--torque-rise", 0.1),
+    )
     assert run.code == DONE, last_line(run)
     assert run.faults["slowed"] > 20
     assert 1.3 < trajectory_time(run) < 2.6
