@@ -441,7 +441,10 @@ static int doubt(frame *f, const double *last)
     }
     if (s->memory.known) {
         const int32_t ahead = (int32_t)(in->counter - s->memory.counter - (uint32_t)s->memory.gap - 1u);
-        if (ahead < 0) {
+        const int regular = in->counter == s->memory.seen_counter + 1u;
+        s->memory.regular = regular ? (s->memory.regular < 3 ? s->memory.regular + 1 : 3) : 0;
+        s->memory.seen_counter = in->counter;
+        if (ahead < 0 && (s->memory.fault == ID(FAULT_NONE) || s->memory.regular < 3)) {
             return ID(REASON_STALE);
         }
         if (ahead > 0) {
@@ -811,10 +814,10 @@ static void settle(frame *f)
         s->memory.engaged = 1;
         s->memory.scale = 1.0;
         /* the engagement's energy first makes up for what the tank lacks */
-        if (s->memory.tank < -f->c->engagement_limit) {
-            /* more than an engagement brings in: the account ends here, and begins anew */
+        if (s->memory.tank < f->c->tank_initial - f->c->engagement_limit) {
+            /* it lacks more than an engagement brings in: the account ends here, and begins anew */
             s->memory.unaccounted += s->memory.unaccounted < UINT32_MAX ? 1u : 0u;
-            s->memory.tank = 0.0;
+            s->memory.tank = f->c->tank_initial - f->c->engagement_limit > 0.0 ? s->memory.tank : 0.0;
         }
         const double lack = clamp(f->c->tank_initial - s->memory.tank, 0.0, f->c->engagement_limit);
         s->memory.tank += lack;
