@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit.render import chain_from_manifest, render
+from stiffgen.emit.manifest import chain_from_manifest
+from stiffgen.emit.render import render
 from stiffgen.errors import BuildError, OutputError, StiffgenError
 from support.project import ROOT, URDF
 

@@ -28,10 +28,9 @@ from stiffgen.analyze.measures import MEASURES, Summary, Task, bad_rows, units
 from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording
 from stiffgen.analyze.report import write_report
 from stiffgen.check.verify import import_robot
-from stiffgen.emit.render import chain_from_manifest
+from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed
 from stiffgen.folder import swapped_in
-from stiffgen.generate import read_manifest
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stiffgen.check.verify import argument_samples, import_robot, kernels_of
-from stiffgen.emit.render import chain_from_manifest
+from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import OutputError
-from stiffgen.generate import read_manifest
 from stiffgen.symbolic.kernels import chain_kernels
 
 _BATCH = 4096

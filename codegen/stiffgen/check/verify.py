@@ -28,9 +28,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.emit.render import chain_from_manifest
+from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import OutputError
-from stiffgen.generate import read_manifest
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.kernels import chain_kernels

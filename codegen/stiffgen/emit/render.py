@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from importlib.metadata import version
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import jinja2
@@ -16,16 +13,14 @@ from stiffgen._version import __version__
 from stiffgen.emit.c import Code, Function, Functions, Scope, print_chain, print_threads
 from stiffgen.emit.controller import controller_context, controller_files
 from stiffgen.emit.expressions import WIDEST, Operations, c_double
+from stiffgen.emit.manifest import MANIFEST, manifest_text
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
-from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
+from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
 from stiffgen.symbolic.program import Array
-
-MANIFEST = "manifest.json"
-_GENERATOR = "stiffgen"
 
 
 def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
@@ -64,7 +59,8 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         for file, template in files.items()
     }
     texts["py.typed"] = ""
-    texts[MANIFEST] = _manifest(chain, name, code, texts)
+    signed = {k.qualified_name: (k.signature(chain), f.operations) for k, f in code.single.kernels}
+    texts[MANIFEST] = manifest_text(chain, name, signed, texts)
     return texts
 
 
@@ -417,66 +413,3 @@ def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
             lines += [f"    {line}" for line in _wrapped(argument.meaning, 84)]
         lines.append("")
     return lines[:-1]
-
-
-def _manifest(chain: Chain, name: str, code: Code, texts: dict[str, str]) -> str:
-    content = {
-        "generator": _GENERATOR,
-        "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
-        "name": name,
-        "urdf": {"file": chain.source, "sha256": chain.digest},
-        "kernels": {
-            kernel.qualified_name: {
-                "signature": kernel.signature(chain),
-                "operations": asdict(function.operations) | {"total": function.operations.total},
-            }
-            for kernel, function in code.single.kernels
-        },
-        "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
-        "chain": _finite(asdict(chain)),
-    }
-    return json.dumps(content, indent=1, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    """Infinite limits as "inf" and "-inf", which JSON has no numbers for."""
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(entry) for entry in value]
-    return str(value) if isinstance(value, float) and math.isinf(value) else value
-
-
-def is_manifest(content: Any) -> bool:
-    """Whether parsed JSON is a manifest of stiffgen."""
-    return (
-        isinstance(content, dict) and content.get("generator") == _GENERATOR and isinstance(content.get("files"), dict)
-    )
-
-
-def chain_from_manifest(content: dict[str, Any]) -> Chain:
-    """The chain that a folder was generated from."""
-    data = content["chain"]
-
-    def nested(value: Any) -> Any:
-        return tuple(nested(entry) for entry in value) if isinstance(value, list) else value
-
-    def joint(entry: dict[str, Any]) -> Joint:
-        return Joint(**fields(entry) | {"body": Body(**fields(entry["body"]))})
-
-    def coordinate(entry: dict[str, Any]) -> Coordinate:
-        limits = {key: float(entry[key]) for key in ("lower", "upper", "velocity", "effort")}
-        return Coordinate(name=entry["name"], type=entry["type"], **limits)
-
-    def fields(entry: dict[str, Any]) -> dict[str, Any]:
-        return {key: nested(value) for key, value in entry.items()}
-
-    structured = ("joints", "coordinates", "tips", "tool")
-    rest = fields({key: value for key, value in data.items() if key not in structured})
-    return Chain(
-        tips=tuple(Tip(**fields(entry)) for entry in data["tips"]),
-        tool=None if data["tool"] is None else Tool(**fields(data["tool"])),
-        joints=tuple(joint(entry) for entry in data["joints"]),
-        coordinates=tuple(coordinate(entry) for entry in data["coordinates"]),
-        **rest,
-    )
