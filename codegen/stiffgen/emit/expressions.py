@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from stiffgen.emit.target import Target
+
 _WIDTH = 100
 WIDEST = 8
 """Numbers in the widest vector of the generated code (lanes.c); rows are padded to multiples of it."""
@@ -56,12 +58,15 @@ class Named:
 class Printed:
     """C statements, one a line (long ones wrapped), with the operations they cost.
 
-    ``values`` are the C texts of the outputs where these were defined rather than assigned.
+    ``values`` are the C texts of the outputs where these were defined rather than assigned, ``reads`` the numbers of
+    the inputs that the statements read, ``calls`` the C functions that they call.
     """
 
     lines: list[str]
     operations: Operations
-    values: tuple[str, ...] = ()
+    values: tuple[str, ...]
+    reads: frozenset[int]
+    calls: frozenset[str]
 
 
 @dataclass
@@ -155,10 +160,10 @@ def print_statements(
     outputs: Sequence[tuple[str, ca.SX]],
     named: Sequence[Named] = (),
     *,
+    target: Target,
     heading: str = "",
     wide: Container[str] = (),
     wide_outputs: bool = False,
-    wide_number: str = "lanes",
     define: int = 0,
 ) -> Printed:
     """Print the statements that compute ``outputs``.
@@ -167,10 +172,10 @@ def print_statements(
         inputs: scalar symbols with their C text.
         outputs: C lvalues with scalar expressions, printed in this order.
         named: groups of scalar intermediates to name, in order of computation.
+        target: what the statements are for.
         heading: comment over the outputs.
-        wide: the C texts among the inputs that are lanes; what depends on them is lanes too, the rest double.
-        wide_outputs: the lvalues are lanes.
-        wide_number: C type of what is called lanes here: "lanes", or "double" for one configuration at a time.
+        wide: the C texts among the inputs that are entries of rows; what depends on them is, too, the rest is scalar.
+        wide_outputs: the lvalues are entries of rows.
         define: of so many outputs, the first ones, take the lvalues as names of new locals; what is a constant or has a
             name already gets no second one.
 
@@ -182,7 +187,7 @@ def print_statements(
     named_values = [(name, value) for group in named for name, value in group.values]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
     graph, numbers = _build(ca.Function("f", [symbols], [everything]))
-    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, wide_number)
+    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, target)
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -196,15 +201,15 @@ def print_statements(
             values.append(writer.value(lvalue, number))
         else:
             writer.assign(lvalue, number, wide=wide_outputs)
-    return Printed(writer.lines, writer.operations, tuple(values))
+    return Printed(writer.lines, writer.operations, tuple(values), frozenset(writer.reads), frozenset(writer.calls))
 
 
 class _Writer:
     def __init__(
-        self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], wide_number: str
+        self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], target: Target
     ) -> None:
         self.graph = graph
-        self.wide_number = wide_number
+        self.target = target
         self.inputs = inputs
         self.wide = self._wide_nodes(wide)
         self.lines: list[str] = []
@@ -212,6 +217,8 @@ class _Writer:
         self.text: dict[int, str] = {}  # nodes that have a C name
         self.results: dict[int, str] = {}  # sines and cosines: where the call left them
         self.temporaries = 0
+        self.reads: set[int] = set()
+        self.calls: set[str] = set()
         self.uses = self._count_uses(outputs)
 
     def _wide_nodes(self, inputs: Container[str]) -> set[int]:
@@ -244,6 +251,7 @@ class _Writer:
         self._comment("sine and cosine of each joint angle")
         for angle in angles:
             self._prepare(angle)
+        self.calls.add("sine_cosine")
         values = [self._expression(angle)[0] for angle in angles]
         batch = all(angle in self.wide for angle in angles)
         if batch:
@@ -251,10 +259,10 @@ class _Writer:
         else:
             count, padded = f"{-(-len(values) // WIDEST) * WIDEST} / LANES", eights(values)
         self.lines += [
-            f"const {self.wide_number} angle[{count}] = {{",
+            f"const {self.target.row} angle[{count}] = {{",
             *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
             "};",
-            f"{self.wide_number} sine[{count}], cosine[{count}];",
+            f"{self.target.row} sine[{count}], cosine[{count}];",
             f"sine_cosine(angle, sine, cosine, {count});",
         ]
         view = {"sin": "sine", "cos": "cosine"}
@@ -296,8 +304,10 @@ class _Writer:
     def assign(self, lvalue: str, number: int, *, wide: bool) -> None:
         self._prepare(number)
         text = self._expression(number)[0]
-        spread = wide and number not in self.wide and self.wide_number == "lanes"
-        self._write(f"{lvalue} = {f'same({text})' if spread else text};")
+        if wide and number not in self.wide and self.target.spread:
+            self.calls.add(self.target.spread)
+            text = f"{self.target.spread}({text})"
+        self._write(f"{lvalue} = {text};")
 
     def value(self, name: str, number: int) -> str:
         """C text of a node, which is defined under ``name`` unless it is short already."""
@@ -307,7 +317,7 @@ class _Writer:
         return self._expression(number)[0]
 
     def _type(self, number: int) -> str:
-        return f"const {self.wide_number}" if number in self.wide else "const double"
+        return f"const {self.target.row if number in self.wide else self.target.scalar}"
 
     def _is_leaf(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -345,8 +355,9 @@ class _Writer:
             return self.text[number], _ATOM
         kind, a, b = self.graph.keys[number]
         if kind == "const":
-            return c_double(float(a)), _ATOM
+            return c_double(float(a)) + self.target.literal, _ATOM
         if kind == "input":
+            self.reads.add(int(a))
             return self.inputs[int(a)], _ATOM
         if kind in ("sin", "cos"):
             return self.results[number], _ATOM
