@@ -2,7 +2,8 @@
 
 ``python benchmarks/sine_cosine.py`` derives the polynomials by Remez' algorithm and the parts of pi/2, and prints them
 with their errors; ``python benchmarks/sine_cosine.py POINTS`` compiles the generated iiwa14.c and holds that many
-angles against mpmath (a million takes minutes).
+angles against mpmath (a million takes minutes); ``--search SECONDS`` climbs the error, against long double, and prints
+the worst angle of each build.
 """
 
 from __future__ import annotations
@@ -60,12 +61,12 @@ def derive() -> None:
         print(f"{name}: largest relative error 2^{float(mp.log(error, 2)):.1f}")
         for coefficient in coefficients:
             print(f"    {float(coefficient)!r}")
-    rest = mp.pi / 2
-    for bits in (38, 77):
+    rest = +mp.pi
+    for bits in (37, 76):
         part = mp.floor(rest * mp.mpf(2) ** bits) / mp.mpf(2) ** bits
-        print(f"pi/2, up to 2^-{bits}: {float(part)!r}")
+        print(f"pi, up to 2^-{bits}: {float(part)!r}")
         rest -= part
-    print(f"pi/2, the rest: {float(rest)!r}, off by 2^{float(mp.log(abs(rest - mp.mpf(float(rest))), 2)):.1f}")
+    print(f"pi, the rest: {float(rest)!r}, off by 2^{float(mp.log(abs(rest - mp.mpf(float(rest))), 2)):.1f}")
 
 
 MAIN = """
@@ -115,8 +116,90 @@ def measure(points: int) -> None:
                 print(f"gcc {flags}, {kind}: sine {worst[0]:.3f} ulp, cosine {worst[1]:.3f} ulp, {len(angles)} angles")
 
 
+SEARCH = r"""
+#include "iiwa14.c"
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+static unsigned long long seed = 88172645463325252ULL;
+static double uniform(double low, double high)
+{
+    seed ^= seed << 13; seed ^= seed >> 7; seed ^= seed << 17;
+    return low + (high - low) * (double)(seed >> 11) * 0x1p-53;
+}
+static double ulps(double found, long double exact)
+{
+    const double size = fabs((double)exact);
+    return (double)(fabsl(found - exact) / (nextafter(size, INFINITY) - size));
+}
+/* Errors of LANES angles; the worse one of sine and cosine. */
+static void errors(const double *x, double *error)
+{
+    lanes angle, sine, cosine;
+    memcpy(&angle, x, sizeof angle);
+    sine_cosine(&angle, &sine, &cosine, 1);
+    for (int n = 0; n < LANES; ++n) {
+        const double s = ulps(((double *)&sine)[n], sinl(x[n])), c = ulps(((double *)&cosine)[n], cosl(x[n]));
+        error[n] = s > c ? s : c;
+    }
+}
+enum { KEPT = 64 };
+int main(int argc, char **argv)
+{
+    (void)argc;
+    const clock_t end = clock() + (clock_t)(atof(argv[1]) * CLOCKS_PER_SEC);
+    double best[KEPT] = {0}, error[KEPT] = {0};
+    double count = 0;
+    while (clock() < end) {
+        for (int round = 0; round < 20000; ++round) {
+            double x[LANES], e[LANES];
+            for (int n = 0; n < LANES; ++n) {
+                const double kind = uniform(0, 1);
+                if (kind < 0.25) { x[n] = uniform(-FAR, FAR); }
+                else if (kind < 0.35) { x[n] = uniform(-4, 4); }
+                else if (kind < 0.5) {
+                    x[n] = (floor(uniform(0, 6366)) + 0.5) * 1.5707963267948966 * (1 + uniform(-1e-5, 1e-5));
+                }
+                else {
+                    x[n] = best[(int)uniform(0, KEPT)];
+                    if (kind < 0.75) { x[n] += ldexp(uniform(-1, 1), (int)uniform(-45, 0)); }
+                    else { x[n] += floor(uniform(-50, 50)) * 1.5707963267948966; }
+                }
+                if (!(fabs(x[n]) <= FAR)) { x[n] = 1; }
+            }
+            errors(x, e);
+            count += LANES;
+            for (int n = 0; n < LANES; ++n) {
+                int least = 0, known = 0;
+                for (int k = 0; k < KEPT; ++k) { if (error[k] < error[least]) least = k; known |= best[k] == x[n]; }
+                if (!known && e[n] > error[least]) { error[least] = e[n]; best[least] = x[n]; }
+            }
+        }
+    }
+    int worst = 0;
+    for (int k = 0; k < KEPT; ++k) if (error[k] > error[worst]) worst = k;
+    printf("%.4f ulp at %.17g, %.3g angles\n", error[worst], best[worst], count);
+    return 0;
+}
+"""
+
+
+def search(seconds: float) -> None:
+    """Random angles, and steps from the 64 worst so far: by small amounts, and by multiples of pi/2."""
+    with tempfile.TemporaryDirectory() as folder:
+        main, program = Path(folder) / "main.c", Path(folder) / "program"
+        main.write_text(SEARCH)
+        for build in ("gcc -O2", "gcc -O3 -march=native", "clang -O2", "clang -O3 -march=native"):
+            subprocess.run([*build.split(), f"-I{ROBOT}", str(main), "-o", str(program), "-lm"], check=True)
+            found = subprocess.run([str(program), str(seconds)], capture_output=True, text=True, check=True)
+            print(f"{build}: {found.stdout}", end="")
+
+
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
+    if sys.argv[1:2] == ["--search"]:
+        search(float(sys.argv[2]))
+    elif len(sys.argv) > 1:
         measure(int(sys.argv[1]))
     else:
         derive()

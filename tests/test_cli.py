@@ -28,7 +28,7 @@ def run(capsys, *arguments):
 def test_inspect(capsys):
     code, out, err = run(capsys, "inspect", URDF)
     assert (code, err) == (0, "")
-    assert "tips (leaf links): link_ee" in out
+    assert "link_ee │ link_0 │ 7: A1, A2, A3, A4, A5, A6, A7" in out
     row = next(line for line in out.splitlines() if line.startswith("A4"))
     for cell in ("revolute", "0 -1 0", "-2.0944", "1.309", "176", "link_4", "4.123"):
         assert cell in row

@@ -14,10 +14,11 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
@@ -26,14 +27,17 @@ from rich.table import Table
 
 import stiffgen
 from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
-from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows, warnings
+from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
+from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
 from stiffgen.check.verify import Check, verify
-from stiffgen.errors import DescriptionError, EmptyRecordingError, StiffgenError, printable
+from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
 from stiffgen.robot.chain import Tool
-from stiffgen.robot.description import Description, JointElement, read_description
+from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.reader import read_description
+from stiffgen.robot.survey import TipSurvey, survey_tip
 from stiffgen.symbolic.connection import REPRESENTATIONS
 
 
@@ -69,7 +73,21 @@ def _run(arguments: Sequence[str] | None) -> int:
     except SystemExit:
         sys.stdout.flush()  # of --help and --version
         raise
-    return int(options.run(options))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", DescriptionWarning)
+        warnings.showwarning = _show_warning
+        return int(options.run(options))
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    print(f"stiffgen: warning: {message}", file=sys.stderr)
 
 
 class _Terminated(BaseException):
@@ -208,8 +226,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.set_defaults(run=_generate)
 
-    command = commands.add_parser("inspect", help="show a URDF's chain, its tips and all its problems")
+    command = commands.add_parser(
+        "inspect", help="show a URDF's joints, what a chain to each tip has, and all problems"
+    )
     command.add_argument("urdf", type=Path, metavar="URDF")
+    command.add_argument("--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)")
+    command.add_argument("--base", metavar="LINK", help="from this link (default: the one nearest the root)")
     command.set_defaults(run=_inspect)
 
     command = commands.add_parser("verify", help="check a robot's compiled kernels against independent oracles")
@@ -356,6 +378,10 @@ def _generate(options: argparse.Namespace) -> int:
     return 0
 
 
+_MOST_TIPS = 100
+"""Tips that ``inspect`` looks at; humanoids with hands have some 40."""
+
+
 def _inspect(options: argparse.Namespace) -> int:
     try:
         description = read_description(options.urdf)
@@ -369,17 +395,38 @@ def _inspect(options: argparse.Namespace) -> int:
         markup=False,
     )
     console.print(_joint_table(description))
-    console.print("tips (leaf links): " + ", ".join(comment(leaf) for leaf in description.leaves), markup=False)
+    tips = description.leaves if options.tip is None else [options.tip]
+    surveys = [survey_tip(description, tip, options.base) for tip in tips[:_MOST_TIPS]]
+    console.print()
+    console.print(_tip_table(surveys, names=20 if options.tip else 4))
+    if len(tips) > _MOST_TIPS:
+        console.print(f"and {len(tips) - _MOST_TIPS} more tips; --tip shows one", markup=False)
     if not description.problems:
         return 0
-    print(f"{len(description.problems)} problems, each of which refuses the chains that use the element:")
+    print(f"\n{len(description.problems)} problems; each refuses the chains that it can change, and leaves the others:")
     print("\n".join(f"  {problem.text}" for problem in description.problems))
     return 1
 
 
+def _tip_table(surveys: list[TipSurvey], names: int) -> Table:
+    table = Table(show_edge=False, pad_edge=False)
+    for column in ("tip", "base", "coordinates (q)", "left out of q"):
+        table.add_column(column)
+    for survey in surveys:
+        coordinates = f"{len(survey.coordinates)}: {listed(survey.coordinates)}" if survey.coordinates else ""
+        lines = [coordinates, survey.hindrance] if survey.hindrance else [coordinates]
+        table.add_row(
+            escape(comment(survey.tip)),
+            escape(comment(survey.base)),
+            escape("\n".join(filter(None, lines))),
+            escape("\n".join(f"{what}: {len(joints)} ({listed(joints, names)})" for what, joints in survey.left_out)),
+        )
+    return table
+
+
 def _joint_table(description: Description) -> Table:
     table = Table(show_edge=False, pad_edge=False)
-    for column in ("joint", "type", "axis", "lower", "upper", "velocity", "effort", "link", "mass [kg]"):
+    for column in ("joint", "type", "axis", "lower", "upper", "velocity", "effort", "parent", "link", "mass [kg]"):
         table.add_column(
             escape(column),
             justify="right" if column in ("lower", "upper", "velocity", "effort", "mass [kg]") else "left",
@@ -394,6 +441,7 @@ def _joint_table(description: Description) -> Table:
             escape(kind),
             " ".join(f"{value:.4g}" for value in joint.axis) if moves else "",
             *(f"{value:.6g}" if moves and math.isfinite(value) else "" for value in limits),
+            escape(comment(joint.parent)),
             escape(comment(joint.child)),
             "" if inertial is None else f"{inertial.mass:.6g}",
         )
@@ -502,7 +550,7 @@ def _analyze(options: argparse.Namespace) -> int:
         table.add_row(*map(escape, row))
     _table_console().print(table)
     print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
-    for line in warnings(analysis.recording, analysis.result):
+    for line in recording_warnings(analysis.recording, analysis.result):
         print(f"stiffgen: warning: {line}", file=sys.stderr)
     print(analysis.folder / (SUMMARY if options.no_figures else "report.html"))
     return 0

@@ -51,6 +51,17 @@ class DescriptionError(StiffgenError):
         return f"{self.file}:" + "".join(f"\n  {p}" for p in self.problems[:most]) + tail
 
 
+class DescriptionWarning(UserWarning):
+    """The robot description has problems beside the chain asked for, which cannot change it."""
+
+    def __init__(self, file: str, problems: Iterable[str]) -> None:
+        self.file = printable(file, 200)
+        self.problems = tuple(problems)
+        first, left = self.problems[0], len(self.problems) - 1
+        more = f" ({left} more; 'stiffgen inspect' lists them all)" if left else ""
+        super().__init__(f"{self.file}: beside the chain, without effect on it: {first}{more}")
+
+
 class ChainError(StiffgenError):
     """The description is sound, but the chain asked for does not exist or cannot be used."""
 

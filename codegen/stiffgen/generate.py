@@ -11,7 +11,7 @@ from stiffgen.emit.render import render
 from stiffgen.errors import OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
 from stiffgen.names import checked_identifier, identifier
-from stiffgen.robot.chain import Chain, Tool, load_chain
+from stiffgen.robot.chain import Chain, ChainOptions, Tool, read_chain
 
 
 def generate(
@@ -62,7 +62,8 @@ def generate(
 
     """
     progress(f"reading {Path(urdf).name}")
-    chain = load_chain(urdf, tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock)
+    options = ChainOptions(tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock)
+    chain = read_chain(urdf, options)
     name = identifier(chain.robot) if name is None else checked_identifier(name)
     output = Path(output)
     target = output / name

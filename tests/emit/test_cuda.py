@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import Samples, kernels_of
+from stiffgen.check.verify import Samples, as_results, kernels_of
 from stiffgen.cli import main
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
@@ -24,7 +24,7 @@ from support.cuda_host import NOTHING, HostCuda
 from support.project import ROOT, URDF, assert_close, compilers, require_compiler
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
-SHARED = ("task_stiffness", "tool_pose")
+SHARED = ("task_stiffness", "tool_pose", "equilibrium", "translation_stiffness", "rotation_stiffness")
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +57,13 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
     """Also with a stride beyond the count: nothing outside is read (NaN lies there) or written."""
     samples = Samples.draw(chain, count, seed=4)
     ufuncs = kernels_of(robot, chain)
-    assert len(host.kernels) == 7
+    assert len(host.kernels) == 13
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
-        for found, expected in zip(host(name, *given, spare=spare), ufuncs[name](*given), strict=True):
-            assert_close(found, expected)
+        results = (as_results(each) for each in (host(name, *given, spare=spare), ufuncs[name](*given)))
+        for found, expected in zip(*results, strict=True):
+            for one, other in zip(found, expected, strict=True):
+                assert_close(one, other)
 
 
 @pytest.mark.parametrize("case", ["slides and mimics", "two tips, tool at run time"])
@@ -77,19 +79,19 @@ def test_other_chains(case, compiler, tmp_path):
     chain = stiffgen.load_chain(urdf, **options)
     host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
     samples = Samples.draw(chain, 5, seed=9)
-    assert len(host.kernels) == (7 if case == "slides and mimics" else 13)
+    assert len(host.kernels) == (13 if case == "slides and mimics" else 25)
     for kernel in chain_kernels(chain):
         if not kernel.batch:
             continue
         given = arguments(kernel, samples)
         function = casadi_function(chain, kernel)
-        shape = kernel.result.array(chain).shape
-        found = host(kernel.qualified_name, *given, spare=2)
+        found = as_results(host(kernel.qualified_name, *given, spare=2))
         for c in range(5):
             one = [g if a.name in SHARED else g[c] for a, g in zip(kernel.arguments, given, strict=True)]
             folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
-            expected = function(*(a.reshape(f) for a, f in zip(one, folds, strict=True)))
-            assert_close(found[c], np.asarray(expected).reshape(shape))
+            expected = as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
+            for stack, value in zip(found, expected, strict=True):
+                assert_close(stack[c], np.asarray(value).reshape(stack[c].shape))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -100,13 +102,14 @@ def test_nan_and_infinity(value, host, chain, robot):
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
         for index, argument in enumerate(kernel.arguments):
-            for entry in range(given[index][0].size if argument.name not in SHARED else 36):
+            for entry in range(given[index][0].size if argument.name not in SHARED else given[index].size):
                 spoiled = [g.copy() for g in given]
                 spoiled[index].flat[entry] = value  # of the first configuration, or shared
                 with np.errstate(invalid="ignore"):
                     found, expected = host(name, *spoiled), ufuncs[name](*spoiled)
-                assert np.array_equal(np.isnan(found), np.isnan(expected)), (name, argument.name, entry)
-                assert not np.isinf(found).any()
+                for one, other in zip(as_results(found), as_results(expected), strict=True):
+                    assert np.array_equal(np.isnan(one), np.isnan(other)), (name, argument.name, entry)
+                    assert not np.isinf(one).any()
     q = samples.q.copy()
     q[3, 1] = value
     found = host("hybrid_joint_stiffness", q, samples.wrench, samples.task_stiffness[0])

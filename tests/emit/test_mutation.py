@@ -15,10 +15,19 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import BOUND, References, check_kernels, gamma_F, kernels_of, kinetic_hessian, relative_error
+from stiffgen.check.verify import (
+    BOUND,
+    References,
+    as_results,
+    check_kernels,
+    gamma_F,
+    kernels_of,
+    kinetic_hessian,
+    relative_error,
+)
 from stiffgen.emit.render import render
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.kernels import SPRINGS, chain_kernels
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
 from support.runtime import compile_c
@@ -163,29 +172,39 @@ def expected_values(references):
             ),
         ):
             wanted[f"{rep}_{name}"] = arguments, result
+    wanted = {name: (arguments, [result]) for name, (arguments, result) in wanted.items()}
+    for spring in SPRINGS:
+        arguments = (q, *(samples[argument.name] for argument in spring.parameters))
+        values = references.springs[spring.name]
+        for name, result in values.items():
+            wanted[f"{spring.name}_{name}"] = arguments, [result]
+        several = [values[name] for name in ("energy", "torque", "joint_stiffness")]
+        wanted[f"{spring.name}_linearization"] = arguments, several
     return wanted
 
 
 def single_call(function):
-    def call(arguments, out):
-        for c in range(len(out)):
-            function(*(pointer(a[c]) for a in arguments), pointer(out[c]))
+    def call(arguments, outs):
+        for c in range(len(outs[0])):
+            function(*(pointer(a[c]) for a in arguments), *(pointer(out[c : c + 1]) for out in outs))
 
     return call
 
 
 def batch_call(function):
-    def call(arguments, out):
+    def call(arguments, outs):
         steps = ((pointer(a), ctypes.c_ssize_t(a[0].size)) for a in arguments)
-        function(ctypes.c_size_t(len(out)), *itertools.chain(*steps), pointer(out))
+        function(ctypes.c_size_t(len(outs[0])), *itertools.chain(*steps), *map(pointer, outs))
 
     return call
 
 
 def cuda_call(host, name):
-    def call(arguments, out):
-        for c in range(len(out)):
-            out[c] = host(name, *(a[c : c + 1] if a.ndim == 2 else a[c] for a in arguments))[0]
+    def call(arguments, outs):
+        for c in range(len(outs[0])):
+            values = as_results(host(name, *(a[c : c + 1] if a.ndim == 2 else a[c] for a in arguments)))
+            for out, value in zip(outs, values, strict=True):
+                out[c] = value[0]
 
     return call
 
@@ -234,12 +253,12 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     flip = (ctypes.c_double * len(places)).in_dll(library, "flip")
     flip[:] = [1.0] * len(places)
     wanted = expected_values(references)
-    results = {name: np.empty(expected.shape) for name, (_, expected) in wanted.items()}
+    results = {name: [np.empty(each.shape) for each in expected] for name, (_, expected) in wanted.items()}
 
     def agrees(name, call):
         arguments, expected = wanted[name]
         call(arguments, results[name])
-        return relative_error(results[name], expected) <= BOUND
+        return all(relative_error(*pair) <= BOUND for pair in zip(results[name], expected, strict=True))
 
     assert all(agrees(name, call) for name, call in calls)
     missed = []

@@ -6,35 +6,38 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import Samples, kernels_of
+from stiffgen.check.verify import Samples, as_results, kernels_of
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
 
 
 def dependence(chain, kernel, index):
-    """Which entries of the result depend on which entries of an argument, from the expression graph."""
+    """Which entries of the results depend on which entries of an argument, from the expression graph."""
     function = casadi_function(chain, kernel)
     symbols = [ca.SX.sym(f"x{k}", *function.sparsity_in(k).shape) for k in range(function.n_in())]
-    row_major = ca.vec(function(*symbols).T)
+    row_major = ca.vertcat(*(ca.vec(each.T) for each in as_results(function(*symbols))))
     pattern = ca.jacobian_sparsity(row_major, ca.vec(symbols[index].T))
     return np.array(ca.DM(pattern, 1)) != 0
+
+
+def flat(value):
+    return np.concatenate([np.ravel(each) for each in as_results(value)])
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_every_dependent_entry_is_nan(kernel, value, chain, robot):
     samples = Samples.draw(chain, 1, seed=2)
-    pool = {"q": samples.q[0], "wrench": samples.wrench[0], "task_stiffness": samples.general_stiffness[0]}
-    arguments = [pool[argument.name] for argument in kernel.arguments]
+    arguments = [samples[argument.name][0] for argument in kernel.arguments]
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
-    clean = ufunc(*arguments).ravel()
+    clean = flat(ufunc(*arguments))
     for index, argument in enumerate(arguments):
         depends = dependence(chain, kernel, index)
         for entry in range(argument.size):
             spoiled = [a.copy() for a in arguments]
             spoiled[index].flat[entry] = value
             with np.errstate(invalid="ignore"):
-                found = ufunc(*spoiled).ravel()
+                found = flat(ufunc(*spoiled))
             assert np.isnan(found[depends[:, entry]]).all()
             others = found[~depends[:, entry]]
             assert (np.isnan(others) | (others == clean[~depends[:, entry]])).all()

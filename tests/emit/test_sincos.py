@@ -1,4 +1,8 @@
-"""The generated code's own sine and cosine: at most 1.5 ulp up to 1e4, libm beyond, NaN for what is not finite."""
+"""The generated code's own sine and cosine: libm beyond 1e4, NaN for what is not finite, at most 1.1 ulp elsewhere.
+
+The largest error that a search of 1e8 angles a build found is 1.056 ulp (no fused multiplication and addition, at
+1175.74) and 1.034 (fused, at 29.06): it is larger than 1. 1.1 is what is tested; a proof there is none.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +15,13 @@ import mpmath
 import numpy as np
 import pytest
 
-from support.project import ROOT, require_compiler
+from support.project import ROOT, require_32_bits, require_compiler
 
-BOUND = 1.5
+BOUND = 1.1
 FAR = 1e4
+
+WORST = (347.93138638506974, 1175.7406659565147, 29.060106776510789, 4955.0762846571106)
+"""Where ``benchmarks/sine_cosine.py --search`` found the largest errors."""
 
 BUILDS = [
     ("gcc", "-O0"),
@@ -26,6 +33,13 @@ BUILDS = [
     ("clang", "-O0"),
     ("clang", "-O3 -march=native"),
     ("clang", "-O2 -DSTIFFGEN_NO_VECTORS"),
+    ("gcc", "-O2 -m32"),
+    ("gcc", "-O3 -m32 -std=c99"),
+    ("gcc", "-O2 -std=c99 -mfpmath=387"),
+    ("gcc", "-O2 -m32 -msse2 -mfpmath=both"),
+    ("clang", "-O2 -m32"),
+    ("clang", "-O2 -fassociative-math -fno-signed-zeros -fno-trapping-math"),
+    ("clang", "-O3 -march=native -fassociative-math -freciprocal-math -fno-signed-zeros -fno-trapping-math"),
 ]
 
 # 8 angles at a time from standard input, their sines and cosines to standard output.
@@ -58,6 +72,8 @@ def sine_cosine(request, robot_folder, tmp_path_factory):
     compiler, flags = request.param
     if not runnable(flags):
         pytest.skip("this machine has no AVX2")
+    if "-m32" in flags:
+        require_32_bits(require_compiler(compiler))
     work = tmp_path_factory.mktemp("sincos")
     (work / "main.c").write_text(MAIN)
     program = work / "program"
@@ -99,7 +115,9 @@ def by_mpmath(angles):
 
 def test_against_mpmath(sine_cosine):
     random = np.random.default_rng(1)
-    angles = np.concatenate([hard_angles(random, 6000), random.uniform(-FAR, FAR, 2000), random.uniform(-4, 4, 2000)])
+    angles = np.concatenate(
+        [WORST, hard_angles(random, 6000), random.uniform(-FAR, FAR, 2000), random.uniform(-4, 4, 2000)]
+    )
     for found, exact in zip(sine_cosine(angles), by_mpmath(angles), strict=True):
         assert ulps(found, exact) <= BOUND
 

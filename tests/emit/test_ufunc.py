@@ -10,7 +10,7 @@ import dask.array as da
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import Samples, kernels_of, relative_error
+from stiffgen.check.verify import Samples, as_results, kernels_of, relative_error
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import KERNELS
 
@@ -21,8 +21,23 @@ def samples(chain):
 
 
 def arguments(kernel, samples):
-    pool = {"q": samples.q, "wrench": samples.wrench, "task_stiffness": samples.general_stiffness}
-    return [pool[argument.name] for argument in kernel.arguments]
+    return [samples[argument.name] for argument in kernel.arguments]
+
+
+RESULTS = [(kernel, index) for kernel in KERNELS for index in range(len(kernel.results))]
+every_result = pytest.mark.parametrize(
+    ("kernel", "index"), RESULTS, ids=[f"{kernel.qualified_name}-{index}" for kernel, index in RESULTS]
+)
+
+
+def result_of(kernel, index, chain, robot):
+    """The kernel's ufunc as a function of one result."""
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    if ufunc.nout == 1:
+        return ufunc
+    return lambda *given, out=None: ufunc(*given, out=tuple(out if k == index else None for k in range(ufunc.nout)))[
+        index
+    ]
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
@@ -37,13 +52,13 @@ def test_signature_and_documentation(kernel, chain, robot):
     assert pickle.loads(pickle.dumps(ufunc)) is ufunc
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
-def test_broadcasting_and_strides(kernel, chain, robot, samples):
+@every_result
+def test_broadcasting_and_strides(kernel, index, chain, robot, samples):
     """Broadcasts, non-contiguous, Fortran-ordered, reversed and float32 inputs agree with stacks and single calls.
 
     Stacks go through the batch functions where there are any, single calls do not: there the last digits may differ.
     """
-    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    ufunc = result_of(kernel, index, chain, robot)
     stacks = arguments(kernel, samples)
     single = np.stack([ufunc(*each) for each in zip(*stacks, strict=True)])
     assert relative_error(ufunc(*stacks), single) <= (2e-15 if kernel.batch else 0)
@@ -66,9 +81,9 @@ def test_broadcasting_and_strides(kernel, chain, robot, samples):
     assert ufunc(*[s[:0] for s in stacks]).shape == (0, *single.shape[1:])
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
-def test_out(kernel, chain, robot, samples):
-    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+@every_result
+def test_out(kernel, index, chain, robot, samples):
+    ufunc = result_of(kernel, index, chain, robot)
     stacks = arguments(kernel, samples)
     expected = ufunc(*stacks)
     out = np.empty_like(expected)
@@ -178,11 +193,13 @@ def test_dask_arrays(kernel, chain, robot, samples):
     stacks = arguments(kernel, samples)
     chunked = [da.from_array(stack, chunks=(5,) + (-1,) * (stack.ndim - 1)) for stack in stacks]
     sizes = {"4": 4, "6": 6}
-    lazy = da.apply_gufunc(ufunc, ufunc.signature, *chunked, output_dtypes=float, output_sizes=sizes)
-    assert np.array_equal(lazy.compute(scheduler="threads"), ufunc(*stacks))
+    types = float if ufunc.nout == 1 else [float] * ufunc.nout
+    lazy = da.apply_gufunc(ufunc, ufunc.signature, *chunked, output_dtypes=types, output_sizes=sizes)
+    for one, expected in zip(as_results(lazy), as_results(ufunc(*stacks)), strict=True):
+        assert np.array_equal(one.compute(scheduler="threads"), expected)
     with pytest.raises(ValueError):
         short = [chunked[0][:, :-1], *chunked[1:]]
-        da.apply_gufunc(ufunc, ufunc.signature, *short, output_dtypes=float, output_sizes=sizes).compute()
+        da.apply_gufunc(ufunc, ufunc.signature, *short, output_dtypes=types, output_sizes=sizes)[0].compute()
 
 
 def test_dask_cannot_call_them_as_they_are(robot, samples):

@@ -16,10 +16,14 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(
-    include=["stiffgen.robot.description", "stiffgen.robot.chain", "stiffgen.errors", "yourdfpy"]
+    include=[
+        *(f"stiffgen.robot.{module}" for module in ("reader", "checker", "urdf_format", "chain")),
+        "stiffgen.errors",
+        "yourdfpy",
+    ]
 ):
-    from stiffgen.robot.chain import chain_between
-    from stiffgen.robot.description import read_description
+    from stiffgen.robot.chain import ChainOptions, chain_between
+    from stiffgen.robot.reader import read_description
 
 from stiffgen.errors import DescriptionError, StiffgenError
 from stiffgen.names import c_string, comment, identifier
@@ -77,7 +81,7 @@ class Reader:
         for leaf in description.leaves[:3]:
             for masses in (True, False):
                 try:
-                    chain = chain_between(description, tip=leaf, masses=masses)
+                    chain = chain_between(description, ChainOptions(tip=leaf, masses=masses))
                 except StiffgenError as error:
                     assert str(error).startswith("fuzzed.urdf"), str(error)
                 else:

@@ -22,8 +22,8 @@ import numpy as np
 
 from stiffgen.errors import StiffgenError
 from stiffgen.names import identifier
-from stiffgen.robot.chain import chain_between
-from stiffgen.robot.description import read_description
+from stiffgen.robot.chain import ChainOptions, chain_between
+from stiffgen.robot.reader import read_description
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain
 from support.random_urdf import Plain, broken_file, random_robot
@@ -36,7 +36,7 @@ def check_chain(seed: int, file: Path, most_moving: int) -> str:
     size = most_moving if seed % 100 == 0 else 15 if seed % 10 == 0 else 7
     robot = random_robot(Plain(seed), min(size, most_moving))
     file.write_text(robot.text, encoding="utf-8")
-    chain = chain_between(read_description(file), tip=robot.tip, base=robot.base)
+    chain = chain_between(read_description(file), ChainOptions(tip=robot.tip, base=robot.base))
     oracle = PinocchioChain(robot.text, robot.tip, robot.base)
     errors = disagreements(chain, oracle, np.random.default_rng(seed), most=12 if seed % 20 == 1 else 0)
     return f"WRONG {errors}" if errors else "agrees"
@@ -49,7 +49,7 @@ def check_broken(seed: int, file: Path) -> str:
     try:
         description = read_description(file)
         identifier(description.robot)
-        chain = chain_between(description, tip=description.leaves[seed % len(description.leaves)])
+        chain = chain_between(description, ChainOptions(tip=description.leaves[seed % len(description.leaves)]))
     except StiffgenError as error:
         return "refused" if str(error) else "WRONG empty message"
     try:

@@ -22,8 +22,9 @@ import numpy as np
 from lxml import etree
 
 from stiffgen.errors import ChainError, StiffgenError
-from stiffgen.robot.chain import Chain, chain_between
-from stiffgen.robot.description import Description, read_description
+from stiffgen.robot.chain import Chain, ChainOptions, chain_between
+from stiffgen.robot.description import Description
+from stiffgen.robot.reader import read_description
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain
 
@@ -119,11 +120,11 @@ def load(description: Description, tip: str) -> tuple[Chain, str]:
             break
         link = joint.parent
     try:
-        return chain_between(description, tip=tip, base=base), ""
+        return chain_between(description, ChainOptions(tip=tip, base=base)), ""
     except ChainError:
         raise
     except StiffgenError as error:
-        return chain_between(description, tip=tip, base=base, masses=False), _reason(error)
+        return chain_between(description, ChainOptions(tip=tip, base=base, masses=False)), _reason(error)
 
 
 def _reason(error: StiffgenError) -> str:

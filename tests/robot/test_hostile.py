@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from stiffgen.errors import DescriptionError, StiffgenError
-from stiffgen.robot.chain import chain_between
-from stiffgen.robot.description import MAX_BYTES, MAX_JOINTS, read_description
+from stiffgen.robot.chain import ChainOptions, chain_between
+from stiffgen.robot.checker import MAX_JOINTS
+from stiffgen.robot.reader import MAX_BYTES, read_description
 from support.chains import ARM
 
 SECONDS, MEGABYTES = 30, 500  # of processor time, a guard against hanging; and of memory
@@ -129,7 +130,7 @@ def test_the_largest_file_is_read_in_time(tmp_path, deep):
     file = tmp_path / "large.urdf"
     file.write_text(text.replace("fixed", "revolute", 1))
     description = read_description(file)
-    assert chain_between(description, tip=f"l{MAX_JOINTS}" if deep else "l1").dof == 1
+    assert chain_between(description, ChainOptions(tip=f"l{MAX_JOINTS}" if deep else "l1")).dof == 1
     assert run(["inspect", "large.urdf"], tmp_path).returncode == 0
 
 
@@ -156,7 +157,7 @@ def test_every_byte_replaced(tmp_path):
         for byte in (b"\xff", b"<", b"0"):
             file.write_bytes(data[:at] + byte + data[at + 1 :])
             try:
-                chain_between(read_description(file), tip="hand")
+                chain_between(read_description(file), ChainOptions(tip="hand"))
             except StiffgenError as error:
                 refused += 1
                 assert str(error).startswith("arm.urdf")

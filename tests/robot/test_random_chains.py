@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stiffgen.check.verify import References, check_kernels
+from stiffgen.check.verify import References, as_results, check_kernels
 from stiffgen.errors import StiffgenError
-from stiffgen.robot.chain import Chain, chain_between
-from stiffgen.robot.description import read_description
+from stiffgen.robot.chain import Chain, ChainOptions, chain_between
+from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
 from support.chain_checks import disagreements
@@ -29,7 +29,7 @@ def file(tmp_path_factory) -> Path:
 
 def chain_of(robot: Robot, file: Path) -> Chain:
     file.write_text(robot.text, encoding="utf-8")
-    return chain_between(read_description(file), tip=robot.tip, base=robot.base)
+    return chain_between(read_description(file), ChainOptions(tip=robot.tip, base=robot.base))
 
 
 @settings(FEW, max_examples=60)
@@ -46,7 +46,7 @@ def test_broken_files_are_refused_or_read(file, data, leaf):
     file.write_bytes(data)
     try:
         description = read_description(file)
-        chain_between(description, tip=description.leaves[leaf % len(description.leaves)])
+        chain_between(description, ChainOptions(tip=description.leaves[leaf % len(description.leaves)]))
     except StiffgenError as error:
         assert str(error).startswith("robot.urdf:")
 
@@ -57,10 +57,17 @@ def test_stiffness_against_differentiation(file, seed):
     chain = chain_of(random_robot(Plain(seed), 5), file)
 
     def over_samples(kernel):
-        function, shape = casadi_function(chain, kernel), kernel.result.array(chain).shape
-        return lambda *arguments: np.stack(
-            [np.asarray(function(*a)).reshape(shape) for a in zip(*arguments, strict=True)]
-        )
+        function, shapes = casadi_function(chain, kernel), [result.array(chain).shape for result in kernel.results]
+
+        def stacks(*arguments):
+            rows = [as_results(function(*each)) for each in zip(*arguments, strict=True)]
+            stacked = [
+                np.stack([np.asarray(one).reshape(shape) for one in column])
+                for column, shape in zip(zip(*rows, strict=True), shapes, strict=True)
+            ]
+            return stacked[0] if len(stacked) == 1 else stacked
+
+        return stacks
 
     kernels = {kernel.qualified_name: over_samples(kernel) for kernel in KERNELS}
     failed = [check for check in check_kernels(kernels, References(chain, 5, seed)) if not check.passed]

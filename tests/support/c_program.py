@@ -19,13 +19,13 @@ def language_flags(language: str) -> list[str]:
 def run_kernels(
     folder: Path,
     name: str,
-    calls: Sequence[tuple[str, Sequence[np.ndarray], int]],
+    calls: Sequence[tuple[str, Sequence[np.ndarray], int | Sequence[int]]],
     compiler: str,
     language: str,
     flags: Sequence[str],
     work: Path,
 ) -> list[np.ndarray]:
-    """Call kernels (name, arguments, size of the result) from a C program and return their flat results."""
+    """Call kernels (name, arguments, size of the result or of each) from a C program and return their flat results."""
     body = []
     for index, (kernel, arguments, size) in enumerate(calls):
         names = []
@@ -33,8 +33,10 @@ def run_kernels(
             values = ", ".join(_literal(v) for v in np.asarray(argument, dtype=float).ravel())
             body.append(f"    static const double a{index}_{k}[] = {{{values}}};")
             names.append(f"a{index}_{k}")
-        body.append(f"    {name}_{kernel}({', '.join(names)}, result);")
-        body.append(f"    show(result, {size});")
+        sizes = [size] if isinstance(size, int) else list(size)
+        results = [f"&result[{sum(sizes[:k])}]" for k in range(len(sizes))]
+        body.append(f"    {name}_{kernel}({', '.join([*names, *results])});")
+        body.append(f"    show(result, {sum(sizes)});")
     source = "\n".join(
         [
             f'#include "{name}.h"',

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from support.c_program import STRICT
 from support.project import require_compiler
@@ -42,15 +43,22 @@ class HostCuda:
             self._columns(a, stride) if len(argument.shape) == 1 else np.ascontiguousarray(a)
             for a, argument in zip(arguments, kernel.arguments, strict=True)
         ]
-        result = kernel.result.array(self.chain)
-        n = result.shape[0]
-        rows = n * (n + 1) // 2 if kernel.result.symmetric else result.size
-        out = np.full((rows + 1, stride), NOTHING)
-        assert self.launch(kernel, count, stride, *given, out) == 0
-        assert (out[rows] == NOTHING).all() and (out[:, count:] == NOTHING).all()  # nothing is written beyond the end
-        found = out[:rows, :count].T
-        if not kernel.result.symmetric:
-            return found.reshape(count, *result.shape)
+        outs = [np.full((self._rows(result) + 1, stride), NOTHING) for result in kernel.results]
+        assert self.launch(kernel, count, stride, *given, *outs) == 0
+        for out in outs:  # nothing is written beyond the end
+            assert (out[-1] == NOTHING).all() and (out[:, count:] == NOTHING).all()
+        found = [self._dense(r, out[:-1, :count].T) for r, out in zip(kernel.results, outs, strict=True)]
+        return found[0] if len(found) == 1 else tuple(found)
+
+    def _rows(self, result: Argument) -> int:
+        array = result.array(self.chain)
+        return array.shape[0] * (array.shape[0] + 1) // 2 if result.symmetric else array.size
+
+    def _dense(self, result: Argument, found: np.ndarray) -> np.ndarray:
+        shape, count = result.array(self.chain).shape, len(found)
+        if not result.symmetric:
+            return found.reshape(count, *shape)
+        n = shape[0]
         dense = np.empty((count, n, n))
         upper = np.triu_indices(n)
         dense[:, upper[0], upper[1]] = dense[:, upper[1], upper[0]] = found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -33,3 +34,13 @@ def require_compiler(name: str) -> str:
             pytest.fail(f"{name} is missing; .ci/run installs it")
         pytest.skip(f"{name} is not installed (Debian: apt-get install {name})")
     return found
+
+
+def require_32_bits(compiler: str) -> None:
+    """Skip, or fail on CI, where 32-bit x86 programs cannot be built."""
+    program = "#include <math.h>\nint main(void) { return 0; }\n"
+    command = [compiler, "-m32", "-x", "c", "-", "-o", os.devnull, "-lm"]
+    if subprocess.run(command, input=program, capture_output=True, text=True, check=False).returncode != 0:
+        if os.environ.get("CI"):
+            pytest.fail(f"{compiler} -m32 does not work; .ci/run installs gcc-multilib")
+        pytest.skip("no 32-bit x86 (Debian: apt-get install gcc-multilib)")

@@ -1,7 +1,6 @@
 """The mass matrix: exact to the last digits wherever the base stands and however small the robot is.
 
-The oracle evaluates M = sum over links of J_k^T I_k J_k with 50 digits, from the numbers in the file: no composites,
-no link axes, no Steiner terms.
+Values by support/exact_chain.py, which knows no composites, no link axes and no Steiner terms.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import mpmath
 import numpy as np
 import pytest
 
@@ -19,10 +17,9 @@ from stiffgen.symbolic.program import Map
 from stiffgen.symbolic.programs import MAX_UNROLLED_MASS_JOINTS
 from support.chain_checks import value
 from support.chains import chain_urdf
+from support.exact_chain import exact_mass_matrix
 from support.project import URDF
 
-mp = mpmath.mp.clone()
-mp.dps = 50
 MASS = next(kernel for kernel in KERNELS if kernel.name == "mass_matrix")
 CHAINS = {  # name: types of its joints
     "turning": "rrrrr",
@@ -31,66 +28,6 @@ CHAINS = {  # name: types of its joints
     "mimics": "rrmr",
     "too long to unroll": "r" * (MAX_UNROLLED_MASS_JOINTS + 1),
 }
-
-
-def numbers(text: str | None, default: str) -> list[mpmath.mpf]:
-    return [mp.mpf(word) for word in (text or default).split()]
-
-
-def cross(a, b):
-    return mp.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def turn(axis, angle) -> mpmath.matrix:
-    K = mp.matrix([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return mp.eye(3) + mp.sin(angle) * K + (1 - mp.cos(angle)) * K * K
-
-
-def origin(element: ET.Element) -> tuple[mpmath.matrix, mpmath.matrix]:
-    found = element.find("origin")
-    given = {} if found is None else found.attrib
-    roll, pitch, yaw = numbers(given.get("rpy"), "0 0 0")
-    rotation = turn((0, 0, 1), yaw) * turn((0, 1, 0), pitch) * turn((1, 0, 0), roll)
-    return rotation, mp.matrix(numbers(given.get("xyz"), "0 0 0"))
-
-
-def exact_mass_matrix(text: str, q: np.ndarray) -> np.ndarray:
-    """Of a serial chain whose joints stand in order; a mimic joint follows the first one."""
-    robot = ET.fromstring(text)
-    links = {link.get("name"): link for link in robot.findall("link")}
-    rotation, place, columns, coordinate = mp.eye(3), mp.matrix([0, 0, 0]), [], 0
-    mass_matrix = mp.zeros(len(q))
-    for joint in robot.findall("joint"):
-        own_rotation, own_place = origin(joint)
-        place, rotation = place + rotation * own_place, rotation * own_rotation
-        if joint.get("type") != "fixed":
-            mimic, at, multiplier, offset = joint.find("mimic"), coordinate, mp.mpf(1), mp.mpf(0)
-            if mimic is None:
-                coordinate += 1
-            else:
-                at, multiplier, offset = 0, mp.mpf(mimic.get("multiplier")), mp.mpf(mimic.get("offset"))
-            position = multiplier * mp.mpf(float(q[at])) + offset
-            axis = mp.matrix(numbers(joint.find("axis").get("xyz"), ""))
-            axis /= mp.norm(axis)
-            if joint.get("type") == "prismatic":
-                place = place + rotation * axis * position
-            else:
-                rotation = rotation * turn(axis, position)
-            columns.append((at, multiplier * (rotation * axis), joint.get("type") == "prismatic", place))
-        inertial = links[joint.find("child").get("link")].find("inertial")
-        if inertial is None:
-            continue
-        mass, i = mp.mpf(inertial.find("mass").get("value")), inertial.find("inertia").attrib
-        xx, xy, xz, yy, yz, zz = (mp.mpf(i[key]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-        com_rotation, com = origin(inertial)
-        axes = rotation * com_rotation
-        tensor = axes * mp.matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * axes.T
-        center = place + rotation * com
-        jacobians = [(a, z if slides else cross(z, center - p), 0 * z if slides else z) for a, z, slides, p in columns]
-        for a, v, w in jacobians:
-            for b, other_v, other_w in jacobians:
-                mass_matrix[a, b] += mass * (v.T * other_v)[0] + (w.T * tensor * other_w)[0]
-    return np.array([[float(mass_matrix[r, c]) for c in range(len(q))] for r in range(len(q))])
 
 
 def of_file(tmp_path: Path, text: str, q: np.ndarray) -> np.ndarray:

@@ -28,12 +28,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from stiffgen.check.springs import differentiated
 from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import OutputError
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
-from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.kernels import SPRINGS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.springs import Spring
 
 Array = NDArray[np.float64]
 Kernels = Mapping[str, Callable[..., Any]]
@@ -66,6 +68,9 @@ class Samples:
     task_stiffness: Array
     general_stiffness: Array
     tool_pose: Array
+    equilibrium: Array
+    translation_stiffness: Array
+    rotation_stiffness: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -83,7 +88,15 @@ class Samples:
             task_stiffness=(general + general.transpose(0, 2, 1)) / 2,
             general_stiffness=general,
             tool_pose=_random_poses(random, count),
+            equilibrium=_random_poses(random, count),
+            translation_stiffness=_random_positive(random, count, 3, 300.0),
+            rotation_stiffness=_random_positive(random, count, 3, 20.0),
         )
+
+    def __getitem__(self, argument: str) -> Array:
+        """The values of a kernel's argument by its name."""
+        values: Array = getattr(self, argument)
+        return values
 
 
 def _random_poses(random: np.random.Generator, count: int) -> Array:
@@ -99,6 +112,13 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
     poses[:, :3, 3] = random.normal(size=(count, 3)) * 0.2
     poses[:, 3, 3] = 1
     return poses
+
+
+def _random_positive(random: np.random.Generator, count: int, size: int, scale: float) -> Array:
+    """Symmetric positive definite matrices, nothing diagonal about them."""
+    roots = random.normal(size=(count, size, size))
+    matrices: Array = scale * (roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(size))
+    return matrices
 
 
 def joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
@@ -203,6 +223,7 @@ class References:
             n = chain.dof
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
         self.potential = self._potential(symbol, pose, seed)
+        self.springs = {spring.name: self._spring(spring, symbol, pose) for spring in SPRINGS}
 
     @property
     def posture(self) -> tuple[Array, ...]:
@@ -215,6 +236,23 @@ class References:
         rows, columns = expression.shape
         mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
+
+    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX) -> dict[str, Array]:
+        """Results of a spring's kernels by name, from its differentiated energy."""
+        count = len(self.samples.q)
+        symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
+        stacks = [self.samples[argument.name] for argument in spring.parameters]
+        # Stacks go in as columns, a matrix row by row.
+        given = [*self._symbols, *(ca.vec(symbol.T) for symbol in symbols)]
+        columns = [each.reshape(count, -1).T for each in (self.samples.q, self.samples.tool_pose, *stacks)]
+        results = {}
+        for name, expression in differentiated(spring, pose, q, symbols).items():
+            rows, width = expression.shape
+            function = ca.Function("f", given, [ca.densify(expression)], {"cse": True})
+            mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
+            shape = {"energy": (count,), "wrench": (count, rows), "torque": (count, rows)}.get(name, mapped.shape)
+            results[name] = np.ascontiguousarray(mapped).reshape(shape)
+        return results
 
     def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:
         """(F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
@@ -307,7 +345,24 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
             add(f"{rep}_{name}", "formula on differentiated Jacobian", reference, *posture, wrench, K)
         Kq = kernels[f"{prefix}{rep}_joint_stiffness"](*posture, wrench, samples.task_stiffness)
         checks.append(_symmetry(f"{prefix}{rep}_joint_stiffness", Kq))
-    return checks + _potential_checks(kernels, references, prefix)
+    return checks + _potential_checks(kernels, references, prefix) + _spring_checks(kernels, references, prefix)
+
+
+def _spring_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
+    checks = []
+    for spring in SPRINGS:
+        expected = references.springs[spring.name]
+        arguments = (*references.posture, *(references.samples[argument.name] for argument in spring.parameters))
+        for name, reference in expected.items():
+            kernel = f"{prefix}{spring.name}_{name}"
+            value = kernels[kernel](*arguments)
+            checks.append(_check(kernel, "differentiated energy", value, reference))
+            if name.endswith("_stiffness"):
+                checks.append(_symmetry(kernel, value))
+        kernel = f"{prefix}{spring.name}_linearization"
+        for name, value in zip(("energy", "torque", "joint_stiffness"), kernels[kernel](*arguments), strict=True):
+            checks.append(_check(f"{kernel}, {name}", "differentiated energy", value, expected[name]))
+    return checks
 
 
 def _symmetry(kernel: str, value: Any) -> Check:
@@ -363,6 +418,14 @@ def check_robot(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[C
         total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
         value = kernels[name](q, *stacked)
         checks += [_check(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
+    for spring in SPRINGS:
+        names = [argument.name for argument in spring.parameters]
+        given = [np.stack([r.samples[name] for r in tips], axis=1) for name in names]
+        poses = [np.stack([r.posture[1] for r in tips], axis=1)] if chain.runtime_tool else []
+        for result in ("energy", "torque", "joint_stiffness"):
+            name = f"{spring.name}_{result}_total"
+            total = np.asarray(sum(references.springs[spring.name][result] for references in tips))
+            checks.append(_check(name, "sum of differentiated energies", kernels[name](q, *poses, *given), total))
     return checks
 
 
@@ -374,16 +437,13 @@ def _contact(references: References) -> tuple[Array, ...]:
 def argument_samples(chain: Chain, count: int, seed: int) -> dict[str, Array]:
     """A stack of ``count`` random values for every argument that kernels take, by name."""
     drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
-    first = drawn[0]
-    return {
-        "q": first.q,
-        "wrench": first.wrench,
-        "tool_pose": first.tool_pose,
-        "task_stiffness": first.task_stiffness,
-        "wrenches": np.stack([samples.wrench for samples in drawn], axis=1),
-        "tool_poses": np.stack([samples.tool_pose for samples in drawn], axis=1),
-        "task_stiffnesses": np.stack([samples.task_stiffness for samples in drawn], axis=1),
-    }
+    pool = {}
+    for kernel in chain_kernels(replace(chain, tips=chain.tips[:1])):
+        for argument in kernel.arguments:
+            pool[argument.name] = drawn[0][argument.name]
+            if argument.plural:
+                pool[argument.plural] = np.stack([samples[argument.name] for samples in drawn], axis=1)
+    return pool
 
 
 def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
@@ -394,22 +454,29 @@ def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) 
     for kernel in chain_kernels(chain):
         arguments = [pool[argument.name] for argument in kernel.arguments]
         function = casadi_function(chain, kernel)
-        shape = kernel.result.array(chain).shape
         folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
-        reference = np.stack(
-            [
-                np.asarray(function(*(a.reshape(f) for a, f in zip(each, folds, strict=True)))).reshape(shape)
-                for each in zip(*arguments, strict=True)
-            ]
-        )
-        value = kernels[kernel.qualified_name](*arguments)
-        checks.append(_check(kernel.qualified_name, "closed form in CasADi", value, reference))
+        each = [
+            as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
+            for one in zip(*arguments, strict=True)
+        ]
+        values = as_results(kernels[kernel.qualified_name](*arguments))
+        for result, value, stack in zip(kernel.results, values, zip(*each, strict=True), strict=True):
+            name = kernel.qualified_name + (f", {result.name}" if len(values) > 1 else "")
+            reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
+            checks.append(_check(name, "closed form in CasADi", value, reference))
     return checks
+
+
+def as_results(value: Any) -> tuple[Any, ...]:
+    """The results of a function that returns one, or several in a tuple."""
+    return tuple(value) if isinstance(value, (tuple, list)) else (value,)
 
 
 def _one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
     def call(*stacks: Array) -> Any:
-        return np.stack([kernel(*each) for each in zip(*stacks, strict=True)])
+        rows = [as_results(kernel(*each)) for each in zip(*stacks, strict=True)]
+        stacked = tuple(np.stack(column) for column in zip(*rows, strict=True))
+        return stacked if len(stacked) > 1 else stacked[0]
 
     return call
 
@@ -422,7 +489,10 @@ def check_batches(kernels: Kernels, single: Kernels, chain: Chain, count: int, s
         if kernel.batch:
             arguments = [pool[argument.name] for argument in kernel.arguments]
             name = kernel.qualified_name
-            checks.append(_check(f"{name}_batch", "single calls", kernels[name](*arguments), single[name](*arguments)))
+            results = (as_results(each[name](*arguments)) for each in (kernels, single))
+            for result, value, reference in zip(kernel.results, *results, strict=True):
+                label = f"{name}_batch" + (f", {result.name}" if len(kernel.results) > 1 else "")
+                checks.append(_check(label, "single calls", value, reference))
     return checks
 
 

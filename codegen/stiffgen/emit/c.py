@@ -43,6 +43,8 @@ class CFunction:
     operations: Operations
     calls: frozenset[str]
     meaning: str = ""
+    columns: int = 0
+    """Of the outputs, so many are columns of joints."""
 
 
 @dataclass(frozen=True)
@@ -118,19 +120,36 @@ class _TargetPrinter:
         """The internal function of a shared block, printed once however many kernels call it."""
         name = scope.prefix + step.name
         if name not in self.shared:
-            columns = (6, len(scope.chain.joints))
-            targets = tuple(Array("J", t.shape) if t.shape == columns else t for t in step.targets)
+            targets = (*(Array("J", t.shape) for t in step.targets[: step.columns]), *step.targets[step.columns :])
             block = self.block(scope, step, targets)
             function = CFunction(
-                name, step.arguments, targets, tuple(block.lines), block.operations, block.calls, step.meaning
+                name,
+                step.arguments,
+                targets,
+                tuple(block.lines),
+                block.operations,
+                block.calls,
+                step.meaning,
+                step.columns,
             )
             self.shared[name] = scope, function
         return self.shared[name][1]
 
-    def block(self, scope: Scope, step: Block, targets: tuple[Array, ...], local: Container[str] = ()) -> Printed:
+    def block(
+        self,
+        scope: Scope,
+        step: Block,
+        targets: tuple[Array, ...],
+        local: Container[str] = (),
+        private: Container[str] = (),
+        zeros: dict[str, set[int]] | None = None,
+        temporaries: int = 0,
+    ) -> Printed:
         """Statements of a block, filling the ``targets`` (arrays of the step's targets' shapes).
 
-        Arguments named in ``local`` are arrays that earlier steps of the same kernel wrote.
+        Arguments named in ``local`` are arrays that earlier steps of the same kernel wrote. What is always zero in the
+        targets named in ``private`` is not stored, and noted in ``zeros``. ``temporaries`` is the number of the first
+        unnamed local.
         """
         chain = scope.chain
         # What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into
@@ -156,24 +175,32 @@ class _TargetPrinter:
         entries = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
         m = len(chain.joints)
-        by_rows = [target for target in targets if target.shape == (6, m)] if self.target.joint_lanes else []
-        places = []
+        columns = targets[: step.columns]
+        by_rows = columns if self.target.joint_lanes else ()
+        outputs: list[tuple[str, ca.SX]] = []
+        start = 0
         for target in targets:
+            own, start = entries[start : start + target.size], start + target.size
             if target in by_rows:
-                places += [f"{target.name}{r}_{c}" for r in range(6) for c in range(m)]
-            elif target.shape == (6, m):
-                places += [element(target, k) for k in range(target.size)]
+                places = [f"{target.name}{r}_{c}" for r in range(6) for c in range(m)]
+            elif target in columns:
+                places = [element(target, k) for k in range(target.size)]
             else:
-                places += [f"{target.name}[{k}]" for k in range(target.size)]
+                places = [f"{target.name}[{k}]" for k in range(target.size)]
+            known = set()
+            if zeros is not None and target.name in private and target not in columns:
+                known = zeros[target.name] = {k for k, value in enumerate(own) if value.is_zero()}
+            outputs += [(place, own[k]) for k, place in enumerate(places) if k not in known]
         printed = print_statements(
             inputs,
-            list(zip(places, entries, strict=True)),
+            outputs,
             named,
             heading=step.heading,
             target=self.target,
             wide=() if self.target.joint_lanes else {text for _, text in inputs},
             wide_outputs=not self.target.joint_lanes,
             define=6 * m * len(by_rows),
+            temporaries=temporaries,
         )
         lines, values = list(printed.lines), list(printed.values)
         for target in by_rows:
@@ -260,6 +287,7 @@ class _KernelPrinter:
         self.filled: set[str] = set()
         self.lane_arrays: set[str] = set()
         self.flat: set[str] = set()
+        self.temporaries = 0
 
     def arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
@@ -307,14 +335,14 @@ class _KernelPrinter:
             self._map(step)
 
     def _block(self, step: Block) -> None:
-        columns = (6, len(self.scope.chain.joints))
         # Columns of joints are lanes; the public Jacobian is copied out of them.
-        targets = tuple(
-            Array("J", t.shape) if self._public(t) and t.shape == columns and self.target.joint_lanes else t
-            for t in step.targets
+        columns = tuple(
+            Array("J", t.shape) if self.target.joint_lanes and self._public(t) else t
+            for t in step.targets[: step.columns]
         )
+        targets = (*columns, *step.targets[step.columns :])
         for target in targets:
-            if target.shape == columns:
+            if target in columns:
                 if not self._public(target):
                     self._declare(target, "j")
             elif not self._public(target):
@@ -323,16 +351,17 @@ class _KernelPrinter:
         if step.name:
             function = self.printer.shared_block(self.scope, step)
             operations = function.operations
-            into = ", ".join(self._passed(target) for target in targets)
+            into = ", ".join([*map(self._passed, columns), *(target.name for target in targets[step.columns :])])
             self.lines.append(f"{function.name}{self.target.suffix}({self._given(step)}, {into});")
         else:
-            block = self.printer.block(self.scope, step, targets, self.flat)
-            operations = block.operations
+            private = {target.name for target in targets if not self._public(target)}
+            block = self.printer.block(self.scope, step, targets, self.flat, private, self.zero_rows, self.temporaries)
+            operations, self.temporaries = block.operations, block.temporaries
             self.calls |= block.calls
             self.lines += ["", *block.lines] if self.lines else block.lines
         self.operations = self.operations + operations
         if targets != step.targets:
-            (public,) = (target for target in step.targets if target.shape == columns)
+            public = step.targets[0]
             self.lines += [
                 f"for (int k = 0; k < {public.shape[0]}; ++k) {{",
                 f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
@@ -340,8 +369,8 @@ class _KernelPrinter:
             ]
 
     def _passed(self, target: Array) -> str:
-        """C text of an array that a block's function is to fill."""
-        if not self.target.joint_lanes and self._public(target) and target.shape == (6, len(self.scope.chain.joints)):
+        """C text of the array of columns that a block's function is to fill."""
+        if not self.target.joint_lanes and self._public(target):
             return f"({self.target.number} (*)[{target.shape[1]}]){target.name}"
         return target.name
 
@@ -397,24 +426,46 @@ class _KernelPrinter:
             if len(zeros) == len(results):
                 return
         if not self._public(target.array):
-            self._declare(target.array, target.at)
-        places = ["row[j]"] if rows else [self._write(target, k) for k in range(target.count)]
+            self._declare(target.array, target.at if len(target.array.shape) > 1 else "")
+        vector = self._is_vector_row(step)
+        places = ["row[j]"] if rows or vector else [self._write(target, k) for k in range(target.count)]
         outputs = [(places[k], value) for k, value in enumerate(results) if k not in zeros]
         printed = print_statements(
             inputs,
             outputs,
             wide=wide,
-            wide_outputs=rows or step.over == "j" or not self.target.joint_lanes,
             target=self.target,
+            wide_outputs=rows or step.over == "j" or not self.target.joint_lanes,
+            temporaries=0 if step.over else self.temporaries,
         )
+        self.temporaries = self.temporaries if step.over else printed.temporaries
         self.calls |= printed.calls
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
-        self.lines += self._row_loops(step, printed) if rows else self._loops(step, printed)
+        if vector:
+            self.lines += self._vector_row(step, printed)
+        else:
+            self.lines += self._row_loops(step, printed) if rows else self._loops(step, printed)
 
     def _by_rows(self, step: Map) -> bool:
         """Whether a map over pairs runs over rows i, and over j in lanes."""
         return self.target.joint_lanes and step.over not in ("", "j", "i on the way to j") and step.target.count == 1
+
+    def _is_vector_row(self, step: Map) -> bool:
+        """Whether a map over joints fills a vector, one number a joint, in lanes."""
+        return self.target.joint_lanes and step.over == "j" and len(step.target.array.shape) == 1
+
+    def _vector_row(self, step: Map, printed: Printed) -> list[str]:
+        name, size = step.target.array.name, self.scope.size
+        return [
+            "{",
+            f"    lanes row[{self.scope.padded}];",
+            f"    for (int j = 0; j < {self.scope.blocks}; ++j) {{",
+            *_indented(printed.lines, 2),
+            "    }",
+            f"    put_entries({name}, {size}, 0, row, 0, {size});",
+            "}",
+        ]
 
     def _row_loops(self, step: Map, printed: Printed) -> list[str]:
         name, size = step.target.array.name, self.scope.size
@@ -504,7 +555,7 @@ class _KernelPrinter:
         if operand.at == "":
             return f"{array.name}[{k}]" if self._public(array) or array.name in self.flat else element(array, k)
         if operand.at != "ij":
-            return f"{array.name}[{k}][{operand.at}]"
+            return f"{array.name}[{k}][{operand.at}]" if len(array.shape) > 1 else f"{array.name}[{operand.at}]"
         if operand.count == 1:
             return self._pair(array, "i", "j")
         return f"entry[{k}]" if self._public(array) else f"{array.name}[i][j][{k}]"
@@ -514,13 +565,14 @@ class _KernelPrinter:
         m, M, prefix = len(self.scope.chain.joints), self.scope.size, self.scope.prefix
         rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", target.name
         self.lines += ["", "/* joints that move together share a coordinate */"]
-        if step.columns:
+        if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             if source.name in self.lane_arrays:
                 first = f"(const {self.target.scalar} *){source.name}", f"LANES * {self.scope.padded}"
             else:
-                first = f"{source.name}[0]", M
-            self._call("sum_columns", *first, *rest)
+                first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
+            rows = 1 if len(source.shape) == 1 else source.shape[0]
+            self._call("sum_columns", rows, *first, *rest)
             return
         depth = source.size // (m * m)
         self.operations = self.operations + Operations(add=source.size, multiply=source.size + m * m)

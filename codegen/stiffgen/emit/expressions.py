@@ -67,6 +67,8 @@ class Printed:
     values: tuple[str, ...]
     reads: frozenset[int]
     calls: frozenset[str]
+    temporaries: int
+    """One past the last number of an unnamed local, t0, t1, ..."""
 
 
 @dataclass
@@ -165,6 +167,7 @@ def print_statements(
     wide: Container[str] = (),
     wide_outputs: bool = False,
     define: int = 0,
+    temporaries: int = 0,
 ) -> Printed:
     """Print the statements that compute ``outputs``.
 
@@ -178,6 +181,7 @@ def print_statements(
         wide_outputs: the lvalues are entries of rows.
         define: of so many outputs, the first ones, take the lvalues as names of new locals; what is a constant or has a
             name already gets no second one.
+        temporaries: number of the first unnamed local.
 
     Returns:
         Lines without indentation.
@@ -188,6 +192,7 @@ def print_statements(
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
     graph, numbers = _build(ca.Function("f", [symbols], [everything]))
     writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, target)
+    writer.temporaries = temporaries
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -201,7 +206,8 @@ def print_statements(
             values.append(writer.value(lvalue, number))
         else:
             writer.assign(lvalue, number, wide=wide_outputs)
-    return Printed(writer.lines, writer.operations, tuple(values), frozenset(writer.reads), frozenset(writer.calls))
+    reads, calls = frozenset(writer.reads), frozenset(writer.calls)
+    return Printed(writer.lines, writer.operations, tuple(values), reads, calls, writer.temporaries)
 
 
 class _Writer:

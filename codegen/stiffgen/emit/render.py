@@ -108,12 +108,12 @@ def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> 
         "controller": controller_context(name, chain),
         "scopes": [_scope(scope) for scope in single.scopes],
         "representations": REPRESENTATIONS,
-        "recursions": [_shared(SINGLE, scope, function) for scope, function in single.shared],
+        "shared": [_shared(SINGLE, scope, function) for scope, function in single.shared],
         "kernels": kernels,
         "groups": _groups(kernels),
         "public": list(dict.fromkeys(k["tip"] or k["group"] or k["name"] for k in kernels)),
         "argument_lists": list(dict.fromkeys((tuple(k["inputs"]), len(k["outputs"])) for k in kernels)),
-        "batch_recursions": [_shared(BATCH, scope, function) for scope, function in batch.shared],
+        "batch_shared": [_shared(BATCH, scope, function) for scope, function in batch.shared],
         "batches": [_batch(name, kernel, function) for kernel, function in batch.kernels],
         "targets": {"single": SINGLE, "batch": BATCH, "cuda": CUDA},
         "calls": single.calls,
@@ -190,7 +190,7 @@ def _threads(chain: Chain, name: str) -> TargetCode:
 def _cuda(chain: Chain, name: str, threads: TargetCode) -> dict[str, Any]:
     return {
         "scopes": [_scope(scope) for scope in threads.scopes],
-        "recursions": [_shared(CUDA, scope, function) for scope, function in threads.shared],
+        "shared": [_shared(CUDA, scope, function) for scope, function in threads.shared],
         "kernels": [_thread(chain, name, kernel, function) for kernel, function in threads.kernels],
         "calls": threads.calls,
     }
@@ -287,10 +287,8 @@ def _shared(target: Target, scope: Scope, function: CFunction) -> dict[str, Any]
     """An internal function that kernels share."""
     parameters = [f"const {target.number} {_declared(array)}" for array in function.inputs]
     extent = scope.padded if target.joint_lanes else scope.size
-    for array in function.outputs:
-        columns = array.shape == (6, len(scope.chain.joints))
-        row = f"{target.row} {array.name}[6][{extent}]"
-        parameters.append(row if columns else f"{target.number} {_declared(array)}")
+    parameters += [f"{target.row} {array.name}[6][{extent}]" for array in function.outputs[: function.columns]]
+    parameters += [f"{target.number} {_declared(array)}" for array in function.outputs[function.columns :]]
     tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
     return {
         "comment": [*_wrapped(f"{function.meaning}{tip}."), f"{_cost(function.operations)}."],

@@ -1,26 +1,22 @@
 """URDF -> :class:`Chain`: the moving joints between a base and its tip links, ready for the symbolic modules.
 
-Fixed joints, mimic relations and the masses that ride on each joint are folded in here; what follows knows
-nothing of XML, files or trees.
+:func:`select` finds the joints that are meant and refuses what cannot be; then frames are placed, what rides on each
+joint is carried along, and the chain is assembled. Fixed joints, mimic relations and masses are folded in here; what
+follows knows nothing of XML, files or trees.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stiffgen.errors import ChainError, DescriptionError, listed, printable
+from stiffgen.errors import ChainError, DescriptionError, DescriptionWarning, listed, printable
 from stiffgen.names import identifier
-from stiffgen.robot.description import (
-    LARGEST,
-    MOVING_TYPES,
-    Description,
-    JointElement,
-    physical_inertia,
-    read_description,
-)
-from stiffgen.robot.geometry import Inertia, Matrix, Placement, Real, Vector, exact, mpf
+from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Problem
+from stiffgen.robot.geometry import Inertia, Matrix, Placement, Real, Vector, exact, mpf, physical_inertia
+from stiffgen.robot.reader import read_description
 
 MAX_MOVING_JOINTS = 128
 
@@ -109,6 +105,18 @@ class Tool:
     mass: float = 0.0
     com: Vector = (0.0, 0.0, 0.0)
     inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ChainOptions:
+    """What selects a chain in a description, and what is done to it; :func:`load_chain` says what each means."""
+
+    tip: str | Sequence[str] | None = None
+    base: str | None = None
+    masses: bool = True
+    tool: Tool | None = None
+    runtime_tool: bool = False
+    lock: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -207,38 +215,77 @@ def load_chain(
         The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry.
 
     Raises:
-        DescriptionError: the file cannot be used (all problems that concern this chain are named).
+        DescriptionError: the file cannot be used (all problems that can change this chain are named).
         ChainError: no such link or joint, no moving joint between base and tip, a joint type that has no
             coordinate, or a tool or lock that cannot be.
 
+    Warns:
+        DescriptionWarning: the file has problems beside this chain, which cannot change it.
+
     """
-    return chain_between(
-        read_description(urdf), tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock
-    )
+    options = ChainOptions(tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock)
+    return read_chain(urdf, options)
 
 
-def chain_between(
-    description: Description,
-    *,
-    tip: str | Sequence[str] | None = None,
-    base: str | None = None,
-    masses: bool = True,
-    tool: Tool | None = None,
-    runtime_tool: bool = False,
-    lock: Mapping[str, float] | None = None,
-) -> Chain:
-    """:func:`load_chain` on a description that has been read already."""
+def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
+    """:func:`load_chain` with its options in one; the warning names the line that called the caller."""
+    description = read_description(urdf)
+    selection = select(description, options)
+    if selection.beside:
+        warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
+    return _assembled(description, options, selection)
+
+
+_DEFAULTS = ChainOptions()
+
+
+def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -> Chain:
+    """:func:`load_chain` on a description that has been read already; nothing is said of problems beside the chain."""
+    return _assembled(description, options, select(description, options))
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What the options select: links ``base`` and ``tips``, the joints on the way to each tip, those of them that
+    move, the joints that are coordinates, and the links that ride on each moving joint.
+
+    ``beside`` are the problems of the file that cannot change this chain; the others refused it. Those of links are not
+    among them where all masses are left out on request.
+    """
+
+    base: str
+    tips: tuple[str, ...]
+    couplings: _Couplings
+    paths: tuple[tuple[JointElement, ...], ...]
+    moving: tuple[JointElement, ...]
+    masters: tuple[str, ...]
+    carried: _Carried
+    beside: tuple[str, ...]
+
+
+_Carried = dict[str, list[tuple[str, JointElement | None]]]
+"""By moving joint: the links that move rigidly with it, parents first, each with the joint that holds it (None: the
+moving joint itself)."""
+
+
+def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selection:
+    """Find the joints of a chain.
+
+    Raises:
+        DescriptionError, ChainError: as :func:`load_chain`.
+
+    """
     file = description.file
-    tips = _tips(description, tip)
-    if tool is not None:
-        _check_tool(file, tool, tips)
-    base = description.root if base is None else base
+    tips = _tips(description, options.tip)
+    if options.tool is not None:
+        _check_tool(file, options.tool, tips)
+    base = description.root if options.base is None else options.base
     if base not in description.inertials:
         raise ChainError(
             f"{file}: base link '{printable(base)}' does not exist; valid names: {listed(description.links)}"
         )
-    couplings = _Couplings(description, _checked_locks(description, lock or {}))
-    paths = [_moving_path(description, couplings, base, link) for link in tips]
+    couplings = _Couplings(description, _checked_locks(description, options.lock or {}))
+    paths = [_path(description, base, link) for link in tips]
     elements = list({element.name: element for path in paths for element in path}.values())
     moving = [element for element in elements if couplings.moves(element)]
     if len(moving) > MAX_MOVING_JOINTS:
@@ -246,74 +293,88 @@ def chain_between(
             f"{file}: {len(moving)} moving joints between '{printable(base)}' and '{printable(tips[0])}', more than "
             f"{MAX_MOVING_JOINTS}; choose a nearer base"
         )
-    carried = _carried(description, moving) if masses else {}
-    _refuse_problems(description, elements, moving, carried)
-
-    tree = _Tree(couplings, moving, paths)
-    slides = tree.slide_origins()
-    masters = list(dict.fromkeys(couplings[element].master.name for element in moving))
-    inertias = _inertias(description, couplings, carried, slides)
-    if tool is not None and masses:
-        inertias[tree.tip_joints[0]] += _tool_inertia(tool, tree.tip_placements[0])
-
-    joints = []
-    for index, element in enumerate(moving):
-        rotation, translation = tree.placements[index].rounded()
-        coupling = couplings[element]
-        joints.append(
-            Joint(
-                name=element.name,
-                type=element.type,
-                child=element.child,
-                rotation=rotation,
-                translation=translation,
-                axis=element.axis,
-                body=_body(inertias[index]),
-                parent=tree.parents[index],
-                coordinate=masters.index(coupling.master.name),
-                multiplier=coupling.multiplier,
-                offset=coupling.offset,
+    carried = carried_links(description, moving) if options.masses else {}
+    problems = _beside(description, couplings, elements, moving, carried)
+    beside = tuple(p.text for p in problems if options.masses or not p.element.startswith("link "))
+    for tip, path in zip(tips, paths, strict=True):
+        if not any(couplings.moves(element) for element in path):
+            raise ChainError(
+                f"{file}: no moving joint between base '{printable(base)}' and tip '{printable(tip)}'; "
+                f"choose another tip, leaf links: {listed(description.leaves)}"
             )
-        )
-    names = _tip_names(tips)
+    masters = dict.fromkeys(couplings[element].master.name for element in moving)
+    return Selection(
+        base, tuple(tips), couplings, tuple(map(tuple, paths)), tuple(moving), tuple(masters), carried, beside
+    )
+
+
+def _assembled(description: Description, options: ChainOptions, selection: Selection) -> Chain:
+    tree = _Tree(selection)
+    slides = tree.slide_origins()
+    tool = options.tool
+    inertias = _inertias(description, selection, slides)
+    if tool is not None and options.masses:
+        inertias[tree.tip_joints[0]] += _tool_inertia(tool, tree.tip_placements[0])
     mounted = Placement.identity() if tool is None else Placement.from_xyz_rpy(tool.xyz, tool.rpy)
     frames = [(placement @ mounted).rounded() for placement in tree.tip_placements]
-    on_moving_part = [link for links in carried.values() for link, _ in links]
+    on_moving_part = [link for links in selection.carried.values() for link, _ in links]
     return Chain(
         robot=description.robot,
-        base=base,
+        base=selection.base,
         tips=tuple(
             Tip(link, name, joint, *frame)
-            for link, name, joint, frame in zip(tips, names, tree.tip_joints, frames, strict=True)
+            for link, name, joint, frame in zip(
+                selection.tips, _tip_names(selection.tips), tree.tip_joints, frames, strict=True
+            )
         ),
-        joints=tuple(joints),
-        coordinates=tuple(_coordinate(description.joints[name]) for name in masters),
+        joints=tuple(_joint(selection, tree, index, inertia) for index, inertia in enumerate(inertias)),
+        coordinates=tuple(_coordinate(description.joints[name]) for name in selection.masters),
         massless=tuple(link for link in on_moving_part if description.inertials[link] is None),
-        source=file,
+        source=description.file,
         digest=description.digest,
-        masses=masses,
-        runtime_tool=runtime_tool,
+        masses=options.masses,
+        runtime_tool=options.runtime_tool,
         tool=tool,
-        locked=tuple(sorted((lock or {}).items())),
+        locked=tuple(sorted((options.lock or {}).items())),
+    )
+
+
+def _joint(selection: Selection, tree: _Tree, index: int, inertia: Inertia) -> Joint:
+    element = selection.moving[index]
+    coupling = selection.couplings[element]
+    rotation, translation = tree.placements[index].rounded()
+    mass, moment, ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = inertia.rounded()
+    return Joint(
+        name=element.name,
+        type=element.type,
+        child=element.child,
+        rotation=rotation,
+        translation=translation,
+        axis=element.axis,
+        body=Body(mass, moment, (xx, xy, xz, yy, yz, zz)),
+        parent=tree.parents[index],
+        coordinate=selection.masters.index(coupling.master.name),
+        multiplier=coupling.multiplier,
+        offset=coupling.offset,
     )
 
 
 class _Tree:
     """The moving joints of all paths: each one's parent and placement, and where the tips are."""
 
-    def __init__(self, couplings: _Couplings, moving: list[JointElement], paths: list[list[JointElement]]) -> None:
-        self.moving = moving
+    def __init__(self, selection: Selection) -> None:
+        self.moving = moving = selection.moving
         self.parents = [-1] * len(moving)
         self.placements = [Placement.identity()] * len(moving)  # in the parent joint's frame
         self.tip_joints: list[int] = []
         self.tip_placements: list[Placement] = []  # in the frame of the tip's joint
         index_of = {element.name: index for index, element in enumerate(moving)}
-        for path in paths:
+        for path in selection.paths:
             parent, placement = -1, Placement.identity()
             for element in path:
                 index = index_of.get(element.name)
                 if index is None:
-                    placement = placement @ _held(couplings, element)
+                    placement = placement @ _held(selection.couplings, element)
                     continue
                 self.parents[index] = parent
                 self.placements[index] = placement @ Placement.from_xyz_rpy(element.xyz, element.rpy)
@@ -367,7 +428,7 @@ def _tips(description: Description, tip: str | Sequence[str] | None) -> list[str
     return tips
 
 
-def _tip_names(tips: list[str]) -> list[str]:
+def _tip_names(tips: Sequence[str]) -> list[str]:
     """Identifiers of several tips, told apart by a number where links' names give the same one."""
     if len(tips) == 1:
         return [""]
@@ -379,24 +440,6 @@ def _tip_names(tips: list[str]) -> list[str]:
             name, number = f"{first}_{number}", number + 1
         names.append(name)
     return names
-
-
-def _moving_path(description: Description, couplings: _Couplings, base: str, tip: str) -> list[JointElement]:
-    """The joints from base to tip, refusing those without a single coordinate, and paths on which nothing moves."""
-    path = _path(description, base, tip)
-    for element in path:
-        if element.type in ("floating", "planar"):
-            raise ChainError(
-                f"{description.file}: joint '{printable(element.name)}' between '{printable(base)}' and "
-                f"'{printable(tip)}' is {element.type}, which has no single coordinate; "
-                f"choose a base behind it: --base {printable(element.child)}"
-            )
-    if not any(couplings.moves(element) for element in path):
-        raise ChainError(
-            f"{description.file}: no moving joint between base '{printable(base)}' and tip '{printable(tip)}'; "
-            f"choose another tip, leaf links: {listed(description.leaves)}"
-        )
-    return path
 
 
 def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mapping[str, float]:
@@ -465,6 +508,7 @@ def _tip(description: Description, tip: str | None) -> str:
 
 
 def _path(description: Description, base: str, tip: str) -> list[JointElement]:
+    """The joints from base to tip; one that has no single coordinate is refused."""
     above = description.parent_joint
     path: list[JointElement] = []
     link = tip
@@ -477,6 +521,13 @@ def _path(description: Description, base: str, tip: str) -> list[JointElement]:
             )
         path.append(above[link])
         link = above[link].parent
+    for element in reversed(path):
+        if element.type in ("floating", "planar"):
+            raise ChainError(
+                f"{description.file}: joint '{printable(element.name)}' between '{printable(base)}' and "
+                f"'{printable(tip)}' is {element.type}, which has no single coordinate; "
+                f"choose a base behind it: --base {printable(element.child)}"
+            )
     return path[::-1]
 
 
@@ -548,17 +599,15 @@ def _held(couplings: _Couplings, element: JointElement) -> Placement:
     return placement @ Placement.rotation_about(element.axis, position)
 
 
-def _carried(description: Description, moving: list[JointElement]) -> dict[str, list[tuple[str, JointElement | None]]]:
-    """Links that move rigidly with each moving joint of the chain, parents first, each with the joint that holds
-    it (None: the moving joint itself).
-
-    Joints off the chain are held at zero (or where they are locked), so a gripper's fingers count as payload.
+def carried_links(description: Description, moving: Sequence[JointElement]) -> _Carried:
+    """The links that ride on each moving joint. Joints off the chain are held at zero (or where they are locked), so a
+    gripper's fingers count as payload.
     """
     children: dict[str, list[JointElement]] = {}
     for element in description.joints.values():
         children.setdefault(element.parent, []).append(element)
     names = {element.name for element in moving}
-    carried: dict[str, list[tuple[str, JointElement | None]]] = {}
+    carried: _Carried = {}
     for element in moving:
         links = carried.setdefault(element.name, [])
         stack: list[tuple[str, JointElement | None]] = [(element.child, None)]
@@ -569,21 +618,16 @@ def _carried(description: Description, moving: list[JointElement]) -> dict[str, 
     return carried
 
 
-def _inertias(
-    description: Description,
-    couplings: _Couplings,
-    carried: dict[str, list[tuple[str, JointElement | None]]],
-    slides: list[Placement],
-) -> list[Inertia]:
+def _inertias(description: Description, selection: Selection, slides: list[Placement]) -> list[Inertia]:
     """Everything that each moving joint carries; ``slides`` place its frame in the URDF's joint frame."""
-    if not carried:
+    if not selection.carried:
         return [Inertia.zero() for _ in slides]
     inertias = []
-    for links, slide in zip(carried.values(), slides, strict=True):
+    for links, slide in zip(selection.carried.values(), slides, strict=True):
         total = Inertia.zero()
         frames: dict[str, Placement] = {}
         for link, above in links:
-            frame = slide.inverse() if above is None else frames[above.parent] @ _held(couplings, above)
+            frame = slide.inverse() if above is None else frames[above.parent] @ _held(selection.couplings, above)
             frames[link] = frame
             inertial = description.inertials[link]
             if inertial is not None:
@@ -593,29 +637,27 @@ def _inertias(
     return inertias
 
 
-def _body(total: Inertia) -> Body:
-    mass, moment, ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = total.rounded()
-    return Body(mass, moment, (xx, xy, xz, yy, yz, zz))
-
-
-def _refuse_problems(
+def _beside(
     description: Description,
+    couplings: _Couplings,
     elements: list[JointElement],
     moving: list[JointElement],
-    carried: dict[str, list[tuple[str, JointElement | None]]],
-) -> None:
+    carried: _Carried,
+) -> tuple[Problem, ...]:
+    """Refuse the problems that can change the chain; what is left of them stands beside it."""
     held = [above for links in carried.values() for _, above in links if above is not None]
-    on_chain = _followed(description, moving)
-    used = _followed(description, [*elements, *held]) | {
-        f"link {link}" for links in carried.values() for link, _ in links
+    coordinates = _followed(description, moving)
+    displaced = {f"joint {element.name}" for element in held if couplings.held_position(element) != 0}
+    used = {
+        "bounds": coordinates,
+        "motion": coordinates | {f"joint {element.name}" for element in elements} | displaced,
     }
-    problems = [
-        problem.text
-        for problem in description.problems
-        if problem.element in used and (not problem.bounds or problem.element in on_chain)
-    ]
-    if problems:
-        raise DescriptionError(description.file, problems)
+    used["place"] = used["motion"] | {f"joint {element.name}" for element in held}
+    used["place"] |= {f"link {link}" for links in carried.values() for link, _ in links}
+    refusing = [problem.text for problem in description.problems if problem.element in used[problem.affects]]
+    if refusing:
+        raise DescriptionError(description.file, refusing)
+    return description.problems
 
 
 def _followed(description: Description, elements: list[JointElement]) -> set[str]:

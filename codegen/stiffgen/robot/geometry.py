@@ -4,13 +4,14 @@ URDF gives orientations as decimal roll-pitch-yaw. The generated code holds rota
 must not depend on the machine's libm: matrices are made and multiplied with 50 digits (mpmath, pure integer
 arithmetic) and rounded to double once, at the end.
 
-An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple, and an axis within 1e-11 of a coordinate
-axis or plane as lying in it: files write 1.57079632679 and mean a right angle. The matrix then has its exact zeros
-and ones, and the printed kinematics its short form.
+An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple, and an axis within 1e-11 rad of a coordinate
+axis or plane as lying in it (:data:`SNAP`): files write 1.57079632679 and mean a right angle. The matrix then has its
+exact zeros and ones, and the printed kinematics its short form.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -18,7 +19,9 @@ from typing import Any, TypeAlias
 import mpmath
 
 _DIGITS = 50
-_RIGHT_ANGLE_TOLERANCE = 1e-11  # [rad]
+SNAP = 1e-11
+"""The one threshold [rad]: an angle this near a multiple of pi/2 is that multiple, an axis this near a coordinate plane
+lies in it (and so on a coordinate axis, near two). Anything farther off is taken as it is written."""
 _NEGLIGIBLE = 1e-15  # of the scale of a number: what is left of a cancellation
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -112,10 +115,10 @@ def apply(a: Sequence[Sequence[Real]], v: Sequence[Real]) -> tuple[Real, ...]:
 
 
 def unit(vector: Sequence[float]) -> Vector:
-    """A vector (not zero) at unit length; entries below 1e-11 of it are zero, as with angles."""
+    """A vector (not zero) at unit length; entries within SNAP of zero are zero, as with angles."""
     entries = [exact(v) for v in vector]
     length = _context.sqrt(sum(v * v for v in entries))
-    kept = [v if abs(v) > _RIGHT_ANGLE_TOLERANCE * length else mpf(0) for v in entries]
+    kept = [v if abs(v) > SNAP * length else mpf(0) for v in entries]
     length = _context.sqrt(sum(v * v for v in kept))
     return _vector([v / length for v in kept])
 
@@ -194,11 +197,32 @@ class Inertia:
         return rounded(self.mass, of.mass), (x, y, z), (first, second, third)
 
 
+def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
+    """Whether a rigid body can have this inertia tensor about its centre of mass (1 % slack: exports are rounded)."""
+    # Principal moments of a symmetric 3x3 matrix in closed form.
+    largest = max(map(abs, (xx, xy, xz, yy, yz, zz)))
+    if largest == 0:
+        return True
+    xx, xy, xz, yy, yz, zz = (value / largest for value in (xx, xy, xz, yy, yz, zz))
+    mean = (xx + yy + zz) / 3
+    spread = math.sqrt(((xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2 * (xy**2 + xz**2 + yz**2)) / 6)
+    if spread == 0:
+        return mean >= 0
+    a, b, c = ((value - mean) / spread for value in (xx, yy, zz))
+    d, e, f = xy / spread, xz / spread, yz / spread
+    half_det = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2
+    angle = math.acos(min(1.0, max(-1.0, half_det))) / 3
+    high = mean + 2 * spread * math.cos(angle)
+    low = mean + 2 * spread * math.cos(angle + 2 * math.pi / 3)
+    middle = 3 * mean - high - low
+    return low >= -0.01 * abs(high) and high <= 1.01 * (low + middle)
+
+
 def _cos_sin(angle: float) -> tuple[Real, Real]:
     quarter = _context.pi / 2
     position = exact(angle)
     turns = int(_context.nint(position / quarter))
-    if abs(position - turns * quarter) < _RIGHT_ANGLE_TOLERANCE:
+    if abs(position - turns * quarter) < SNAP:
         return ((mpf(1), mpf(0)), (mpf(0), mpf(1)), (mpf(-1), mpf(0)), (mpf(0), mpf(-1)))[turns % 4]
     return _context.cos(position), _context.sin(position)
 

@@ -16,6 +16,9 @@ from stiffgen.symbolic import arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.program import Part, Program, Sum, Term
+from stiffgen.symbolic.springs import TRACE, Spring
+
+_Steps = Callable[[Chain], Program]
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,68 @@ _MASS = Argument(
 )
 
 
+SPRINGS = (TRACE,)
+"""The springs that every robot has."""
+
+_ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibrium")
+_SPRING_WRENCH = Argument(
+    "wrench", (6,), "N, N m",
+    "F = dU, the (force, moment) that holds the robot against the spring, in base axes, moment about the tip's origin",
+)  # fmt: skip
+_SPRING_TASK_STIFFNESS = Argument(
+    "task_stiffness", (6, 6), "N/m, N, N m",
+    "covariant Hessian of U on twists (linear, angular), base axes at the tip's origin; bitwise symmetric",
+    symmetric=True,
+)  # fmt: skip
+_SPRING_TORQUE = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the spring puts on the joints")
+_SPRING_JOINT_STIFFNESS = Argument(
+    "joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2 = -d torque/dq, bitwise symmetric", symmetric=True
+)
+
+
+def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """All that follows from one energy; torque and tangent also in one call."""
+    energy, torque, joint = _ENERGY, _SPRING_TORQUE, _SPRING_JOINT_STIFFNESS
+    terms, joint_terms = programs.spring_terms, programs.spring_joint_terms
+    hessian = "Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian"
+
+    def kernel(name: str, results: tuple[Argument, ...], summary: str, equation: str, program: _Steps) -> Kernel:
+        arguments = (*given, *spring.parameters)
+        return Kernel(name, spring.name, arguments, results, summary, equation, program, spring.domain, batch=True)
+
+    return (
+        kernel(
+            "energy", (energy,), "Energy of the spring between the tip and the equilibrium.", spring.equation,
+            partial(terms, spring=spring, results=(energy,), parts="U"),
+        ),
+        kernel(
+            "wrench", (_SPRING_WRENCH,), "Wrench of the spring: gradient of its energy.", "F = dU",
+            partial(terms, spring=spring, results=(_SPRING_WRENCH,), parts="F"),
+        ),
+        kernel(
+            "task_stiffness", (_SPRING_TASK_STIFFNESS,),
+            "Task stiffness of the spring: covariant Hessian of its energy.",
+            "K_ij = d2/dx_i dx_j U(p + v, exp([w]) R) at x = (v, w) = 0",
+            partial(terms, spring=spring, results=(_SPRING_TASK_STIFFNESS,), parts="K"),
+        ),
+        kernel(
+            "torque", (torque,), "Joint torque of the spring.", "-dU/dq = -J^T F with F = dU",
+            partial(joint_terms, spring=spring, torque=torque),
+        ),
+        kernel(
+            "joint_stiffness", (joint,), "Joint stiffness of the spring: the exact tangent of its torque.",
+            f"d2U/dq2 = {hessian} (Lachner, Nah, Hogan 2025)",
+            partial(joint_terms, spring=spring, joint_stiffness=joint),
+        ),
+        kernel(
+            "linearization", (energy, torque, joint),
+            "Energy, torque and joint stiffness of the spring in one call.",
+            f"U, -dU/dq = -J^T F, d2U/dq2 = {hessian}",
+            partial(joint_terms, spring=spring, energy=energy, torque=torque, joint_stiffness=joint),
+        ),
+    )  # fmt: skip
+
+
 def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
     given = posture(runtime_tool=runtime_tool)
     pose = Kernel(
@@ -162,7 +227,11 @@ def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
         "product of joint poses",
         programs.forward_kinematics,
     )  # fmt: skip
-    kernels = (pose, *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep, given)))
+    kernels = (
+        pose,
+        *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep, given)),
+        *(kernel for spring in SPRINGS for kernel in _spring_kernels(spring, given)),
+    )
     note = "With a tool pose, 'tip' is the tool's frame." if runtime_tool else ""
     return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
 
@@ -200,16 +269,19 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
 
 
 def _total_kernels(chain: Chain) -> tuple[Kernel, ...]:
-    return tuple(
-        _total(
-            chain,
-            kernel,
-            "Symmetric joint stiffness of contacts at all tips together.",
-            "A tip without contact: wrench and task stiffness zero.",
-        )
-        for kernel in _tip_kernels(None, runtime_tool=chain.runtime_tool)
-        if kernel.name == "joint_stiffness"
+    contacts = (
+        "Symmetric joint stiffness of contacts at all tips together.",
+        "A tip without contact: wrench and task stiffness zero.",
     )
+    springs = ("{summary} Springs at all tips together.", "A tip without a spring: its stiffnesses zero.")
+    totals = []
+    for kernel in _tip_kernels(None, runtime_tool=chain.runtime_tool):
+        if kernel.group in REPRESENTATIONS:
+            if kernel.name == "joint_stiffness":
+                totals.append(_total(chain, kernel, *contacts))
+        elif kernel.group and kernel.name in ("energy", "torque", "joint_stiffness", "linearization"):
+            totals.append(_total(chain, kernel, springs[0].format(summary=kernel.summary), springs[1]))
+    return tuple(totals)
 
 
 _MASS_MATRIX = Kernel(

@@ -94,7 +94,7 @@ class _Axis:
     @staticmethod
     def of(joint: Joint) -> _Axis:
         for index in range(3):
-            if abs(joint.axis[index]) == 1.0:
+            if sum(map(bool, joint.axis)) == 1 and joint.axis[index]:  # 1.0 alone may have rounded a tilt away
                 return _Axis(index, int(joint.axis[index]), None)
         return _Axis(2, 1, aligning_rotation(joint.axis))
 
@@ -200,8 +200,11 @@ def forward_kinematics(chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None) -
     """Pose (4x4, metres) of the tip in the base frame, or of a tool whose pose in the tip's frame is given."""
     r, frames = outward_frames(chain, q)
     rotation, tip = _tip_in_base(chain, frames, tool_pose)
-    pose = ca.vertcat(ca.horzcat(rotation, tip), ca.SX([[0, 0, 0, 1]]))
-    return Expressions(ca.densify(pose), tuple(r.sections))
+    return Expressions(_pose(rotation, tip), tuple(r.sections))
+
+
+def _pose(rotation: ca.SX, origin: ca.SX) -> ca.SX:
+    return ca.densify(ca.vertcat(ca.horzcat(rotation, origin), ca.SX([[0, 0, 0, 1]])))
 
 
 def joint_jacobian(
@@ -214,6 +217,19 @@ def joint_jacobian(
     _, tip = _tip_in_base(chain, frames, tool_pose)
     if representation == "hybrid":
         r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
+    return Expressions(_outward_columns(chain, frames, tip, representation), tuple(r.sections))
+
+
+def hybrid_jacobian_and_pose(chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None) -> Expressions:
+    """Hybrid Jacobian (6 x number of joints) and pose (4x4) of the tip, entries row by row below each other."""
+    r, frames = outward_frames(chain, q)
+    rotation, tip = _tip_in_base(chain, frames, tool_pose)
+    r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
+    columns = _outward_columns(chain, frames, tip, "hybrid")
+    return Expressions(ca.vertcat(ca.vec(columns.T), ca.vec(_pose(rotation, tip).T)), tuple(r.sections))
+
+
+def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representation: Representation) -> ca.SX:
     columns = []
     for joint, (_, origin, axis) in zip(chain.joints, frames, strict=True):
         if representation == "spatial":
@@ -222,7 +238,7 @@ def joint_jacobian(
             columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
         else:
             columns.append(ca.vertcat(cross(axis, tip - origin), axis))
-    return Expressions(ca.densify(ca.horzcat(*columns)), tuple(r.sections))
+    return ca.densify(ca.horzcat(*columns))
 
 
 def _body_jacobian(chain: Chain, q: ca.SX, tool_pose: ca.SX | None) -> Expressions:

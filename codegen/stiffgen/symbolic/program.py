@@ -54,7 +54,7 @@ class Operand:
             return self.array.size
         if self.at == "ij":
             return self.array.size // (self.array.shape[0] * self.array.shape[1])
-        return self.array.shape[0]
+        return self.array.size // self.array.shape[-1]
 
     def entry(self, k: int, i: int, j: int) -> int:
         """Flat position in the array of the k-th entry touched."""
@@ -62,17 +62,17 @@ class Operand:
             return k
         if self.at == "ij":
             return (i * self.array.shape[1] + j) * self.count + k
-        return k * self.array.shape[1] + (i if self.at == "i" else j)
+        return k * self.array.shape[-1] + (i if self.at == "i" else j)
 
 
 @dataclass(frozen=True)
 class Block:
     """Straight-line code: the rows of ``expressions(chain, *arguments)`` fill the ``targets`` one after the other.
 
-    The arguments are those of the kernel or arrays that earlier steps wrote. Targets of shape (6, m) come first. A
-    block that several kernels use has a ``name``, under which C code holds it as a function of its own (its arguments
-    are then those of the kernel); without a name it is part of its kernel. ``heading`` is the comment over the
-    statements that fill the targets, ``meaning`` the one over the function.
+    The arguments are those of the kernel or arrays that earlier steps wrote. The first ``columns`` targets have the
+    shape (6, m): a column a joint. A block that several kernels use has a ``name``, under which C code holds it as a
+    function of its own (its arguments are then those of the kernel); without a name it is part of its kernel.
+    ``heading`` is the comment over the statements that fill the targets, ``meaning`` the one over the function.
     """
 
     targets: tuple[Array, ...]
@@ -81,6 +81,7 @@ class Block:
     name: str = ""
     heading: str = "result"
     meaning: str = ""
+    columns: int = 0
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class Map:
 class SumJoints:
     """Sum joints into coordinates: joint k counts ``multiplier`` times for its coordinate, in every joint index.
 
-    The source is (6, m) (``columns``), (m, m) or (m, m, depth); with ``mirror``, the upper triangle of the (n, n)
+    The source is (m), (6, m) (``columns``), (m, m) or (m, m, depth); with ``mirror``, the upper triangle of the (n, n)
     result is copied to the lower one, since sums in another order need not agree to the last bit.
     """
 
@@ -234,8 +235,8 @@ def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
 def _sum_joints(chain: Chain, step: SumJoints, source: list[ca.SX]) -> list[ca.SX]:
     m, n = len(chain.joints), chain.dof
     target = [ca.SX(0)] * step.target.size
-    if step.columns:
-        for row in range(step.source.shape[0]):
+    if step.columns or len(step.source.shape) == 1:
+        for row in range(step.source.size // m):
             for a, joint in enumerate(chain.joints):
                 target[row * n + joint.coordinate] += joint.multiplier * source[row * m + a]
         return target

@@ -12,10 +12,11 @@ from functools import partial
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import dynamics, kinematics, stiffness
+from stiffgen.symbolic import dynamics, kinematics, springs, stiffness
 from stiffgen.symbolic.arguments import POSE, Argument, Q, posture
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, SumJoints
+from stiffgen.symbolic.springs import Spring
 
 
 def _posture(chain: Chain) -> tuple[Array, ...]:
@@ -27,7 +28,7 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
-    return Block((array,), expressions, _posture(chain), f"{representation}_columns", heading, meaning), array
+    return Block((array,), expressions, _posture(chain), f"{representation}_columns", heading, meaning, 1), array
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
@@ -145,34 +146,41 @@ def joint_stiffness_uncorrected(
     return _over_joints(chain, result, steps)
 
 
+def _tangent(
+    J: Array, wrench: Array, task_stiffness: Array, representation: Representation, target: Array
+) -> tuple[Map, ...]:
+    """Target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
+    A, u = Array("A", (6, 6)), Array("u", J.shape)
+    force = Operand(wrench, "")
+    half: Over = "i<=j" if stiffness.diagonal_is_outward(representation) else "i>=j"
+    return (
+        Map(
+            "A = K + Gamma F, reading the upper triangle of K",
+            "",
+            Operand(A, ""),
+            (force, Operand(task_stiffness, "")),
+            partial(stiffness.corrected_task_stiffness, representation),
+        ),
+        Map(
+            "u_j = A J_j" + (" + gradient of (dJ_i/dq_j) . F by J_i" if representation == "hybrid" else ""),
+            "j",
+            Operand(u, "j"),
+            (Operand(J, "j"), force, Operand(A, "")),
+            partial(stiffness.stiffness_covector, representation),
+        ),
+        _pairs(J, u, half, target, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),
+    )
+
+
 def joint_stiffness(
     chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
 ) -> Program:
     """dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
 
     def steps(target: Array) -> Program:
-        recursion, J = _columns(chain, representation)
-        A, u = Array("A", (6, 6)), Array("u", J.shape)
-        force = Operand(wrench.array(chain), "")
-        half: Over = "i<=j" if stiffness.diagonal_is_outward(representation) else "i>=j"
-        return (
-            recursion,
-            Map(
-                "A = K + Gamma F, reading the upper triangle of K",
-                "",
-                Operand(A, ""),
-                (force, Operand(task_stiffness.array(chain), "")),
-                partial(stiffness.corrected_task_stiffness, representation),
-            ),
-            Map(
-                "u_j = A J_j" + (" + gradient of (dJ_i/dq_j) . F by J_i" if representation == "hybrid" else ""),
-                "j",
-                Operand(u, "j"),
-                (Operand(J, "j"), force, Operand(A, "")),
-                partial(stiffness.stiffness_covector, representation),
-            ),
-            _pairs(J, u, half, target, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),
-        )
+        block, J = _columns(chain, representation)
+        given = wrench.array(chain), task_stiffness.array(chain)
+        return (block, *_tangent(J, *given, representation, target))
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -199,14 +207,13 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
     m = len(chain.joints)
     # Sums over sliding joints can overflow: only the loops' results are guarded against infinity.
     if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
-        flat = Array(result.name, (m * m,))
         heading = "M_ij = J_i . h_j: the turn about joint i's axis, seen from its link"
-        return (Block((flat,), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
+        return (Block((result.array(chain),), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
 
     def steps(target: Array) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J and the momenta h that they cause"
-        recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading)
+        recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
         if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
             return recursion, _pairs(J, h, "i<=j", target, "M_ij = J_i . h_j for i<=j, mirrored", mirror=True)
         nothing = Map(
@@ -216,3 +223,50 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
         return recursion, nothing, _pairs(J, h, over, target, f"M_ij = J_i . h_j for {over}, mirrored", mirror=True)
 
     return _over_joints(chain, result, steps, mirror=True)
+
+
+def spring_terms(chain: Chain, spring: Spring, results: tuple[Argument, ...], parts: str) -> Program:
+    """Energy, wrench or task stiffness of a spring at the tip's pose; ``parts`` as :func:`springs.terms` takes them."""
+    pose, targets = POSE.array(chain), tuple(result.array(chain) for result in results)
+    return (_pose(chain, pose), _spring_block(chain, spring, pose, targets, parts))
+
+
+def _spring_block(chain: Chain, spring: Spring, pose: Array, targets: tuple[Array, ...], parts: str) -> Block:
+    expressions = partial(springs.terms, spring=spring, parts=parts)
+    parameters = tuple(argument.array(chain) for argument in spring.parameters)
+    names = {"U": "energy U", "F": "wrench F = dU", "K": "covariant Hessian K of U", "k": "covariant Hessian K of U"}
+    return Block(targets, expressions, (pose, *parameters), heading=", ".join(names[part] for part in parts))
+
+
+def spring_joint_terms(
+    chain: Chain,
+    spring: Spring,
+    energy: Argument | None = None,
+    torque: Argument | None = None,
+    joint_stiffness: Argument | None = None,
+) -> Program:
+    """What is asked for of energy, torque -J^T F and joint stiffness of a spring, from one pass over the joints."""
+    pose, m = POSE.array(chain), len(chain.joints)
+    J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
+    heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
+    expressions = kinematics.hybrid_jacobian_and_pose
+    columns = Block((J, pose), expressions, _posture(chain), "hybrid_columns_and_pose", heading, meaning, 1)
+    targets = [F, K] if joint_stiffness else [F]
+    parts = "Fk" if joint_stiffness else "F"
+    if energy:
+        targets, parts = [energy.array(chain), *targets], "U" + parts
+    program: Program = (columns, _spring_block(chain, spring, pose, tuple(targets), parts))
+    if torque:
+        target = torque.array(chain)
+        per_joint = Array(f"{target.name}_of_joints", (m,)) if chain.coupled else target
+        program += (
+            Map(
+                "torque_j = -J_j . F", "j", Operand(per_joint, "j"), (Operand(J, "j"), Operand(F, "")),
+                lambda column, wrench: ca.SX(-ca.dot(column, wrench)),
+            ),
+        )  # fmt: skip
+        if chain.coupled:
+            program += (SumJoints(per_joint, target),)
+    if joint_stiffness:
+        program += _over_joints(chain, joint_stiffness, lambda target: _tangent(J, F, K, "hybrid", target), mirror=True)
+    return program

@@ -1,9 +1,9 @@
 /*
  * Lanes: LANES numbers side by side, as wide as the vectors of the machine that is compiled for, or one plain double
- * where the compiler has no vector types. In single calls a lane is a joint, and rows over joints are padded with
- * zeros; in batches a lane is a configuration.
+ * where the compiler has no vector types or computes with more bits than a double has. In single calls a lane is a
+ * joint, and rows over joints are padded with zeros; in batches a lane is a configuration.
  */
-#if !defined(__GNUC__) || defined(STIFFGEN_NO_VECTORS)
+#if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES 8
 #define EIGHT(a, b, c, d, e, f, g, h) a, b, c, d, e, f, g, h
 typedef double lanes;
@@ -42,3 +42,14 @@ typedef union {
     lanes number;
     pattern bits;
 } lane_bits;
+
+/* x with the bits that a double in memory has. */
+static inline double as_double(double x)
+{
+#if EXCESS_PRECISION
+    const volatile double stored = x;
+    return stored;
+#else
+    return x;
+#endif
+}

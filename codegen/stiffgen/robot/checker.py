@@ -1,0 +1,316 @@
+"""What is wrong with a URDF file, said before anything is made of it.
+
+Every problem names the element, the fault and the remedy. Numbers that pass are kept for the reader.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from itertools import islice
+
+from lxml import etree
+
+from stiffgen.errors import listed, printable
+from stiffgen.robot import urdf_format
+from stiffgen.robot.description import JOINT_TYPES, LARGEST, MOVING_TYPES, Affects, Problem
+from stiffgen.robot.geometry import physical_inertia
+
+MAX_JOINTS = 5_000
+
+_MOST_FAULTS = 10  # of one element that are said
+_REPEATED: dict[str, Affects] = {"axis": "motion", "limit": "bounds"}
+_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
+_WORD = re.compile(r"[^ \t\r\n]+")
+
+
+class Checker:
+    """Walks the XML once, yields the problems, and keeps what reading needs afterwards."""
+
+    def __init__(self, robot: etree._Element) -> None:
+        self.robot = robot
+        self.links: dict[str, etree._Element] = {}
+        self.joints: dict[str, etree._Element] = {}
+        self.parents: dict[str, str] = {}  # child link -> joint
+        self.numbers: dict[tuple[etree._Element, str], tuple[float, ...]] = {}
+        self.broken_mimics: set[str] = set()
+        self.sound_mimics: set[str] = set()
+        self.standing_mimics: set[str] = set()  # broken ones, whose joints stand at zero whatever was meant
+
+    def run(self) -> Iterator[Problem]:
+        """Yield every problem of the file."""
+        counts = {tag: len(self.robot.findall(tag)) for tag in ("joint", "link")}
+        too_many = [f"{count} {tag}s" for tag, count in counts.items() if count > MAX_JOINTS + (tag == "link")]
+        if too_many:
+            yield Problem(
+                "file",
+                f"has {' and '.join(too_many)}, more than the {MAX_JOINTS} joints that stiffgen reads; "
+                "cut the description down to one robot",
+            )
+            return
+        if not self.robot.get("name", "").strip():
+            yield Problem("file", '<robot> has no name; add name="..."')
+        for fault in islice(urdf_format.misspelt_in_robot(self.robot), _MOST_FAULTS):
+            yield Problem("file", fault)
+        yield from self._named("link", self.links)
+        yield from self._named("joint", self.joints)
+        if not self.links:
+            yield Problem(
+                "file",
+                "has no <link>; a robot needs at least two links and a joint between them (an SRDF or a macro "
+                "file has none: give the URDF)",
+            )
+        for name, element in self.joints.items():
+            yield from self._joint(name, element)
+        for name, element in self.links.items():
+            yield from self._link(name, element)
+        yield from self._tree()
+
+    def _named(self, tag: str, into: dict[str, etree._Element]) -> Iterator[Problem]:
+        for position, element in enumerate(self.robot.findall(tag), start=1):
+            name = element.get("name", "")
+            if not name.strip():
+                yield Problem("file", f'<{tag}> number {position} has no name; add name="..."')
+            elif name in into:
+                yield Problem("file", f"{tag} '{printable(name)}' stands twice; rename one of the two")
+            else:
+                into[name] = element
+
+    def _joint(self, name: str, element: etree._Element) -> Iterator[Problem]:
+        this, title = f"joint {name}", f"joint '{printable(name)}'"
+        kind = element.get("type")
+        if kind not in JOINT_TYPES:
+            said = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
+            yield Problem(this, f"{title} {said}; valid types: {', '.join(JOINT_TYPES)}", "motion")
+        yield from self._spelling(this, element)
+        ends = {}
+        for tag in ("parent", "child"):
+            end = element.find(tag)
+            if len({each.get("link") for each in element.findall(tag)}) > 1:
+                yield Problem("file", f"{title} has several <{tag}>; a URDF is a tree: keep one")
+            if end is not None:
+                yield from self._spelling(this, end)
+            link = None if end is None else end.get("link")
+            if not link:
+                yield Problem("file", f'{title} has no <{tag} link="..."/>; add it')
+            elif link not in self.links:
+                yield Problem(
+                    "file", f"{title}: its {tag} link '{printable(link)}' does not exist; {self._known_links}"
+                )
+            else:
+                ends[tag] = link
+        if "child" in ends:
+            other = self.parents.setdefault(ends["child"], name)
+            if other != name:
+                yield Problem(
+                    "file",
+                    f"link '{printable(ends['child'])}' is the child of joint '{printable(other)}' and of {title}; "
+                    "a URDF is a tree: give each link one parent joint",
+                )
+        yield from self._origin(this, element)
+        # Real files have zero axes and empty limits on joints that do not move; nobody reads them.
+        if kind in MOVING_TYPES:
+            for problem in self._axis(this, element):
+                yield replace(problem, affects="motion")
+            for problem in self._limit(this, element, bounded=kind != "continuous"):
+                yield replace(problem, affects="bounds")
+            yield from self._mimic(this, name, element)
+
+    def _spelling(self, this: str, element: etree._Element) -> Iterator[Problem]:
+        """Of the element itself; those in it are checked where they are read."""
+        still = element.tag == "joint" and element.get("type") not in MOVING_TYPES
+        for fault in islice(urdf_format.faults(element), _MOST_FAULTS):
+            if fault.repeated in ("parent", "child") or (still and fault.repeated in ("axis", "limit", "mimic")):
+                continue  # said where the tree is checked; read by nobody
+            yield Problem(this, f"{_title(this)}: {fault.text}", _REPEATED.get(fault.repeated, "place"))
+
+    def _limit(self, this: str, element: etree._Element, *, bounded: bool) -> Iterator[Problem]:
+        limit = element.find("limit")
+        if limit is None:
+            return
+        yield from self._spelling(this, limit)
+        for key in ("lower", "upper", "velocity", "effort"):
+            if bounded or key in ("velocity", "effort"):
+                yield from self._number(this, limit, key, 1, limit=True)
+        lower, upper = (self.numbers.get((limit, key), (0.0,))[0] for key in ("lower", "upper"))
+        if lower > upper:
+            yield Problem(this, f"{_title(this)}: lower limit {lower:g} is above upper limit {upper:g}; swap them")
+        for key in ("velocity", "effort"):
+            if self.numbers.get((limit, key), (0.0,))[0] < 0:
+                yield Problem(this, f"{_title(this)}: <limit {key}> is negative; give its magnitude")
+
+    def _axis(self, this: str, element: etree._Element) -> Iterator[Problem]:
+        axis = element.find("axis")
+        if axis is None:
+            return
+        yield from self._spelling(this, axis)
+        if axis.get("xyz") is None:
+            yield Problem(this, f'{_title(this)}: its <axis> has no xyz; add xyz="0 0 1" or the like')
+        yield from self._number(this, axis, "xyz", 3)
+        xyz = self.numbers.get((axis, "xyz"), (1.0, 0.0, 0.0))
+        if not math.hypot(*xyz) > 1e-6:
+            yield Problem(
+                this, f'{_title(this)}: its axis {_show(xyz)} has no direction; give a vector like xyz="0 0 1"'
+            )
+
+    def _mimic(self, this: str, name: str, element: etree._Element) -> Iterator[Problem]:
+        mimic = element.find("mimic")
+        if mimic is None:
+            return
+        yield from self._spelling(this, mimic)
+        yield from self._number(this, mimic, "offset", 1)
+        for problem in self._number(this, mimic, "multiplier", 1):
+            yield replace(problem, affects="motion")
+        followed = dict.fromkeys([name])
+        while mimic is not None:
+            last, master = next(reversed(followed)), mimic.get("joint", "")
+            wrong = None
+            if not master:
+                wrong = 'has a <mimic> without a joint; add joint="..."'
+            elif master not in self.joints:
+                wrong = f"mimics the unknown joint '{printable(master)}'; {self._known_joints}"
+            elif master in followed:
+                wrong = f"mimics in a circle ({listed([*followed, master])}); break it"
+            elif master in self.broken_mimics:
+                wrong = f"mimics '{printable(master)}', whose own <mimic> is broken; correct that one"
+            elif self.joints[master].get("type") not in (*MOVING_TYPES, "fixed"):
+                wrong = f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
+            if wrong:
+                standing = master not in self.broken_mimics - self.standing_mimics
+                if standing and all(self._follows_without_offset(joint) for joint in followed):
+                    self.standing_mimics.update(followed)
+                self.broken_mimics.update(followed)
+                affects: Affects = "motion" if name in self.standing_mimics else "place"
+                yield Problem(this, f"joint '{printable(last)}' {wrong}", affects)
+                return
+            if master in self.sound_mimics:
+                break
+            followed[master] = None
+            # A fixed joint stands at zero, whatever <mimic> a converter has left in it.
+            moves = self.joints[master].get("type") in MOVING_TYPES
+            mimic = self.joints[master].find("mimic") if moves else None
+        self.sound_mimics.update(followed)
+
+    def _follows_without_offset(self, joint: str) -> bool:
+        mimic = self.joints[joint].find("mimic")
+        offset = "0" if mimic is None else mimic.get("offset", "0").strip()
+        return bool(_NUMBER.match(offset)) and float(offset) == 0
+
+    def _link(self, name: str, element: etree._Element) -> Iterator[Problem]:
+        this, title = f"link {name}", f"link '{printable(name)}'"
+        yield from self._spelling(this, element)
+        inertial = element.find("inertial")
+        if inertial is None:
+            return
+        yield from self._spelling(this, inertial)
+        yield from self._origin(this, inertial)
+        for tag, keys in (("mass", ("value",)), ("inertia", _TENSOR)):
+            child = inertial.find(tag)
+            if child is None:
+                yield Problem(this, f"{title}: <inertial> has no <{tag}>; add it or remove <inertial>")
+                continue
+            yield from self._spelling(this, child)
+            for key in keys:
+                if child.get(key) is None:
+                    yield Problem(this, f"{title}: <{tag}> has no '{key}'; add it")
+                yield from self._number(this, child, key, 1)
+            values = [self.numbers.get((child, key), (math.nan,))[0] for key in keys]
+            if any(math.isnan(value) for value in values):
+                continue  # said already
+            if tag == "mass" and values[0] < 0:
+                yield Problem(this, f"{title}: mass {values[0]:g} kg is negative; correct <mass>")
+            if tag == "inertia" and not physical_inertia(*values):
+                yield Problem(
+                    this,
+                    f"{title}: no rigid body has this inertia tensor (principal moments must be positive and "
+                    "none above the sum of the other two); correct <inertia>, or leave all masses out (--no-masses)",
+                )
+
+    @cached_property
+    def _known_links(self) -> str:
+        return _among(self.links)
+
+    @cached_property
+    def _known_joints(self) -> str:
+        return _among(self.joints)
+
+    def _origin(self, this: str, element: etree._Element) -> Iterator[Problem]:
+        origin = element.find("origin")
+        if origin is not None:
+            yield from self._spelling(this, origin)
+            for key in ("xyz", "rpy"):
+                yield from self._number(this, origin, key, 3)
+
+    def _number(
+        self, this: str, element: etree._Element, key: str, count: int, *, limit: bool = False
+    ) -> Iterator[Problem]:
+        text = element.get(key)
+        if text is None:
+            return
+        words = _WORD.findall(text)
+        where = f'{_title(this)}: <{element.tag} {key}="{printable(text)}">'
+        if "${" in text or "$(" in text:
+            yield Problem(
+                this, f"{where} holds an expression of xacro; expand the file first: xacro IN.xacro > OUT.urdf"
+            )
+            return
+        if len(words) != count:
+            many = "a number" if count == 1 else f"{count} numbers"
+            yield Problem(this, f"{where} holds {len(words)} words, expected {many}")
+            return
+        values = []
+        for word in words:
+            if limit and word.lower().lstrip("+-") in ("inf", "infinity"):
+                values.append(-math.inf if word.startswith("-") else math.inf)
+                continue
+            value = float(word) if _NUMBER.match(word) else math.nan
+            if not math.isfinite(value):
+                yield Problem(this, f"{where}: '{printable(word)}' is not a finite decimal number; write one like 0.25")
+                return
+            if abs(value) > LARGEST and not limit:
+                yield Problem(
+                    this, f"{where}: '{printable(word)}' is beyond {LARGEST:g}; give metres, radians and kilograms"
+                )
+                return
+            values.append(value)
+        self.numbers[element, key] = tuple(values)
+
+    def _tree(self) -> Iterator[Problem]:
+        roots = [link for link in self.links if link not in self.parents]
+        if len(roots) > 1:
+            yield Problem("file", f"has {len(roots)} root links ({listed(roots)}); connect them by joints to one tree")
+        parent_of = {}
+        for child, joint in self.parents.items():
+            end = self.joints[joint].find("parent")
+            parent_of[child] = None if end is None else end.get("link")
+        done: set[str] = set()
+        for start in self.links:
+            path: list[str] = []
+            on_path: set[str] = set()
+            link: str | None = start
+            while link is not None and link not in done:
+                if link in on_path:
+                    circle = path[path.index(link) :]
+                    yield Problem("file", f"links form a circle ({listed(circle)}); a URDF is a tree: cut one joint")
+                    break
+                path.append(link)
+                on_path.add(link)
+                link = parent_of.get(link)
+            done.update(path)
+
+
+def _title(this: str) -> str:
+    kind, name = this.split(" ", 1)
+    return f"{kind} '{printable(name)}'"
+
+
+def _show(values: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
+
+
+def _among(names: dict[str, etree._Element]) -> str:
+    return f"valid names: {listed(list(names))}" if names else "there is none"

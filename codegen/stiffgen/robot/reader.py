@@ -1,0 +1,238 @@
+"""URDF file -> :class:`Description`.
+
+The file is untrusted input. It is parsed once by lxml without entities, DTDs or network; what a chain needs
+(links, inertials, joints) is checked (:mod:`stiffgen.robot.checker`) and handed to yourdfpy, which reads the elements.
+Origins are the one exception: yourdfpy turns roll-pitch-yaw into a float matrix whose last digit depends on the
+machine's libm, so the angles themselves are kept and turned into matrices by :mod:`stiffgen.robot.geometry`.
+
+Meshes, materials, transmissions and gazebo elements are never looked at.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import re
+from pathlib import Path
+
+import yourdfpy
+from lxml import etree
+
+from stiffgen.errors import DescriptionError, printable
+from stiffgen.robot.checker import Checker
+from stiffgen.robot.description import (
+    JOINT_TYPES,
+    MOVING_TYPES,
+    Description,
+    Inertial,
+    JointElement,
+    Mimic,
+    Vector,
+)
+from stiffgen.robot.geometry import unit
+
+# The largest description in docs/robots.md has 0.2 MB. A parsed byte can cost 50 bytes of memory.
+MAX_BYTES = 4 * 2**20
+
+_XACRO = re.compile(rb"www\.ros\.org/wiki/xacro|wiki\.ros\.org/xacro|<xacro:")
+# Faults of the XML that other readers of URDF let pass and that change no element: prefixes without a namespace
+# (<drake:...>), "--" in a comment, a strange version number, a blank line before the XML declaration.
+_HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_HYPHEN_IN_COMMENT", "ERR_UNKNOWN_VERSION", "ERR_RESERVED_XML_NAME"}
+_LOGGED = 100  # libxml2's errors that lxml keeps; more may hide behind them
+_OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "MJCF", "COLLADA": "COLLADA", "openrave": "OpenRAVE"}
+
+
+def read_description(path: str | Path) -> Description:
+    """Read a URDF file.
+
+    Problems of single joints and links are left in ``problems``; see :func:`stiffgen.load_chain` for which of
+    them refuse a chain.
+
+    Raises:
+        DescriptionError: the file cannot be read, is no URDF, or its tree of links is broken. All problems of
+            the file are in the error.
+
+    """
+    path = Path(path)
+    data = _read_bytes(path)
+    robot = _parse_xml(path.name, data)
+    checker = Checker(robot)
+    problems = tuple(checker.run())
+    if any(p.element == "file" for p in problems):
+        # Those of the file first: the message shows a few only.
+        raise DescriptionError(path.name, [p.text for p in sorted(problems, key=lambda p: p.element != "file")])
+    model = _read_with_yourdfpy(checker)
+    return Description(
+        file=path.name,
+        digest=hashlib.sha256(data).hexdigest(),
+        robot=model.name,
+        inertials={link.name: _inertial(link, checker) for link in model.links},
+        joints={joint.name: _joint(joint, checker) for joint in model.joints},
+        problems=problems,
+    )
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        if path.is_dir():
+            raise DescriptionError(str(path), ["is a folder; name the URDF file in it"])
+        with path.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise DescriptionError(str(path), [f"cannot be read ({reason}); check the path"]) from error
+    except ValueError as error:  # a NUL byte in the path
+        raise DescriptionError(repr(str(path)), [f"is no file name ({error})"]) from error
+    if len(data) > MAX_BYTES:
+        limit = MAX_BYTES // 2**20
+        raise DescriptionError(
+            path.name, [f"is larger than {limit} MiB; a robot description holds no meshes: is this the right file?"]
+        )
+    return data
+
+
+def _parse_xml(file: str, data: bytes) -> etree._Element:
+    xacro = (
+        "is a xacro file, a template of a URDF; expand it first: xacro INPUT.xacro > OUTPUT.urdf "
+        "(ROS package 'xacro', also on the Python registry), then give OUTPUT.urdf"
+    )
+    try:
+        root = _well_formed(data)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        if _XACRO.search(data):
+            raise DescriptionError(file, [xacro]) from error
+        reason = printable(getattr(error, "msg", None) or str(error) or "empty file", 200).rstrip(".")
+        raise DescriptionError(file, [f"is not well-formed XML: {reason}; give a URDF file"]) from error
+    tree = root.getroottree()
+    if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
+        raise DescriptionError(file, ["has a DOCTYPE; a URDF needs none: remove the <!DOCTYPE ...> declaration"])
+    _drop_default_namespace(root)
+    # xacro itself leaves its namespace declared on the files it has expanded: only its elements count.
+    if any(isinstance(e.tag, str) and e.tag.startswith(("{", "xacro:")) and "xacro" in e.tag for e in root.iter()):
+        raise DescriptionError(file, [xacro])
+    if root.tag != "robot":
+        other = _OTHER_FORMATS.get(str(root.tag))
+        said = f"is an {other} file" if other else f"has the root element <{printable(str(root.tag))}>"
+        raise DescriptionError(file, [f"{said}, expected <robot>; give a URDF file"])
+    return root
+
+
+def _well_formed(data: bytes) -> etree._Element:
+    """Parse; faults of the kinds in ``_HARMLESS`` pass."""
+    settings = {
+        "resolve_entities": False,
+        "load_dtd": False,
+        "no_network": True,
+        "huge_tree": False,
+        "remove_comments": True,
+        "remove_pis": True,
+    }
+    try:
+        return etree.fromstring(data, etree.XMLParser(**settings))
+    except etree.XMLSyntaxError:
+        lenient = etree.XMLParser(recover=True, **settings)
+        root = etree.fromstring(data, lenient)
+        log = lenient.error_log.filter_from_errors()
+        if root is None or len(lenient.error_log) >= _LOGGED or {entry.type_name for entry in log} - _HARMLESS:
+            raise
+        return root
+
+
+def _drop_default_namespace(root: etree._Element) -> None:
+    """<robot xmlns="..."> puts its elements in a namespace; a URDF has none, so the tags are taken without it."""
+    if root.prefix is None and str(root.tag).startswith("{"):
+        namespace = str(root.tag)[: str(root.tag).index("}") + 1]
+        for element in root.iter(f"{namespace}*"):
+            if element.prefix is None:
+                element.tag = str(element.tag)[len(namespace) :]
+
+
+def _read_with_yourdfpy(checker: Checker) -> yourdfpy.urdf.Robot:
+    """Hand yourdfpy the links and joints alone, without what failed the checks of single elements."""
+    copy = etree.Element("robot", {"name": checker.robot.get("name", "")})
+    for name, link in checker.links.items():
+        kept = etree.SubElement(copy, "link", {"name": name})
+        inertial = link.find("inertial")
+        if inertial is not None and inertial.find("mass") is not None and inertial.find("inertia") is not None:
+            _copy(checker, kept, inertial, ("mass", "inertia"))
+    for name, joint in checker.joints.items():
+        kept = etree.SubElement(copy, "joint", {"name": name, "type": _type(joint)})
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            etree.SubElement(kept, tag, {"link": "" if end is None else end.get("link", "")})
+        for tag in ("axis", "limit", "mimic"):
+            child = joint.find(tag)
+            skipped = tag == "mimic" and name in checker.broken_mimics
+            if child is not None and not skipped and joint.get("type") in MOVING_TYPES:
+                made = etree.SubElement(kept, tag)
+                _copy_numbers(checker, made, child)
+                if tag == "mimic":
+                    made.set("joint", child.get("joint", ""))
+    stream = io.BytesIO(etree.tostring(copy, encoding="utf-8"))
+    return yourdfpy.URDF.load(stream, build_scene_graph=False, load_meshes=False).robot
+
+
+def _copy(checker: Checker, into: etree._Element, element: etree._Element, tags: tuple[str, ...]) -> None:
+    made = etree.SubElement(into, str(element.tag))
+    for tag in tags:
+        child = element.find(tag)
+        if child is not None:
+            _copy_numbers(checker, etree.SubElement(made, tag), child)
+
+
+def _copy_numbers(checker: Checker, into: etree._Element, element: etree._Element) -> None:
+    for key in map(str, element.attrib):
+        values = checker.numbers.get((element, key))
+        if values is not None:
+            into.set(key, " ".join(map(repr, values)))
+
+
+def _placement(element: etree._Element | None, checker: Checker) -> tuple[Vector, Vector]:
+    origin = None if element is None else element.find("origin")
+    zero = (0.0, 0.0, 0.0)
+    if origin is None:
+        return zero, zero
+    xyz, rpy = (checker.numbers.get((origin, key), zero) for key in ("xyz", "rpy"))
+    return (xyz[0], xyz[1], xyz[2]), (rpy[0], rpy[1], rpy[2])
+
+
+def _inertial(link: yourdfpy.urdf.Link, checker: Checker) -> Inertial | None:
+    if link.inertial is None:
+        return None
+    com, rpy = _placement(checker.links[link.name].find("inertial"), checker)
+    i = link.inertial.inertia.tolist()
+    return Inertial(float(link.inertial.mass), com, rpy, (i[0][0], i[0][1], i[0][2], i[1][1], i[1][2], i[2][2]))
+
+
+def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
+    xyz, rpy = _placement(checker.joints[joint.name], checker)
+    axis = (0.0, 0.0, 0.0)
+    if joint.type in MOVING_TYPES and any(joint.axis):
+        axis = unit(joint.axis.tolist())
+    limit = joint.limit or yourdfpy.urdf.Limit()
+    bounds = (limit.lower, limit.upper)
+    bounded = joint.type in ("revolute", "prismatic") and bounds != (None, None)
+    # The format's default of a left-out bound is 0; but where both are left out, a joint that moves is meant.
+    lower, upper = (bound or 0.0 for bound in bounds) if bounded else (-math.inf, math.inf)
+    mimic = joint.mimic if joint.type in MOVING_TYPES else None
+    return JointElement(
+        name=joint.name,
+        type=joint.type,
+        parent=joint.parent,
+        child=joint.child,
+        xyz=xyz,
+        rpy=rpy,
+        axis=axis,
+        lower=lower,
+        upper=upper,
+        velocity=math.inf if limit.velocity is None else limit.velocity,
+        effort=math.inf if limit.effort is None else limit.effort,
+        mimic=None if mimic is None else Mimic(mimic.joint, float(mimic.multiplier), float(mimic.offset)),
+    )
+
+
+def _type(joint: etree._Element) -> str:
+    """A joint's type; one that is unknown, and a problem of its own, is read as fixed."""
+    kind = str(joint.get("type"))
+    return kind if kind in JOINT_TYPES else "fixed"

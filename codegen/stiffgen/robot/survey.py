@@ -1,0 +1,82 @@
+"""What a chain to a tip would have, and what it leaves out: for those who meet a description for the first time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from stiffgen.errors import DescriptionError, StiffgenError, listed
+from stiffgen.robot.chain import ChainOptions, Selection, carried_links, select
+from stiffgen.robot.description import MOVING_TYPES, Description, JointElement
+
+
+@dataclass(frozen=True)
+class TipSurvey:
+    """A tip, the base of the longest chain to it, and the joints that would be its coordinates (q).
+
+    ``left_out`` names the robot's other joints by what becomes of them; ``hindrance`` says what refuses the chain, or
+    its mass matrix alone (then ``coordinates`` are there).
+    """
+
+    tip: str
+    base: str
+    coordinates: tuple[str, ...] = ()
+    left_out: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    hindrance: str = ""
+
+
+def survey_tip(description: Description, tip: str, base: str | None = None) -> TipSurvey:
+    """Look at the chain to a tip; from ``base``, or the link nearest the root from which there is one.
+
+    Raises:
+        ChainError: no such tip or base.
+
+    """
+    for link, names in ((tip, description.links), (base, description.links)):
+        if link is not None and link not in names:
+            select(description, ChainOptions(tip=tip, base=base))  # says it
+    above = _joints_above(description, tip)
+    if base is None:
+        free = [joint.child for joint in above if joint.type not in (*MOVING_TYPES, "fixed")]
+        base = free[-1] if free else description.root
+    options, hindrance = ChainOptions(tip=tip, base=base), ""
+    try:
+        selection = select(description, options)
+    except DescriptionError as error:
+        try:
+            selection = select(description, replace(options, masses=False))
+        except StiffgenError:
+            return TipSurvey(tip, base, hindrance=f"refused: {listed(error.problems, 2)}")
+        hindrance = f"only with --no-masses: {listed(error.problems, 2)}"
+    except StiffgenError as error:
+        still = not any(joint.type in MOVING_TYPES for joint in above)
+        said = "no moving joint" if still else str(error).removeprefix(f"{description.file}: ")
+        return TipSurvey(tip, base, hindrance=said)
+    return TipSurvey(tip, base, selection.masters, tuple(_left_out(description, selection)), hindrance)
+
+
+def _joints_above(description: Description, link: str) -> list[JointElement]:
+    above, parents = [], description.parent_joint
+    while link in parents:
+        above.append(parents[link])
+        link = parents[link].parent
+    return above[::-1]
+
+
+def _left_out(description: Description, selection: Selection) -> list[tuple[str, tuple[str, ...]]]:
+    before = _joints_above(description, selection.base)
+    carried = carried_links(description, selection.moving).values()
+    riding = {above.name for links in carried for _, above in links if above}
+    own = {joint.name for joint in (*selection.moving, *before)} | set(selection.masters)
+    others = [
+        joint.name
+        for joint in description.joints.values()
+        if joint.type != "fixed" and joint.mimic is None and joint.name not in own
+    ]
+    groups = {
+        "above the base, floating": [joint.name for joint in before if joint.type == "floating"],
+        "above the base, planar": [joint.name for joint in before if joint.type == "planar"],
+        "above the base": [joint.name for joint in before if joint.type in MOVING_TYPES],
+        "rides along, held at zero": [name for name in others if name in riding],
+        "on other limbs": [name for name in others if name not in riding],
+    }
+    return [(what, tuple(names)) for what, names in groups.items() if names]

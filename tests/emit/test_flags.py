@@ -1,0 +1,138 @@
+"""Compiler flags that change floating-point arithmetic: right, refused, or found by the self-check. Nothing else.
+
+docs/performance.md has the table of all that were tried.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffgen
+from support.c_program import run_kernels
+from support.project import URDF, assert_close, require_32_bits, require_compiler
+
+REORDERED = "-fassociative-math -fno-signed-zeros -fno-trapping-math"
+REFUSED = [
+    ("gcc", "-ffast-math"),
+    ("gcc", "-Ofast"),
+    ("gcc", "-ffinite-math-only"),
+    ("gcc", "-Ofast -fno-finite-math-only"),
+    ("gcc", "-funsafe-math-optimizations"),
+    ("gcc", REORDERED),
+    ("gcc", "-fno-signed-zeros"),
+    ("gcc", "-fsingle-precision-constant"),
+    ("gcc", "-D_M_FP_FAST"),  # what MSVC defines under /fp:fast
+    ("clang", "-ffast-math"),
+    ("clang", "-Ofast"),
+    ("clang", "-ffinite-math-only"),
+]
+# A compiler that defines no macro for its flags; -U takes them away here.
+BLIND = "-U__ASSOCIATIVE_MATH__ -U__NO_SIGNED_ZEROS__"
+FOUND = [
+    ("gcc", f"-O2 -fno-signed-zeros {BLIND}", 2),
+    ("gcc", f"-O3 {REORDERED} {BLIND} -DNO_BARRIER", 3),
+    ("clang", "-O2 -fno-honor-nans -fno-signed-zeros", 2),
+]
+RIGHT = [
+    ("gcc", "-O2 -m32"),
+    ("gcc", "-O0 -m32"),
+    ("gcc", "-O2 -m32 -std=c99"),
+    ("gcc", "-O3 -m32 -march=i386"),
+    ("gcc", "-O2 -m32 -msse2 -mfpmath=sse"),
+    ("gcc", "-O2 -mfpmath=387"),
+    ("gcc", "-O2 -frounding-math -fsignaling-nans"),
+    ("gcc", "-O3 -march=native -ffp-contract=fast -freciprocal-math -fno-trapping-math -fno-math-errno"),
+    ("gcc", "-O3 -march=native -mno-fma"),
+    ("clang", "-O2 -m32"),
+    ("clang", f"-O2 {REORDERED}"),
+    ("clang", "-O3 -funsafe-math-optimizations"),
+    ("clang", "-Ofast -fno-finite-math-only"),
+    ("clang", "-O3 -march=native -ffp-contract=fast -freciprocal-math -fapprox-func"),
+    ("clang", "-O2 -frounding-math"),
+]
+QUICK = [("gcc", "-O2 -m32"), ("gcc", "-O2 -m32 -std=c99"), ("clang", f"-O2 {REORDERED}")]
+
+
+def named(build: tuple) -> str:
+    return " ".join(map(str, build[:2])).replace(BLIND, "blind")
+
+
+def compiled(build: tuple, folder: Path, target: Path) -> subprocess.CompletedProcess[str]:
+    compiler, flags = build[:2]
+    command = [
+        require_compiler(compiler),
+        *flags.split(),
+        "-shared",
+        "-fPIC",
+        str(folder / "iiwa14.c"),
+        "-o",
+        str(target),
+    ]
+    return subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("build", REFUSED, ids=named)
+def test_refused(build, robot_folder, tmp_path):
+    done = compiled(build, robot_folder, tmp_path / "robot.so")
+    assert done.returncode != 0
+    assert "compile without" in done.stderr or "constants_must_be_doubles" in done.stderr
+
+
+@pytest.mark.parametrize("build", FOUND, ids=named)
+def test_found_by_the_self_check(build, robot_folder, tmp_path):
+    folder = tmp_path
+    text = (robot_folder / "iiwa14.c").read_text()
+    if "NO_BARRIER" in build[1]:  # the code as it would be without what makes it independent of the order of sums
+        text = text.replace("__asm__", "(void)").replace('(void)("" : "+x"(x))', "(void)0")
+        text = text.replace("halved.bits = turns.bits - 0x0010000000000000ULL;", "halved.number = 0.5 * turns.number;")
+    (folder / "iiwa14.c").write_text(text)
+    (folder / "iiwa14.h").write_text((robot_folder / "iiwa14.h").read_text())
+    done = compiled(build, folder, tmp_path / "robot.so")
+    assert done.returncode == 0, done.stderr
+    assert ctypes.CDLL(str(tmp_path / "robot.so")).iiwa14_self_check() == build[2]
+
+
+@pytest.mark.parametrize(
+    "build",
+    [pytest.param(build, marks=[] if build in QUICK else [pytest.mark.slow]) for build in RIGHT],
+    ids=[named(build) for build in RIGHT],
+)
+def test_right(build, robot_folder, golden, tmp_path):
+    """Golden values, NaN for infinity, and the self-check agrees."""
+    compiler, flags = build
+    if "-m32" in flags:
+        require_32_bits(require_compiler(compiler))
+    arguments = [(s.q, s.wrench, s.task_stiffness) for s in golden]
+    calls = [("hybrid_joint_stiffness", given, 49) for given in arguments]
+    q, wrench, stiffness = arguments[0]
+    for value in (np.inf, -np.inf, np.nan):
+        calls.append(("hybrid_joint_stiffness", (np.where(np.arange(7) == 2, value, q), wrench, stiffness), 49))
+        calls.append(("hybrid_joint_stiffness", (q, np.where(np.arange(6) == 3, value, wrench), stiffness), 49))
+    # Too large for a double, not for a register of x87.
+    calls.append(("hybrid_joint_stiffness", (q, wrench, np.full((6, 6), 1.7e308)), 49))
+    found = run_kernels(robot_folder, "iiwa14", calls, compiler, "gnu99", flags.split(), tmp_path)
+    for sample, value in zip(golden, found, strict=False):
+        assert_close(value.reshape(7, 7), sample.by["hybrid"]["joint_stiffness"])
+    for value in found[len(golden) : -1]:
+        assert np.isnan(value).all()
+    assert not np.isinf(found[-1]).any()
+    assert np.isnan(found[-1]).any()
+    main = tmp_path / "check.c"
+    main.write_text('#include "iiwa14.h"\nint main(void) { return iiwa14_self_check(); }\n')
+    command = [compiler, *flags.split(), f"-I{robot_folder}", str(main), str(robot_folder / "iiwa14.c"), "-lm"]
+    subprocess.run([*command, "-o", str(tmp_path / "check")], check=True)
+    subprocess.run([str(tmp_path / "check")], check=True)
+
+
+def test_the_build_runs_the_self_check(tmp_path, monkeypatch):
+    """``stiffgen generate`` with a compiler that drops NaN unseen."""
+    clang = require_compiler("clang")
+    monkeypatch.setenv("CC", f"{clang} -fno-honor-nans -fno-signed-zeros")
+    with pytest.raises(stiffgen.BuildError, match=r"change its arithmetic \(self-check 2"):
+        stiffgen.generate(URDF, output=tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,103 @@
+"""What ``inspect`` says of the chains of a description."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stiffgen.cli import main
+from stiffgen.errors import ChainError
+from stiffgen.robot.reader import read_description
+from stiffgen.robot.survey import survey_tip
+from support.chains import ARM, INERTIAL, replaced
+
+LEG = (
+    f'<link name="leg">{INERTIAL}</link><joint name="hip" type="revolute"><parent link="base"/><child link="leg"/>'
+    "</joint></robot>"
+)
+FREE = '<link name="world"/><joint name="free" type="{}"><parent link="world"/><child link="base"/></joint></robot>'
+OTHER_LIMB = replaced(("</robot>", LEG))
+
+
+@pytest.fixture
+def described(tmp_path: Path):
+    def read(text: str):
+        (tmp_path / "arm.urdf").write_text(text)
+        return read_description(tmp_path / "arm.urdf")
+
+    return read
+
+
+def test_a_whole_chain_leaves_nothing_out(described):
+    survey = survey_tip(described(ARM), "finger")
+    assert (survey.base, survey.coordinates) == ("base", ("shoulder", "elbow", "grip"))
+    assert (survey.left_out, survey.hindrance) == ((), "")
+
+
+def test_what_rides_along_and_other_limbs(described):
+    survey = survey_tip(described(OTHER_LIMB), "hand")
+    assert survey.coordinates == ("shoulder", "elbow")
+    assert survey.left_out == (("rides along, held at zero", ("grip",)), ("on other limbs", ("hip",)))
+    assert survey_tip(described(OTHER_LIMB), "leg").left_out == (("on other limbs", ("shoulder", "elbow", "grip")),)
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_a_free_base_is_left_out(described, kind):
+    survey = survey_tip(described(replaced(("</robot>", FREE.format(kind)))), "finger")
+    assert (survey.base, len(survey.coordinates)) == ("base", 3)
+    assert survey.left_out == ((f"above the base, {kind}", ("free",)),)
+
+
+def test_joints_above_a_base(described):
+    survey = survey_tip(described(ARM), "finger", "lower")
+    assert survey.coordinates == ("grip",)
+    assert survey.left_out == (("above the base", ("shoulder", "elbow")),)
+
+
+def test_mimic_joints_are_no_coordinates(described):
+    text = replaced(('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="elbow"/>'))
+    assert survey_tip(described(text), "finger").coordinates == ("shoulder", "elbow")
+    assert survey_tip(described(text), "hand").left_out == ()
+
+
+def test_hindrances(described):
+    assert survey_tip(described(ARM), "base").hindrance == "no moving joint"
+    heavy = survey_tip(described(ARM.replace('izz="0.03"', 'izz="0.5"', 1)), "finger")
+    assert heavy.hindrance.startswith("only with --no-masses: link 'upper'") and len(heavy.coordinates) == 3
+    bent = survey_tip(described(replaced(('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>'))), "finger")
+    assert bent.hindrance.startswith("refused: joint 'elbow'") and bent.coordinates == ()
+    for tip, base in (("foot", None), ("finger", "foot")):
+        with pytest.raises(ChainError, match="foot"):
+            survey_tip(described(ARM), tip, base)
+
+
+def test_the_command_shows_parents_tips_and_what_is_left_out(tmp_path, capsys):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(OTHER_LIMB.replace("</robot>", FREE.format("floating")))
+    assert main(["inspect", str(urdf)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    words = {line.split(" ")[0]: line for line in lines}
+    assert "upper" in words["elbow"] and "lower" in words["elbow"]  # parent and child
+    assert "3: shoulder, elbow, grip" in words["finger"] and "above the base, floating: 1 (free)" in words["finger"]
+    assert any("on other limbs: 1 (hip)" in line for line in lines)
+    assert main(["inspect", str(urdf), "--tip", "hand"]) == 0
+    out = capsys.readouterr().out
+    assert "2: shoulder, elbow" in out and "rides along, held at zero: 1 (grip)" in out and "1: hip" not in out
+    assert main(["inspect", str(urdf), "--tip", "foot"]) == 2
+    assert "foot" in capsys.readouterr().err
+
+
+def test_generate_warns_of_what_is_beside_the_chain(tmp_path, capsys):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        OTHER_LIMB.replace('<joint name="hip" type="revolute">', '<joint name="hip" type="revolute"><orgin/>')
+    )
+    assert main(["generate", str(urdf), "--tip", "finger", "--no-build", "--output", str(tmp_path)]) == 0
+    warnings = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+    assert len(warnings) == 1
+    assert warnings[0].startswith(
+        "stiffgen: warning: arm.urdf: beside the chain, without effect on it: joint 'hip': <orgin>"
+    )
+    assert main(["inspect", str(urdf)]) == 1
+    assert "did you mean <origin>?" in capsys.readouterr().out
