@@ -2,7 +2,7 @@
 int {{ name }}_self_check(void)
 {
     int wrong = 0;
-{% if calls("sine_cosine") %}
+{% if "sine_cosine" in calls or "sine_cosine" in batch_calls %}
     static const volatile double angles[8]
         = {0.5, -1.0, 8.0, 3.141592653589793, 45.553093477052, 347.93138638506974, -1234.5, -9999.5};
     static const double sines[8] = {0.479425538604203, -0.8414709848078965, 0.9893582466233818, 1.2246467991473532e-16,
