@@ -528,6 +528,10 @@ class _KernelPrinter:
         """C text of a call of a helper (templates/macros.j2)."""
         name = helper + self.target.suffix
         self.calls.add(name)
+        if helper == "copy_finite":
+            self.calls.add(self.target.guard)
+        if helper.startswith("sum_") and self.target.number != self.target.scalar:
+            self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
     @property

@@ -116,8 +116,7 @@ def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> 
         "batch_shared": [_shared(BATCH, scope, function) for scope, function in batch.shared],
         "batches": [_batch(name, kernel, function) for kernel, function in batch.kernels],
         "targets": {"single": SINGLE, "batch": BATCH, "cuda": CUDA},
-        "calls": single.calls,
-        "batch_calls": batch.calls,
+        "calls": single.calls | batch.calls,
     }
 
 
