@@ -18,7 +18,8 @@ from support.project import ROOT, URDF
 
 FILES = {
     "iiwa14.h", "iiwa14.c", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_python.c", "CMakeLists.txt",
-    "__init__.py", "__init__.pyi", "impedance.py", "py.typed", "README.md", "pyproject.toml", "manifest.json",
+    "__init__.py", "__init__.pyi", "impedance.py", "impedance.pyi", "py.typed", "README.md",
+    "pyproject.toml", "manifest.json",
 }  # fmt: skip
 
 
@@ -76,7 +77,7 @@ def test_sine_and_cosine_once_a_joint(robot_folder):
     """Each function body takes the sines and cosines of all joints in one call, of each angle once."""
     source = (robot_folder / "iiwa14.c").read_text()
     definition = source.index("void sine_cosine(")
-    kernels = source[source.index("\n}\n", definition) :]
+    kernels = source[source.index("\n}\n", definition) : source.index("int iiwa14_self_check(")]
     found = 0
     for body in kernels.split("\n}\n"):
         calls = body.count("sine_cosine(")
@@ -205,21 +206,64 @@ def test_unwritable_output(tmp_path):
         stiffgen.generate(URDF, output=tmp_path / "file", build=False)
 
 
-def test_stubs_type_check(robot_folder, tmp_path):
-    """A caller's annotations are checked against the stubs."""
+USER_SCRIPT = """\
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import iiwa14
+
+q, F, K = np.zeros(iiwa14.DOF), np.zeros(6), np.eye(6)
+Kq: NDArray[np.float64] = iiwa14.hybrid.joint_stiffness(q, F, K)
+Kq = iiwa14.body.joint_stiffness(q=q, wrench=[0, 0, 0, 0, 0, 1], task_stiffness=K, out=np.empty((7, 7)))
+pose = iiwa14.forward_kinematics(q)
+names: tuple[str, ...] = iiwa14.JOINTS
+print(iiwa14.LOWER, iiwa14.TIP, iiwa14.hybrid.jacobian.signature, pose, names)
+controller = iiwa14.Impedance(sample_time=0.001, record=10)
+out = controller.step(q=q, dq=np.zeros(7))
+torque: NDArray[np.float64] = out.torque
+if out.status & iiwa14.Status.NON_FINITE:
+    print(controller.config.sample_time)
+wrong: str = iiwa14.hybrid.jacobian(q)  # ERROR
+iiwa14.hybrid.joint_stifness(q, F, K)  # ERROR
+iiwa14.hybrid.joint_stiffness(q, wrnch=F, task_stiffness=K)  # ERROR
+iiwa14.hybrid.jacobian(q, otu=Kq)  # ERROR
+iiwa14.Impedence()  # ERROR
+iiwa14.Impedance(sample_tme=0.001)  # ERROR
+out.torqe  # ERROR
+iiwa14.Status.NON_FINIT  # ERROR
+controller.step(qq=q)  # ERROR
+"""
+
+
+def test_mypy_finds_a_misspelt_name_and_nothing_else(robot_folder, tmp_path):
+    """Strict, on a user's script beside the folder; the stubs themselves are clean, too."""
     shutil.copytree(robot_folder, tmp_path / "iiwa14")
-    (tmp_path / "caller.py").write_text(
-        "import numpy as np\nimport iiwa14\n"
-        "Kq: np.ndarray = iiwa14.hybrid.joint_stiffness(np.zeros(7), np.zeros(6), np.eye(6))\n"
-        "n: int = iiwa14.DOF\n"
-        "wrong: str = iiwa14.hybrid.jacobian(np.zeros(7))\n"
-        "iiwa14.hybrid.no_such_kernel\n"
-    )
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "caller.py"]
+    (tmp_path / "script.py").write_text(USER_SCRIPT)
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "script.py", "iiwa14/__init__.pyi"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    errors = [line for line in done.stdout.splitlines() if ": error:" in line and "caller.py" in line]
-    assert len(errors) == 2, done.stdout
-    assert "caller.py:5" in errors[0] and "no_such_kernel" in errors[1]
+    errors = [line for line in done.stdout.splitlines() if ": error:" in line]
+    wrong = [k for k, line in enumerate(USER_SCRIPT.splitlines(), 1) if line.endswith("# ERROR")]
+    assert sorted({int(error.split(":")[1]) for error in errors if error.startswith("script.py")}) == wrong, done.stdout
+    assert all(error.startswith("script.py") for error in errors), done.stdout
+
+
+def test_an_old_compiled_module_is_not_used(robot_folder, tmp_path):
+    """Sources made anew, for another tool, beside a module that was compiled before; and where that one is loaded."""
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(robot_folder, folder)
+    stiffgen.generate(URDF, output=tmp_path / "new", build=False, tool=stiffgen.Tool(xyz=(0, 0, 0.1)))
+    code = (
+        "import importlib, shutil, iiwa14\n"
+        "shutil.copytree('new/iiwa14', 'iiwa14', dirs_exist_ok=True)\n"
+        "importlib.reload(iiwa14)\n"
+    )
+    for each in (code, "import iiwa14"):
+        command = [sys.executable, "-c", each]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert "ImportError: iiwa14: its C module was compiled from other sources" in done.stderr
 
 
 def test_dtype_and_shape_of_a_call(robot):

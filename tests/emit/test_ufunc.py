@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
+import pydoc
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -50,6 +53,81 @@ def test_signature_and_documentation(kernel, chain, robot):
     for argument in (*kernel.arguments, *kernel.results):
         assert f"[{argument.unit}]" in ufunc.__doc__
     assert pickle.loads(pickle.dumps(ufunc)) is ufunc
+
+
+def as_tuple(results):
+    return results if isinstance(results, tuple) else (results,)
+
+
+def same(one, other):
+    return all(map(np.array_equal, as_tuple(one), as_tuple(other)))
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
+def test_arguments_by_name(kernel, chain, robot, samples):
+    """In any order, some or all of them; with NumPy's own keywords; for stacks and single calls; the names told."""
+    ufunc = kernels_of(robot, chain)[kernel.qualified_name]
+    stacks, names = arguments(kernel, samples), [argument.name for argument in kernel.arguments]
+    expected = ufunc(*stacks)
+    named = dict(zip(names, stacks, strict=True))
+    for count in range(len(names)):
+        rest = dict(reversed([(name, named[name]) for name in names[count:]]))
+        out = tuple(map(np.empty_like, as_tuple(expected)))
+        assert same(ufunc(*stacks[:count], **rest), expected)
+        found = as_tuple(ufunc(*stacks[:count], out=out, casting="same_kind", **rest))
+        assert all(one is other for one, other in zip(found, out, strict=True))
+        assert same(out, as_tuple(expected))
+    computed = {"".join(list(name)): array[0] for name, array in named.items()}  # names that are not interned
+    assert same(ufunc(**computed), ufunc(*(array[0] for array in stacks)))
+    assert list(inspect.signature(ufunc).parameters) == [*names, "out", "options"]
+    assert ufunc.__doc__.startswith(f"{kernel.qualified_name}({', '.join(names)}, *, out=None, **options)\n\n")
+    assert repr(samples.q.dtype) and ufunc.__name__ == kernel.qualified_name
+
+
+def test_wrong_names(robot, samples):
+    q, wrench, stiffness = samples.q[0], samples.wrench[0], samples.task_stiffness[0]
+    function = robot.hybrid.joint_stiffness
+    for call, words in (
+        (
+            lambda: function(q, wrnch=wrench, task_stiffness=stiffness),
+            "lacks 'wrench'; its arguments are q, wrench, task",
+        ),
+        (lambda: function(q, wrench, q=q), "several values for 'q'"),
+        (lambda: function(q, wrench, stiffness, wrench=wrench), "several values for 'wrench'"),
+        (lambda: function(q, wrench, stiffness, wrnch=wrench), "unexpected keyword argument 'wrnch'"),
+        (lambda: function(task_stiffness=stiffness), "lacks 'q'"),
+        (lambda: function(q=q), "lacks 'wrench'"),
+        (lambda: function(q, wrench, stiffness, **{f"x{k}": 1 for k in range(40)}), "unexpected keyword"),
+        (lambda: function(q, **{f"x{k}": 1 for k in range(40)}, wrench=wrench, task_stiffness=stiffness), "argument"),
+        (lambda: function(), "arguments"),
+    ):
+        with pytest.raises(TypeError, match=words):
+            call()
+
+
+def test_a_call_by_name_keeps_no_reference(robot, samples):
+    q, wrench, stiffness = samples.q[0].copy(), samples.wrench[0].copy(), samples.task_stiffness[0].copy()
+    out = np.empty((7, 7))
+    before = [sys.getrefcount(array) for array in (q, wrench, stiffness, out)]
+    for _ in range(100):
+        robot.hybrid.joint_stiffness(q, task_stiffness=stiffness, out=out, wrench=wrench)
+        with pytest.raises(TypeError):
+            robot.hybrid.joint_stiffness(q, task_stiffness=stiffness, wrench=wrench, otu=out)
+    assert [sys.getrefcount(array) for array in (q, wrench, stiffness, out)] == before
+
+
+def test_help_is_for_a_reader(robot):
+    text = pydoc.plain(pydoc.render_doc(robot))
+    for line in (
+        "joint_stiffness(q, wrench, task_stiffness) -> (7, 7)",
+        "body, spatial, hybrid",
+        "LOWER, UPPER, VELOCITY",
+    ):
+        assert line in text
+    assert "joint_stiffness(q, wrench, task_stiffness)\n" in pydoc.plain(pydoc.render_doc(robot.hybrid))
+    assert "SimpleNamespace" not in text
+    assert repr(robot.hybrid).startswith("<iiwa14.hybrid: jacobian, ")
+    assert set(vars(robot.hybrid)) == {kernel.name for kernel in KERNELS if kernel.group == "hybrid"}
 
 
 @every_result

@@ -258,6 +258,26 @@ REFUSED_BESIDE = {
     "mimics in a circle off zero": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="grip" offset="0.1"/>')],
     "unreadable offset": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="ghost" offset="0,1"/>')],
     "misspelt offset": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" ofset="0.1"/>')],
+    "unknown type off zero": [
+        ('name="grip" type="prismatic"', 'name="grip" type="spherical"'),
+        (GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" offset="0.1"/>'),
+    ],
+    "unknown type of its master off zero": [
+        (GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="crank"/>'),
+        (
+            "</robot>",
+            '<link name="disc"/><joint name="crank" type="wheel"><parent link="base"/><child link="disc"/>'
+            '<mimic joint="elbow" offset="0.1"/></joint></robot>',
+        ),
+    ],
+    "misspelt mimic of its master": [
+        (GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="crank"/>'),
+        (
+            "</robot>",
+            '<link name="disc"/><joint name="crank" type="revolute"><parent link="base"/><child link="disc"/>'
+            '<mimik joint="elbow" offset="0.1"/></joint></robot>',
+        ),
+    ],
     "bad multiplier off zero": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" multiplier="two" offset="0.1"/>')],
 }
 
@@ -280,7 +300,7 @@ def test_problems_beside_the_chain_are_warned_of(read, name, tmp_path):
 @pytest.mark.parametrize("name", REFUSED_BESIDE)
 def test_problems_of_what_rides_on_the_chain_are_refused(read, name):
     description = read(replaced(*REFUSED_BESIDE[name]))
-    with pytest.raises(DescriptionError, match="grip"):
+    with pytest.raises(DescriptionError, match=r"grip|crank"):
         chain_between(description, HAND)
     assert chain_between(description, replace(HAND, masses=False)).dof == 2
 

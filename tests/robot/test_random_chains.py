@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 
 from stiffgen.check.verify import References, as_results, check_kernels
 from stiffgen.errors import StiffgenError
-from stiffgen.robot.chain import Chain, ChainOptions, chain_between
+from stiffgen.robot.chain import Chain, ChainOptions, chain_between, select
 from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
@@ -95,3 +97,39 @@ def test_the_generator_makes_every_kind_of_robot(file):
         "revolute", "continuous", "prismatic", "mimic", "master off the chain", "odd axis", "base inside", "tip inside",
         "massless", "many",
     }  # fmt: skip
+
+
+NAMES = re.compile(
+    r"(?<=[< ])(axis|effort|inertia|ixx|limit|lower|mass|mimic|multiplier|offset|origin|rpy|type|upper|value|velocity"
+    r"|xyz)"
+    r"(?=[ =>])"
+)
+BREAKS = {  # what is broken, and by what
+    "misspelt": (NAMES, lambda found: found[:-2] + found[:-3:-1]),
+    "no number": (re.compile(r'(?<==)"-?[0-9.][^"]*"'), lambda found: '"x"'),
+    "type": (re.compile(r'(?<=type=)"[a-z]+"'), lambda found: '"wheel"'),
+    "mimic": (re.compile(r'(?<=<mimic joint=)"[^"]*"'), lambda found: '"ghost"'),
+}
+
+
+@pytest.mark.parametrize("kind", BREAKS)
+def test_a_fault_refuses_the_chain_or_does_not_change_it(kind, file):
+    """Whatever is broken in a sound robot: a chain that is given all the same is the sound one."""
+    pattern, broken = BREAKS[kind]
+    random = Plain(len(kind))
+    refused = beside = 0
+    for seed in range(60, 75):
+        robot = random_robot(Plain(seed), 5)
+        text, options = robot.text, ChainOptions(tip=robot.tip, base=robot.base)
+        sound = chain_of(robot, file)
+        for found in (random.pick(list(pattern.finditer(text))) for _ in range(3) if pattern.search(text)):
+            file.write_text(text[: found.start()] + broken(found[0]) + text[found.end() :])
+            try:
+                description = read_description(file)
+                selection, chain = select(description, options), chain_between(description, options)
+            except StiffgenError:
+                refused += 1
+                continue
+            beside += bool(selection.beside)
+            assert replace(chain, digest="") == replace(sound, digest=""), (found, text)
+    assert refused and beside

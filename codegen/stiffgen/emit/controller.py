@@ -52,6 +52,7 @@ def controller_files(name: str, chain: Chain) -> dict[str, str]:
         f"{name}_impedance.h": "impedance.h.j2",
         f"{name}_impedance.c": "impedance.c.j2",
         "impedance.py": "impedance.py.j2",
+        "impedance.pyi": "impedance.pyi.j2",
     }
 
 

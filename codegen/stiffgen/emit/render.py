@@ -23,6 +23,8 @@ from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
 from stiffgen.symbolic.program import Array
 
+_SOURCES = "@digest of the C sources@"
+
 
 def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
     """The files of a robot's folder by name.
@@ -60,9 +62,17 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         for file, template in files.items()
     }
     texts["py.typed"] = ""
+    texts = _with_sources(texts)
     signed = {k.qualified_name: (k.signature(chain), f.operations) for k, f in single.kernels}
     texts[MANIFEST] = manifest_text(chain, name, signed, texts)
     return texts
+
+
+def _with_sources(texts: dict[str, str]) -> dict[str, str]:
+    """The digest of the C sources, put where compiled module and Python file have it to find out that they differ."""
+    sources = "".join(text for file, text in sorted(texts.items()) if file.endswith((".c", ".h")))
+    digest = hashlib.sha256(sources.encode()).hexdigest()[:16]
+    return {file: text.replace(_SOURCES, digest) for file, text in texts.items()}
 
 
 def _environment() -> jinja2.Environment:
@@ -98,6 +108,7 @@ def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> 
             f"(SHA-256 {chain.digest[:16]}); {total.total} operations in {len(kernels)} functions. Do not edit."
         ),
         "name": name,
+        "sources": _SOURCES,
         "macro": name.upper(),
         "version": __version__,
         "compatible": ".".join(__version__.split(".")[:2]),
@@ -111,6 +122,7 @@ def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> 
         "shared": [_shared(SINGLE, scope, function) for scope, function in single.shared],
         "kernels": kernels,
         "groups": _groups(kernels),
+        "overview": _overview(kernels),
         "public": list(dict.fromkeys(k["tip"] or k["group"] or k["name"] for k in kernels)),
         "argument_lists": list(dict.fromkeys((tuple(k["inputs"]), len(k["outputs"])) for k in kernels)),
         "batch_shared": [_shared(BATCH, scope, function) for scope, function in batch.shared],
@@ -267,6 +279,29 @@ def _groups(kernels: list[dict[str, Any]]) -> list[dict[str, Any]]:
         }
         for tip, group in keys
     ]
+
+
+def _overview(kernels: list[dict[str, Any]]) -> list[str]:
+    """The functions for a reader, those of groups that have the same ones once: call, shape and meaning."""
+    groups = {(g["tip"], g["group"]): _calls(g["kernels"]) for g in _groups(kernels)}
+    lines: list[str] = []
+    for calls in dict.fromkeys(groups.values()):
+        places = [".".join(filter(None, key)) for key, each in groups.items() if each == calls]
+        if places != [""]:
+            lines.append(", ".join(place or "here" for place in places))
+        lines += [line if places == [""] else f"    {line}" for line in calls]
+    return lines
+
+
+def _calls(kernels: list[dict[str, Any]]) -> tuple[str, ...]:
+    """Two lines a function; words on the representation are left to the groups' names."""
+    lines: list[str] = []
+    for kernel in kernels:
+        shapes = kernel["signature"].partition("->")[2].replace(",", ", ").replace("),", "),")
+        lines.append(f"{kernel['name']}({', '.join(kernel['inputs'])}) -> {shapes}")
+        summary = kernel["summary"].replace(f"in {kernel['group']} representation", "in the representation named above")
+        lines.append(f"    {summary}")
+    return tuple(lines)
 
 
 def _scope(scope: Scope) -> dict[str, Any]:

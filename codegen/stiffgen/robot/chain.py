@@ -652,7 +652,8 @@ def _beside(
         "bounds": coordinates,
         "motion": coordinates | {f"joint {element.name}" for element in elements} | displaced,
     }
-    used["place"] = used["motion"] | {f"joint {element.name}" for element in held}
+    # A held joint stands where its masters say: a misspelt <mimic> of these would move it.
+    used["place"] = used["motion"] | _followed(description, [*elements, *held])
     used["place"] |= {f"link {link}" for links in carried.values() for link, _ in links}
     refusing = [problem.text for problem in description.problems if problem.element in used[problem.affects]]
     if refusing:

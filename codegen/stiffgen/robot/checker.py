@@ -85,7 +85,7 @@ class Checker:
         kind = element.get("type")
         if kind not in JOINT_TYPES:
             said = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
-            yield Problem(this, f"{title} {said}; valid types: {', '.join(JOINT_TYPES)}", "motion")
+            yield Problem(this, f"{title} {said}; valid types: {', '.join(JOINT_TYPES)}", self._unless_at_zero(name))
         yield from self._spelling(this, element)
         ends = {}
         for tag in ("parent", "child"):
@@ -180,8 +180,11 @@ class Checker:
             elif self.joints[master].get("type") not in (*MOVING_TYPES, "fixed"):
                 wrong = f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
             if wrong:
-                standing = master not in self.broken_mimics - self.standing_mimics
-                if standing and all(self._follows_without_offset(joint) for joint in followed):
+                if master in self.broken_mimics:
+                    standing = master in self.standing_mimics
+                else:
+                    standing = master in followed or self._at_zero(master)
+                if standing and all(map(self._has_no_offset, followed)):
                     self.standing_mimics.update(followed)
                 self.broken_mimics.update(followed)
                 affects: Affects = "motion" if name in self.standing_mimics else "place"
@@ -195,10 +198,24 @@ class Checker:
             mimic = self.joints[master].find("mimic") if moves else None
         self.sound_mimics.update(followed)
 
-    def _follows_without_offset(self, joint: str) -> bool:
+    def _at_zero(self, joint: str) -> bool:
+        """Whether a joint and all that it may be meant to follow stand at zero: no <mimic> among them has an offset."""
+        seen: set[str] = set()
+        while joint in self.joints and joint not in seen and self.joints[joint].get("type") != "fixed":
+            if not self._has_no_offset(joint):
+                return False
+            seen.add(joint)
+            mimic = self.joints[joint].find("mimic")
+            joint = "" if mimic is None else mimic.get("joint", "")
+        return True
+
+    def _has_no_offset(self, joint: str) -> bool:
         mimic = self.joints[joint].find("mimic")
         offset = "0" if mimic is None else mimic.get("offset", "0").strip()
         return bool(_NUMBER.match(offset)) and float(offset) == 0
+
+    def _unless_at_zero(self, joint: str) -> Affects:
+        return "motion" if self._at_zero(joint) else "place"
 
     def _link(self, name: str, element: etree._Element) -> Iterator[Problem]:
         this, title = f"link {name}", f"link '{printable(name)}'"

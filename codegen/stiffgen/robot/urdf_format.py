@@ -101,8 +101,7 @@ def faults(element: etree._Element) -> Iterator[Fault]:
 
 def misspelt_in_robot(robot: etree._Element) -> Iterator[str]:
     """Elements of the robot itself that look like a link or joint and are none."""
-    for child in robot:
-        name = str(child.tag)
+    for name in dict.fromkeys(str(child.tag) for child in robot):
         nearest = max(_IN_A_ROBOT, key=lambda known: _likeness(name, known))
         if name not in _IN_A_ROBOT and not _prefixed(name) and _likeness(name, nearest) > 0.7:
             yield f"<{printable(name)}> is no element of <robot>; did you mean <{nearest}>?"
