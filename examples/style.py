@@ -1,52 +1,5 @@
-"""How every figure of the examples looks: one style, one colour for one meaning, ink in the colour of the page."""
+"""How every figure of the examples looks: as those of ``stiffgen analyze``."""
 
-from __future__ import annotations
+from stiffgen.analyze.style import AXES, CONVENTIONAL, CORRECTED, INK, POTENTIAL, SHADES, STYLE, themed_svg
 
-import io
-from typing import Any
-
-from matplotlib.figure import Figure
-
-INK = "#010203"  # stands for the page's text colour until the SVG is written
-CORRECTED, CONVENTIONAL, POTENTIAL = "#1f8fd6", "#e0702a", "#2fa36b"
-"""The laws: the paper's stiffness blue, the conventional one orange, the gradient of an energy green."""
-AXES = ("#b35fc9", "#c9a227", "#6f8fa3")
-"""x, y and z, or whatever else comes in threes and is no law."""
-SHADES = (*AXES, "#d6456b", "#4fb0a5", "#8a7ff0", "#9a6b4f")
-"""Of the seven joints."""
-STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "stiffgen",  # the same bytes every time
-    "font.family": "sans-serif",
-    "font.size": 9,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "axes.titlecolor": INK,
-    "axes.titlesize": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": INK,
-    "grid.alpha": 0.15,
-    "grid.linewidth": 0.6,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "lines.linewidth": 1.2,
-    "legend.frameon": False,
-    "path.simplify_threshold": 0.6,
-}
-THEME = (
-    "<style>svg{color:#1f2328;background:#ffffff}"
-    "@media(prefers-color-scheme:dark){svg{color:#e6edf3;background:#0d1117}}</style>"
-)
-
-
-def themed_svg(figure: Figure) -> str:
-    """SVG text of a figure drawn with STYLE, in the colours of the page it is on."""
-    text = io.StringIO()
-    figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
-    opening = svg.index(">") + 1
-    return svg[:opening] + "\n " + THEME + svg[opening:]
+__all__ = ["AXES", "CONVENTIONAL", "CORRECTED", "INK", "POTENTIAL", "SHADES", "STYLE", "themed_svg"]

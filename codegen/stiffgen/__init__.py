@@ -10,12 +10,15 @@ from stiffgen.errors import (
     EmptyRecordingError,
     MissingExtraError,
     OutputError,
+    PotentialError,
     RecordingError,
     StiffgenError,
 )
 from stiffgen.generate import generate
 from stiffgen.robot.chain import Chain, Tool, load_chain
 from stiffgen.symbolic.model import StiffnessModel
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import Placement
 
 __all__ = [
     "Analysis",
@@ -27,7 +30,10 @@ __all__ = [
     "EmptyRecordingError",
     "MissingExtraError",
     "OutputError",
+    "Placement",
+    "PotentialError",
     "RecordingError",
+    "SpringOptions",
     "StiffgenError",
     "StiffnessModel",
     "Tool",

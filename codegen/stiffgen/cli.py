@@ -39,6 +39,8 @@ from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.survey import TipSurvey, survey_tip
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.potentials import SpringOptions, read_potential
+from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -209,6 +211,7 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="hold a joint [rad or m]; repeatable",
     )
+    _add_springs(command)
     tool = command.add_argument_group("tool", "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="functions take the tool's pose (4x4, in the tip) after q")
     tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
@@ -246,6 +249,42 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_analyze(commands)
     return parser
+
+
+def _add_springs(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("springs", "energies with torque and tangent, beside the one of every robot")
+    group.add_argument(
+        "--spring", choices=KINDS, action="append", default=[], help="another one (default: trace alone); repeatable"
+    )
+    group.add_argument(
+        "--potential",
+        metavar="FILE.py:FUNCTION",
+        action="append",
+        default=[],
+        help="your own U(p, R, parameters) of CasADi expressions; the file is run; repeatable",
+    )
+    group.add_argument(
+        "--translation-axes", choices=AXES, help="of the translation stiffness (default: base; coupled: equilibrium)"
+    )
+    group.add_argument(
+        "--rotation-axes", choices=AXES, default="equilibrium", help="of the rotation stiffness (default: equilibrium)"
+    )
+    group.add_argument(
+        "--spring-centre",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        default=(0.0, 0.0, 0.0),
+        help="centre of stiffness in the tip's frame [m] (default: its origin)",
+    )
+
+
+def _springs(options: argparse.Namespace) -> SpringOptions:
+    x, y, z = options.spring_centre
+    if not all(map(math.isfinite, (x, y, z))):
+        raise StiffgenError("--spring-centre must be three finite numbers")
+    placement = Placement(options.translation_axes, options.rotation_axes, (x, y, z))
+    return SpringOptions(tuple(options.spring), placement, tuple(map(read_potential, options.potential)))
 
 
 def _add_analyze(commands: Any) -> None:
@@ -371,6 +410,7 @@ def _generate(options: argparse.Namespace) -> int:
             build=not options.no_build,
             masses=not options.no_masses,
             cuda=options.cuda,
+            springs=_springs(options),
             force=options.force,
             progress=progress,
         )
@@ -543,12 +583,15 @@ def _analyze(options: argparse.Namespace) -> int:
         except EmptyRecordingError as error:
             print(f"stiffgen: {error}", file=sys.stderr)
             return 1
-    table = Table(show_edge=False, pad_edge=False)
-    for column in TABLE_HEAD:
-        table.add_column(column, justify="left" if column in ("quantity", "unit", "least at", "most at") else "right")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    shown = [k for k, column in enumerate(TABLE_HEAD) if column not in ("mean", "least at", "most at")]
+    for column in (TABLE_HEAD[k] for k in shown):
+        words = column in ("quantity", "unit")
+        table.add_column(column, justify="left" if words else "right", no_wrap=column != "quantity")
     for row in table_rows(analysis.summary):
-        table.add_row(*map(escape, row))
-    _table_console().print(table)
+        table.add_row(*(escape(row[k]) for k in shown))
+    console = _Console(highlight=False)
+    (console if console.is_terminal else _Console(highlight=False, width=80)).print(table)
     print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
     for line in recording_warnings(analysis.recording, analysis.result):
         print(f"stiffgen: warning: {line}", file=sys.stderr)

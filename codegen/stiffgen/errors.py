@@ -66,6 +66,10 @@ class ChainError(StiffgenError):
     """The description is sound, but the chain asked for does not exist or cannot be used."""
 
 
+class PotentialError(StiffgenError):
+    """A spring or a user's potential is refused."""
+
+
 class OutputError(StiffgenError):
     """The folder to write cannot be written, or holds something that stiffgen did not write."""
 

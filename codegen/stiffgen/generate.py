@@ -12,6 +12,7 @@ from stiffgen.errors import OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
 from stiffgen.names import checked_identifier, identifier
 from stiffgen.robot.chain import Chain, ChainOptions, Tool, read_chain
+from stiffgen.symbolic.potentials import SpringOptions
 
 
 def generate(
@@ -28,6 +29,7 @@ def generate(
     masses: bool = True,
     cuda: bool = False,
     force: bool = False,
+    springs: SpringOptions | None = None,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -48,6 +50,7 @@ def generate(
         masses: False ignores all masses of the file and leaves the mass matrix out.
         cuda: also write NAME.cu and NAME_cuda.h, CUDA for the functions that have a batch.
         force: replace a folder although what its users call changes: joints, base, tips, or the arguments of functions.
+        springs: springs beyond the default one, their axes and centre, and potentials of your own.
         progress: called with a few words before each step.
 
     Returns:
@@ -58,6 +61,7 @@ def generate(
             long for it.
         OutputError: the folder cannot be written, something else stands in its place, or the robot in it has other
             joints, tips or arguments (``force`` replaces it).
+        PotentialError: a spring or potential is refused.
         BuildError: the C code did not compile.
 
     """
@@ -74,7 +78,7 @@ def generate(
     if not force:
         refuse_another_robot(target, chain)
     progress(f"deriving and printing the kernels of {name}")
-    texts = render(chain, name, cuda=cuda)
+    texts = render(chain, name, cuda=cuda, options=springs)
     with swapped_in(target) as staging:
         for file, text in texts.items():
             (staging / file).write_text(text, encoding="utf-8", newline="\n")

@@ -24,17 +24,18 @@ public:
     explicit VelocityFilter(double time_constant) : time_constant_(time_constant), known_(false)
     {
         for (int i = 0; i < JOINTS; ++i) {
-            last_[i] = velocity_[i] = 0.0;
+            last_[i] = quotient_[i] = velocity_[i] = 0.0;
         }
     }
 
-    /* elapsed [s] since the last position, > 0. */
+    /* elapsed [s] since the last position; 0: nobody knows, the velocity stays as it was. */
     void update(const double *q, double elapsed)
     {
         const double weight = time_constant_ > 0.0 ? -std::expm1(-elapsed / time_constant_) : 1.0;
         for (int i = 0; i < JOINTS; ++i) {
-            if (known_) {
-                velocity_[i] += weight * ((q[i] - last_[i]) / elapsed - velocity_[i]);
+            if (known_ && elapsed > 0.0) {
+                quotient_[i] = (q[i] - last_[i]) / elapsed;
+                velocity_[i] += weight * (quotient_[i] - velocity_[i]);
             }
             last_[i] = q[i];
         }
@@ -42,16 +43,18 @@ public:
     }
 
     const double *velocity() const { return velocity_; }
+    const double *quotient() const { return quotient_; } /* before the low pass */
 
 private:
     double time_constant_;
     bool known_;
-    double last_[JOINTS], velocity_[JOINTS];
+    double last_[JOINTS], quotient_[JOINTS], velocity_[JOINTS];
 };
 
 /*
- * The joint position to command in torque mode: the measured one through y = 0.8816 y' + 0.0592 (x + x'), x' and y' of
- * the sample before. Gain 1 at rest; it starts at the first position, so there is no transient to wait for.
+ * The joint position to command in torque mode: the measured one through a first-order low pass, exact for an input that
+ * is straight between samples. So it lags by the time constant, whatever the period and however long a gap was: at
+ * constant velocity v by v x the time constant. It starts at the first position; there is no transient to wait for.
  */
 class PositionFollower {
 public:
@@ -62,10 +65,13 @@ public:
         }
     }
 
-    void update(const double *q)
+    /* elapsed [s] since the last position, > 0. */
+    void update(const double *q, double elapsed)
     {
+        const double gone = -std::expm1(-elapsed / TIME_CONSTANT), mean = TIME_CONSTANT / elapsed * gone;
         for (int i = 0; i < JOINTS; ++i) {
-            output_[i] = known_ ? 0.8816 * output_[i] + 0.0592 * (q[i] + input_[i]) : q[i];
+            /* Towards the old input for the whole time, and towards its ramp to the new one. */
+            output_[i] = known_ ? output_[i] + gone * (input_[i] - output_[i]) + (1.0 - mean) * (q[i] - input_[i]) : q[i];
             input_[i] = q[i];
         }
         known_ = true;
@@ -75,6 +81,9 @@ public:
     const double *position() const { return output_; }
 
 private:
+    /* [s] That of the paper's filter at its period of 1 ms (7.95 samples), at every period. */
+    static constexpr double TIME_CONSTANT = 0.008;
+
     bool known_;
     double input_[JOINTS], output_[JOINTS];
 };

@@ -1,5 +1,11 @@
 #include "log.h"
 
+#include "robot.h"
+
+#include <poll.h>
+#include <unistd.h>
+
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
@@ -34,8 +40,11 @@ const char *state_name(int state)
     return state >= 0 && state < 5 ? states[state] : "unknown state";
 }
 
-Log::Log(Records &records, const std::string &path) : records_(records), file_(NULL), rows_(0), stop_(false)
+Log::Log(Records &records, const std::string &path, Question &question)
+    : records_(records), question_(question), asked_(false), events_(0), file_(NULL), rows_(0), stop_(false)
 {
+    std::fill(told_, told_ + EVENTS, -1e9);
+    std::fill(untold_, untold_ + EVENTS, 0);
     if (path.empty()) {
         return;
     }
@@ -55,7 +64,7 @@ Log::Log(Records &records, const std::string &path) : records_(records), file_(N
     for (const char *name : AFTER) {
         names(file_, name, JOINTS);
     }
-    std::fprintf(file_, ",quality,tracking,callback_time,events\n");
+    std::fprintf(file_, ",quality,tracking,pace,callback_time,events\n");
     std::fflush(file_); /* also: the buffer exists before the session */
 }
 
@@ -95,8 +104,53 @@ void Log::run()
         if (last) {
             return;
         }
+        ask();
         std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
+}
+
+/* The question, once, and the answer when there is one; nothing is waited for. */
+void Log::ask()
+{
+    if (question_.state() != Question::ASKED) {
+        return;
+    }
+    if (!asked_) {
+        std::printf("%s is %.2f rad from where the trajectory begins. The arm is held. Move there? [y/n] ",
+                    robot::joint(question_.joint()), question_.distance());
+        std::fflush(stdout);
+        asked_ = true;
+    }
+    struct pollfd terminal = {STDIN_FILENO, POLLIN, 0};
+    char line[80];
+    if (::poll(&terminal, 1, 0) == 1) {
+        const ssize_t count = ::read(STDIN_FILENO, line, sizeof line);
+        question_.answer(count > 0 && (line[0] == 'y' || line[0] == 'Y'));
+    }
+}
+
+void Log::tell(double time, std::uint32_t events)
+{
+    const double pause = 1.0;
+    for (int i = 0; i < EVENTS; ++i) {
+        const EventText &text = EVENT_TEXTS[i];
+        if ((events & ~events_ & text.bit) == 0) {
+            continue;
+        }
+        if (time - told_[i] < pause && time >= told_[i]) {
+            ++untold_[i];
+            continue;
+        }
+        std::printf("%10.3f s  %s: %s; %s", time, text.name, text.what, text.done);
+        if (untold_[i] > 0) {
+            std::printf(" (and %llu times before)", untold_[i]);
+        }
+        std::printf("\n");
+        std::fflush(stdout);
+        told_[i] = time;
+        untold_[i] = 0;
+    }
+    events_ = events;
 }
 
 void Log::write(const Record &record)
@@ -106,7 +160,8 @@ void Log::write(const Record &record)
         std::fflush(stdout);
         return;
     }
-    if (file_ == NULL) {
+    tell(record.time, record.events);
+    if (file_ == NULL || record.kind == Record::NOTE) {
         return;
     }
     std::fprintf(file_, "%.17g", record.time);
@@ -127,6 +182,7 @@ void Log::write(const Record &record)
     values(file_, record.external_torque, JOINTS);
     std::fprintf(file_, ",%d", record.quality);
     values(file_, &record.tracking, 1);
+    values(file_, &record.pace, 1);
     values(file_, &record.callback_time, 1);
     std::fprintf(file_, ",%lu\n", static_cast<unsigned long>(record.events));
     ++rows_;

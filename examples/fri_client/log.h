@@ -1,6 +1,8 @@
 #ifndef FRI_CLIENT_LOG_H
 #define FRI_CLIENT_LOG_H
 
+#include "events.h"
+#include "question.h"
 #include "record.h"
 
 #include <atomic>
@@ -11,12 +13,15 @@
 /* Name of a session state. */
 const char *state_name(int state);
 
-/* Writes what comes through the ring, in a thread of its own: a line on stdout for a change of state, a row of the CSV
- * file for a controller step. */
+/*
+ * Writes what comes through the ring, in a thread of its own: a line on stdout for a change of state and for an event, a
+ * row of the CSV file for a controller step. An event that goes on or comes back is told once a second, with a count.
+ * The same thread has the question to the person at the terminal.
+ */
 class Log {
 public:
     /* An empty path: no file. Throws std::runtime_error if the file cannot be made. */
-    Log(Records &records, const std::string &path);
+    Log(Records &records, const std::string &path, Question &question);
     ~Log();
 
     void start();
@@ -31,8 +36,17 @@ private:
     Log &operator=(const Log &);
     void run();
     void write(const Record &record);
+    void tell(double time, std::uint32_t events);
+    void ask();
+
+    enum { EVENTS = sizeof EVENT_TEXTS / sizeof *EVENT_TEXTS };
 
     Records &records_;
+    Question &question_;
+    bool asked_;
+    std::uint32_t events_;               /* of the record before */
+    double told_[EVENTS];                /* [s] when an event was told last */
+    unsigned long long untold_[EVENTS]; /* since then */
     std::FILE *file_;
     unsigned long long rows_;
     std::atomic<bool> stop_;

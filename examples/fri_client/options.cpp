@@ -19,7 +19,7 @@ const char HELP[] =
     "  --port N                 UDP port to listen on (30200)\n"
     "  --host ADDRESS           take datagrams from this IPv4 address alone, same port (anyone)\n"
     "  --timeout MS             silence of the robot that ends the session [ms] (1000)\n"
-    "  --wait S                 for the robot's first datagram [s] (60)\n"
+    "  --wait S                 for the robot's first usable message [s] (60)\n"
     "  --log FILE               controller steps, CSV\n"
     "  --summary FILE           closing figures, JSON\n"
     "  --sample-time S          refuse a robot with another send period [s] (take the robot's)\n"
@@ -28,17 +28,28 @@ const char HELP[] =
     "  --damping-ratio X        of every mode (0.7)\n"
     "  --joint-damping X        added to every joint [N m s/rad] (0.1)\n"
     "  --nullspace-stiffness X  added to every joint [N m/rad] (1)\n"
-    "  --effort-share X         of the robot's effort limits, 0 to 1 (1)\n"
+    "  --effort-share X         of the robot's effort limits, 0 to 1 (0.25; all of them: 1)\n"
+    "  --torque-rise S          least time from zero to that limit [s] (0.25; the least: 0.1)\n"
+    "  --speed-share X          of the robot's velocity limits: faster, and the client lets go (0.9)\n"
+    "  --error-limit RAD        of a joint from its reference: there the trajectory stands still (1; 0: none)\n"
+    "  --energy-limit J         stored in the spring: likewise (6; 0: none)\n"
+    "  --force-limit N          of contact: likewise (120; 0: none)\n"
+    "  --hold-time S            that it may stand still, then the client lets go (3)\n"
     "  --approach S             least time of the move to the trajectory [s] (5)\n"
+    "  --approach-limit RAD     longest way of a joint to the trajectory that is not asked about (0.8)\n"
+    "  --approach-anyway        do not ask\n"
     "  --velocity-filter S      time constant [s] (0.004)\n"
     "  --wrench SOURCE          external-torque, or sensor (external-torque)\n"
     "  --external-torque-sign X 1: external torque = J^T (wrench of the environment on the robot); -1 (1)\n"
     "  --wrench-damping X       of the inverse that makes the wrench (0.01)\n"
     "  --sensor-port N          UDP port of the sensor (30300)\n"
     "  --dry-run                send zero torque; everything else as ever\n"
+    "  --simulated-time         the robot's time is not this machine's (an emulator in lockstep)\n"
     "  --realtime PRIORITY      SCHED_FIFO, 1 to 99, and locked memory\n"
     "\n"
-    "Exit code: 0 the robot ended the session, 1 fault in the session, 2 refused at the start.\n";
+    "Ctrl-C brings the torque to zero within 0.3 s and leaves; a second one leaves at once.\n"
+    "Exit code: 0 the trajectory was followed to its end, 1 fault in the session, 2 refused at the start, 3 the robot\n"
+    "ended the session before that, 4 interrupted.\n";
 
 enum Name {
     TRAJECTORY = 256,
@@ -56,13 +67,22 @@ enum Name {
     JOINT_DAMPING,
     NULLSPACE_STIFFNESS,
     EFFORT_SHARE,
+    TORQUE_RISE,
+    SPEED_SHARE,
+    ERROR_LIMIT,
+    ENERGY_LIMIT,
+    FORCE_LIMIT,
+    HOLD_TIME,
     APPROACH,
+    APPROACH_LIMIT,
+    APPROACH_ANYWAY,
     VELOCITY_FILTER,
     WRENCH,
     EXTERNAL_TORQUE_SIGN,
     WRENCH_DAMPING,
     SENSOR_PORT,
     DRY_RUN,
+    SIMULATED_TIME,
     REALTIME,
     HELP_WANTED
 };
@@ -82,13 +102,22 @@ const struct option LONG[] = {{"trajectory", required_argument, NULL, TRAJECTORY
                               {"joint-damping", required_argument, NULL, JOINT_DAMPING},
                               {"nullspace-stiffness", required_argument, NULL, NULLSPACE_STIFFNESS},
                               {"effort-share", required_argument, NULL, EFFORT_SHARE},
+                              {"torque-rise", required_argument, NULL, TORQUE_RISE},
+                              {"speed-share", required_argument, NULL, SPEED_SHARE},
+                              {"error-limit", required_argument, NULL, ERROR_LIMIT},
+                              {"energy-limit", required_argument, NULL, ENERGY_LIMIT},
+                              {"force-limit", required_argument, NULL, FORCE_LIMIT},
+                              {"hold-time", required_argument, NULL, HOLD_TIME},
                               {"approach", required_argument, NULL, APPROACH},
+                              {"approach-limit", required_argument, NULL, APPROACH_LIMIT},
+                              {"approach-anyway", no_argument, NULL, APPROACH_ANYWAY},
                               {"velocity-filter", required_argument, NULL, VELOCITY_FILTER},
                               {"wrench", required_argument, NULL, WRENCH},
                               {"external-torque-sign", required_argument, NULL, EXTERNAL_TORQUE_SIGN},
                               {"wrench-damping", required_argument, NULL, WRENCH_DAMPING},
                               {"sensor-port", required_argument, NULL, SENSOR_PORT},
                               {"dry-run", no_argument, NULL, DRY_RUN},
+                              {"simulated-time", no_argument, NULL, SIMULATED_TIME},
                               {"realtime", required_argument, NULL, REALTIME},
                               {"help", no_argument, NULL, HELP_WANTED},
                               {NULL, 0, NULL, 0}};
@@ -172,7 +201,15 @@ bool Options::parse(int argc, char **argv)
         case JOINT_DAMPING: settings.joint_damping = number(name, text, 0.0, 1000.0); break;
         case NULLSPACE_STIFFNESS: settings.nullspace_stiffness = number(name, text, 0.0, 1e4); break;
         case EFFORT_SHARE: settings.effort_share = number(name, text, 0.001, 1.0); break;
+        case TORQUE_RISE: settings.torque_rise = number(name, text, 0.1, 0.25); break;
+        case SPEED_SHARE: settings.speed_share = number(name, text, 0.01, 1.0); break;
+        case ERROR_LIMIT: settings.pace.error = number(name, text, 0.0, 10.0); break;
+        case ENERGY_LIMIT: settings.pace.energy = number(name, text, 0.0, 1e3); break;
+        case FORCE_LIMIT: settings.pace.force = number(name, text, 0.0, 1e3); break;
+        case HOLD_TIME: settings.pace.patience = number(name, text, 0.1, 1e3); break;
         case APPROACH: settings.approach_time = number(name, text, 0.1, 1000.0); break;
+        case APPROACH_LIMIT: settings.approach_limit = number(name, text, 0.0, 10.0); break;
+        case APPROACH_ANYWAY: settings.approach_anyway = true; break;
         case VELOCITY_FILTER: settings.velocity_filter = number(name, text, 0.0, 1.0); break;
         case WRENCH:
             if (text != "sensor" && text != "external-torque") {
@@ -189,6 +226,7 @@ bool Options::parse(int argc, char **argv)
         case WRENCH_DAMPING: settings.wrench_damping = number(name, text, 0.0, 10.0); break;
         case SENSOR_PORT: sensor_port = integer(name, text, 1, 65535); break;
         case DRY_RUN: settings.dry_run = true; break;
+        case SIMULATED_TIME: settings.simulated_time = true; break;
         case REALTIME: realtime = integer(name, text, 1, 99); break;
         case HELP_WANTED: std::fputs(HELP, stdout); return false;
         case ':':

@@ -12,7 +12,7 @@ struct Options {
     double trajectory_period; /* [s] */
     int port, sensor_port;
     unsigned int timeout; /* [ms] of silence that ends the session */
-    double wait;          /* [s] for the robot's first datagram */
+    double wait;          /* [s] for the robot's first usable message */
     int realtime;         /* priority; 0: none */
     bool sensor;
 

@@ -12,7 +12,8 @@ template <typename T, std::size_t CAPACITY> class Ring {
     static_assert(CAPACITY > 0 && (CAPACITY & (CAPACITY - 1)) == 0, "the capacity is a power of two");
 
 public:
-    Ring() : written_(0), read_(0), refused_(0) {}
+    /* The items are written once, so that no page of theirs is met for the first time in the session. */
+    Ring() : items_(), written_(0), read_(0), refused_(0) {}
 
     /* From the writing thread alone. */
     bool push(const T &item)

@@ -54,11 +54,12 @@ const char *fri_description()
 #endif
 }
 
-Summary::Summary(const WipingClient &client, const Traffic &traffic, const KUKA::FRI::ClientApplication &application,
-                 const Records &records, const Log &log, const Options &options, int code)
+Summary::Summary(const WipingClient &client, const Connection &connection, const Records &records, const Log &log,
+                 const Options &options, int code)
 {
     const Counters &c = client.counters();
-    const Durations &callback = client.callback_durations(), &answer = traffic.answers();
+    const Traffic &traffic = connection.traffic();
+    const Durations &callback = client.callback_durations(), &answer = connection.answers();
     session_ = Fields{
         {"robot", quoted(robot::name())},
         {"library", quoted(fri_description())},
@@ -83,10 +84,13 @@ Summary::Summary(const WipingClient &client, const Traffic &traffic, const KUKA:
     faults_ = Fields{
         {"lost_cycles", count(c.lost_cycles)},
         {"lost_cycles_commanding", count(c.lost_commanding)},
-        {"bad_datagrams", count(bad_datagrams(application, traffic))},
+        {"bad_datagrams", count(traffic.refused())},
         {"missing_fields", count(c.missing_fields)},
         {"implausible_positions", count(c.implausible_positions)},
         {"bad_timestamps", count(c.bad_timestamps)},
+        {"no_time", count(c.no_time)},
+        {"clock_standing", count(c.clock_standing)},
+        {"other_periods", count(c.other_periods)},
         {"quality_drops", count(c.quality_drops)},
         {"state_drops", count(c.state_drops)},
         {"no_torque_mode", count(c.no_torque_mode)},
@@ -96,18 +100,18 @@ Summary::Summary(const WipingClient &client, const Traffic &traffic, const KUKA:
         {"saturated", count(c.saturated)},
         {"rate_limited", count(c.rate_limited)},
         {"guarded", count(c.guarded)},
+        {"slowed", count(c.slowed)},
+        {"other_version", count(traffic.other_version)},
+        {"timeouts", count(traffic.timeouts)},
+        {"send_failures", count(traffic.send_failures)},
+        {"lost_messages", count(traffic.lost_messages)},
+        {"overtaken", count(traffic.overtaken)},
+        {"lost_answers", count(traffic.lost_answers)},
+        {"late_answers", count(traffic.unseen_answers)},
     };
-#ifdef OPEN_FRI
-    const open_fri::Statistics &s = application.statistics();
-    faults_.emplace_back("timeouts", count(s.timeouts));
-    faults_.emplace_back("send_failures", count(s.send_failures));
-    faults_.emplace_back("lost_messages", count(s.lost_messages));
-    faults_.emplace_back("lost_answers", count(s.lost_answers));
-    faults_.emplace_back("late_answers", count(s.late_answers));
-    for (int k = open_fri::FAULT_NONE + 1; k < open_fri::FAULT_COUNT; ++k) {
-        faults_.emplace_back(std::string("datagram_") + open_fri::fault_name(k), count(s.faults[k]));
+    for (int k = FAULT_NONE + 1; k < FAULT_COUNT; ++k) {
+        faults_.emplace_back(std::string("datagram_") + fault_name(k), count(traffic.faults[k]));
     }
-#endif
     const robot::Config &config = client.config();
     controller_ = Fields{
         {"sample_time", number(config.sample_time)},

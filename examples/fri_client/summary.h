@@ -1,9 +1,9 @@
 #ifndef FRI_CLIENT_SUMMARY_H
 #define FRI_CLIENT_SUMMARY_H
 
+#include "connection.h"
 #include "log.h"
 #include "options.h"
-#include "traffic.h"
 #include "wiping_client.h"
 
 #include <string>
@@ -16,8 +16,8 @@ const char *fri_description();
 /* The closing figures of a session. */
 class Summary {
 public:
-    Summary(const WipingClient &client, const Traffic &traffic, const KUKA::FRI::ClientApplication &application,
-            const Records &records, const Log &log, const Options &options, int code);
+    Summary(const WipingClient &client, const Connection &connection, const Records &records, const Log &log,
+            const Options &options, int code);
 
     void print() const;
 

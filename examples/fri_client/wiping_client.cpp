@@ -9,23 +9,8 @@ using KUKA::FRI::FRIException;
 
 namespace {
 
-const char *const BUTTON = "MediaFlange.UserButton";
-
-/* [s] in which the trajectory comes to a stand when the button is pressed, and goes on when it is released. */
-const double PACE_TIME = 0.25;
-
-/* Messages without a send period, or cycles of COMMANDING_WAIT without torque mode, after which the client gives up:
- * one message may be at fault, ten not. */
+/* Messages in a row that are at odds with the session, after which the client acts: one may be at fault, ten not. */
 const int PATIENCE = 10;
-
-/* A sensor that has been silent for so many seconds has failed. */
-const double SENSOR_PATIENCE = 0.05;
-
-/* Cycles since a reading that never was. */
-const int LONG_AGO = 1 << 20;
-
-/* [s] The robot's clock further ahead, or further back, was set: no cycles were lost, and the message is not old. */
-const double LARGEST_GAP = 10.0, LARGEST_DELAY = 1.0;
 
 /* Periods that torque can be commanded at, in seconds. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
@@ -50,24 +35,30 @@ double clamp(double x, double least, double most)
 } // namespace
 
 Settings::Settings()
-    : conventional(false), damping_ratio(0.7), joint_damping(0.1), nullspace_stiffness(1.0), effort_share(1.0),
-      sample_time(0.0), approach_time(5.0), velocity_filter(0.004), wrench_damping(0.01), external_torque_sign(1.0),
-      dry_run(false)
+    : conventional(false), damping_ratio(0.7), joint_damping(0.1), nullspace_stiffness(1.0), effort_share(0.25),
+      torque_rise(0.25), speed_share(0.9), sample_time(0.0), approach_time(5.0), approach_limit(0.8),
+      approach_anyway(false), may_ask(false), velocity_filter(0.004), wrench_damping(0.01), external_torque_sign(1.0),
+      pace(), dry_run(false), simulated_time(false)
 {
     /* The paper's. */
     const double stiffness[6] = {700.0, 700.0, 800.0, 30.0, 30.0, 30.0};
     copy(stiffness, task_stiffness, 6);
+    /* The bowl wiping has 0.6 rad, 3.6 J and 69 N. */
+    pace.error = 1.0;
+    pace.energy = 6.0;
+    pace.force = 120.0;
+    pace.patience = 3.0;
 }
 
 WipingClient::WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
-                           Records &records)
-    : settings_(settings), trajectory_(trajectory), sensor_(sensor), records_(records),
-      velocity_(settings.velocity_filter), sample_time_(0.0), clock_known_(false), clock_start_(0), clock_last_(0),
-      time_(0.0), lost_(0), stale_(false), periods_(1), stale_messages_(0), since_position_(0), valid_(false),
-      controlling_(false), start_(0), fallen_back_(false), approach_clock_(0.0), progress_(0.0), pace_(1.0),
-      done_(false), quality_(0), without_period_(0), without_torque_mode_(0), button_registered_(false), button_(false),
-      sensor_age_(LONG_AGO), events_(0), last_callback_(0.0), finished_(false), refusal_(REFUSAL_NONE),
-      controller_error_(0)
+                           const Connection &connection, Records &records, Question &question)
+    : settings_(settings), connection_(connection), records_(records), question_(question),
+      velocity_(settings.velocity_filter), wrench_(sensor, settings.wrench_damping, settings.external_torque_sign),
+      reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
+      other_period_(0), since_position_(0.0), valid_(false), button_(false), quality_(0), operation_mode_(0),
+      without_torque_mode_(0), without_drives_(0), controlling_(false), start_(0), fallen_back_(false), events_(0),
+      last_command_(0.0), last_callback_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE),
+      ended_(false), refusal_(REFUSAL_NONE), controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
     std::memset(&input_, 0, sizeof input_);
@@ -75,8 +66,6 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     std::memset(&counters_, 0, sizeof counters_);
     std::memset(&record_, 0, sizeof record_);
     fill(q_, 0.0, JOINTS);
-    fill(sent_, 0.0, JOINTS);
-    fill(sensor_wrench_, 0.0, 6);
     robot::default_config(&config_);
     config_.joint_damping = settings.joint_damping;
     config_.nullspace_stiffness = settings.nullspace_stiffness;
@@ -84,7 +73,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     for (int i = 0; i < JOINTS; ++i) {
         config_.damping_ratio[i] = settings.damping_ratio;
         config_.effort_limit[i] *= settings.effort_share;
-        config_.torque_rate_limit[i] *= settings.effort_share;
+        config_.torque_rate_limit[i] = config_.effort_limit[i] / settings.torque_rise;
     }
     if (settings.conventional) {
         /* The tank's promise holds for a symmetric stiffness only. */
@@ -98,30 +87,46 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     refusal_ = controller_error_ == 0 ? REFUSAL_NONE : REFUSAL_CONTROLLER;
 }
 
-/* ---- what every cycle does -------------------------------------------------------------------------------------- */
-
 void WipingClient::refuse(Refusal reason)
 {
     refusal_ = refusal_ == REFUSAL_NONE ? reason : refusal_;
 }
 
-/* Takes the robot's send period, and sets the controller up for it. */
-void WipingClient::configure()
+void WipingClient::let_go(LetGo reason)
 {
-    const double period = robotState().getSampleTime();
-    const double expected = settings_.sample_time;
-    if (!(period > 0.0)) {
-        if (++without_period_ >= PATIENCE) {
-            refuse(REFUSAL_SAMPLE_TIME);
-        }
+    if (let_go_ == LET_GO_NONE) {
+        let_go_ = reason;
+        guard_.release();
+        events_ |= EVENT_LET_GO;
+    }
+}
+
+void WipingClient::event(Event bit, unsigned long long *counter)
+{
+    ++*counter;
+    events_ |= bit;
+}
+
+/* What happened without a step of the controller. */
+void WipingClient::note()
+{
+    if (events_ == 0 && record_.events == 0) {
         return;
     }
+    record_.kind = Record::NOTE;
+    record_.time = clock_.time();
+    record_.events = events_;
+    records_.push(record_);
+    events_ = 0;
+}
+
+/* ---- what every message does ------------------------------------------------------------------------------------ */
+
+/* Sets the controller up for a send period. */
+void WipingClient::adopt(double period)
+{
     sample_time_ = period;
-    const bool usable = period > 0.999 * SHORTEST_PERIOD && period < 1.001 * LONGEST_PERIOD;
-    if (!usable || (expected > 0.0 && std::fabs(period - expected) > 1e-6)) {
-        refuse(REFUSAL_SAMPLE_TIME);
-        return;
-    }
+    other_period_ = 0;
     config_.sample_time = period;
     controller_error_ = robot::init(&config_, &state_);
     if (controller_error_ != 0) {
@@ -129,81 +134,46 @@ void WipingClient::configure()
     }
 }
 
+/* The first usable send period counts; another one only if it stays, and never while the controller runs. */
+void WipingClient::watch_period()
+{
+    const double period = robotState().getSampleTime(), expected = settings_.sample_time;
+    const bool usable = period > 0.999 * SHORTEST_PERIOD && period < 1.001 * LONGEST_PERIOD &&
+                        (expected <= 0.0 || std::fabs(period - expected) < 1e-6);
+    reported_period_ = period;
+    if (usable && sample_time_ <= 0.0) {
+        adopt(period);
+    } else if (usable && std::fabs(period - sample_time_) < 1e-6) {
+        other_period_ = 0;
+    } else {
+        event(EVENT_PERIOD, &counters_.other_periods);
+        if (++other_period_ < PATIENCE) {
+            return;
+        }
+        if (controlling_) {
+            let_go(LET_GO_PERIOD);
+        } else if (usable) {
+            adopt(period);
+        } else {
+            refuse(REFUSAL_SAMPLE_TIME);
+        }
+    }
+}
+
 void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::ESessionState newState)
 {
     record_.kind = Record::STATE;
-    record_.time = time_;
+    record_.time = clock_.time();
     record_.from = oldState;
     record_.to = newState;
     records_.push(record_);
-    if (newState == KUKA::FRI::MONITORING_READY || newState == KUKA::FRI::COMMANDING_WAIT) {
-        configure();
-        without_torque_mode_ = 0;
-        try {
-            button_ = robotState().getBooleanIOValue(BUTTON);
-            button_registered_ = true;
-        } catch (const FRIException &) {
-            /* Not registered; or left out of this one message, and then it stays as it was. */
-        }
-    }
+    without_torque_mode_ = 0;
     if (oldState == KUKA::FRI::COMMANDING_ACTIVE) {
-        counters_.state_drops += done_ ? 0 : 1;
+        counters_.state_drops += reference_.done() ? 0 : 1;
     }
     controlling_ = false;
-    fill(sent_, 0.0, JOINTS);
-    finished_ = newState == KUKA::FRI::IDLE;
-}
-
-/* Cycles lost and messages out of order, by the robot's clock: the messages' own counter is not in the interface. */
-void WipingClient::clock()
-{
-    const double period = sample_time_ > 0.0 ? sample_time_ : robotState().getSampleTime();
-    std::int64_t now = static_cast<std::int64_t>(robotState().getTimestampSec()) * 1000000000 +
-                       static_cast<std::int64_t>(robotState().getTimestampNanoSec());
-    lost_ = 0;
-    periods_ = 1;
-    stale_ = false;
-    if (!clock_known_) {
-        clock_known_ = true;
-        clock_start_ = clock_last_ = now;
-        return;
-    }
-    const std::int64_t next = clock_last_ + static_cast<std::int64_t>(std::llround(1e9 * period));
-    bool good = now != 0;
-    now = good ? now : next; /* it was left out */
-    const double elapsed = 1e-9 * static_cast<double>(now - clock_last_);
-    if (elapsed <= 0.0 && elapsed > -LARGEST_DELAY) {
-        good = false;
-        stale_ = true;
-        periods_ = 0;
-        ++stale_messages_;
-    } else {
-        if (elapsed < 0.0 || elapsed > LARGEST_GAP) {
-            good = false;
-            clock_start_ += now - next;
-        } else if (period > 0.0) {
-            /* Old messages since the last new one have been counted as missed samples already. */
-            periods_ = std::max(1, static_cast<int>(std::lround(elapsed / period)));
-            lost_ = std::max(0, periods_ - 1 - stale_messages_);
-        }
-        stale_messages_ = 0;
-        clock_last_ = now;
-    }
-    time_ = 1e-9 * static_cast<double>(clock_last_ - clock_start_);
-    if (!good) {
-        ++counters_.bad_timestamps;
-        events_ |= EVENT_BAD_TIMESTAMP;
-    }
-    if (lost_ > 0) {
-        counters_.lost_cycles += static_cast<unsigned long long>(lost_);
-        events_ |= EVENT_LOST_CYCLES;
-    }
-}
-
-void WipingClient::missing_field()
-{
-    ++counters_.missing_fields;
-    events_ |= EVENT_MISSING_FIELD;
+    guard_.reset();
+    ended_ = newState == KUKA::FRI::IDLE;
 }
 
 /* Whether a measured position can be one: as far beyond its limits as the controller believes it. One wild value must
@@ -221,52 +191,98 @@ bool WipingClient::within_limits(const double *q) const
 
 void WipingClient::observe()
 {
+    const Arrival &arrival = connection_.arrival();
     ++counters_.cycles;
-    if (sample_time_ == 0.0 && robotState().getSessionState() != KUKA::FRI::MONITORING_WAIT) {
-        configure();
+    events_ |= arrival.refused ? EVENT_BAD_DATAGRAM : 0;
+    events_ |= arrival.other_version ? EVENT_OTHER_VERSION : 0;
+    watch_period();
+    clock_.update(arrival.advance, arrival.message.stamp, sample_time_);
+    if (clock_.bad_stamp()) {
+        event(EVENT_BAD_TIMESTAMP, &counters_.bad_timestamps);
     }
-    clock();
-    const double *const q = robotState().getMeasuredJointPosition();
-    const bool positions = all_finite(q, JOINTS), believed = positions && within_limits(q);
-    since_position_ += periods_;
-    if (believed && !stale_) {
-        copy(q, q_, JOINTS);
-        if (sample_time_ > 0.0) {
-            velocity_.update(q, since_position_ * sample_time_);
-        }
-        follower_.update(q);
-        since_position_ = 0;
+    if (clock_.lost() > 0) {
+        counters_.lost_cycles += static_cast<unsigned long long>(clock_.lost());
+        events_ |= EVENT_LOST_CYCLES;
     }
-    const bool complete = positions && (sensor_ != NULL || all_finite(robotState().getExternalTorque(), JOINTS));
-    if (!complete) {
-        missing_field();
-    } else if (!believed) {
-        ++counters_.implausible_positions;
-        events_ |= EVENT_IMPLAUSIBLE;
-    }
-    valid_ = complete && believed && !stale_ && sample_time_ > 0.0;
+    counters_.clock_standing += clock_.standing() ? 1 : 0;
+    wrench_.observe(clock_.periods() * sample_time_);
+    watch_samples();
+    watch_robot();
     const int quality = robotState().getConnectionQuality();
     if (quality < quality_) {
-        ++counters_.quality_drops;
-        events_ |= EVENT_QUALITY_DROP;
+        event(EVENT_QUALITY_DROP, &counters_.quality_drops);
     }
     quality_ = quality;
-    if (sensor_ != NULL) {
-        sensor_age_ = sensor_->read(sensor_wrench_) ? 0 : std::min(sensor_age_ + 1 + lost_, LONG_AGO);
-    }
-    watch_button();
+    button_ = arrival.message.has_button && robotState().getBooleanIOValue(BUTTON);
+    events_ |= button_ ? EVENT_HOLD : 0;
 }
 
-void WipingClient::watch_button()
+/* Whether the message is a sample; filters. */
+void WipingClient::watch_samples()
 {
-    if (button_registered_) {
-        try {
-            button_ = robotState().getBooleanIOValue(BUTTON);
-        } catch (const FRIException &) {
-            missing_field(); /* the button counts as it was */
-        }
+    const Message &message = connection_.arrival().message;
+    const double *const q = robotState().getMeasuredJointPosition();
+    const bool fresh = clock_.periods() > 0 && !clock_.standing();
+    const bool positions = message.has_position && all_finite(q, JOINTS), believed = positions && within_limits(q);
+    since_position_ += clock_.periods() * sample_time_;
+    if (believed && fresh && sample_time_ > 0.0) {
+        copy(q, q_, JOINTS);
+        /* While a clock is set nobody knows how long it was. */
+        velocity_.update(q, clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_);
+        follower_.update(q, since_position_);
+        since_position_ = 0.0;
     }
-    events_ |= button_ ? EVENT_HOLD : 0;
+    const bool torques = !wrench_.uses_external_torque() ||
+                         (message.has_external_torque && all_finite(robotState().getExternalTorque(), JOINTS));
+    if (!positions || !torques) {
+        event(EVENT_MISSING_FIELD, &counters_.missing_fields);
+    } else if (!believed) {
+        event(EVENT_IMPLAUSIBLE, &counters_.implausible_positions);
+    } else if (!fresh) {
+        event(EVENT_NO_TIME, &counters_.no_time);
+    }
+    valid_ = believed && torques && fresh && sample_time_ > 0.0;
+    counters_.usable += valid_ ? 1 : 0;
+}
+
+/* Safety, drives, operation mode, speed: while the controller runs. */
+void WipingClient::watch_robot()
+{
+    const int mode = robotState().getOperationMode();
+    if (controlling_ && connection_.arrival().message.has_robot) {
+        const bool safe = robotState().getSafetyState() == KUKA::FRI::NORMAL_OPERATION;
+        without_drives_ = robotState().getDriveState() == KUKA::FRI::ACTIVE ? 0 : without_drives_ + 1;
+        const bool same = mode == operation_mode_;
+        events_ |= !safe || without_drives_ > 0 || !same ? EVENT_STOPPED : 0;
+        if (!safe) {
+            let_go(LET_GO_SAFETY);
+        } else if (!same) {
+            let_go(LET_GO_OPERATION_MODE);
+        } else if (without_drives_ >= PATIENCE) {
+            let_go(LET_GO_DRIVES);
+        }
+    } else if (connection_.arrival().message.has_robot) {
+        operation_mode_ = mode;
+        without_drives_ = 0;
+    }
+    watch_speed();
+}
+
+/* One wild position looks like two fast samples. */
+void WipingClient::watch_speed()
+{
+    int fast = -1;
+    for (int i = 0; i < JOINTS; ++i) {
+        const bool beyond = std::fabs(velocity_.quotient()[i]) > settings_.speed_share * robot::velocity(i);
+        fast = fast < 0 && beyond ? i : fast;
+    }
+    if (valid_) {
+        fast_samples_ = fast < 0 ? 0 : fast_samples_ + 1;
+    }
+    if (controlling_ && fast_samples_ > 2) {
+        fast_joint_ = let_go_ == LET_GO_NONE ? fast : fast_joint_;
+        let_go(LET_GO_SPEED);
+    }
 }
 
 void WipingClient::send(const double *position, const double *torque)
@@ -276,15 +292,14 @@ void WipingClient::send(const double *position, const double *torque)
         within[i] = clamp(position[i], robot::lower(i), robot::upper(i));
     }
     if (!all_finite(within, JOINTS)) {
-        missing_field(); /* of the interpolator */
+        event(EVENT_MISSING_FIELD, &counters_.missing_fields); /* of the interpolator */
         return;
     }
     try {
         robotCommand().setJointPosition(within);
         robotCommand().setTorque(torque);
     } catch (const FRIException &) {
-        ++counters_.exceptions;
-        events_ |= EVENT_EXCEPTION;
+        event(EVENT_EXCEPTION, &counters_.exceptions);
     }
     copy(within, record_.sent_position, JOINTS);
 }
@@ -294,25 +309,27 @@ void WipingClient::send(const double *position, const double *torque)
 void WipingClient::monitor()
 {
     observe();
-    events_ = 0;
+    may_begin();
+    note();
 }
 
 void WipingClient::waitForCommand()
 {
     const double zero[JOINTS] = {0.0};
     observe();
+    may_begin();
     if (robotState().getClientCommandMode() == KUKA::FRI::TORQUE) {
         without_torque_mode_ = 0;
-        try {
+        if (connection_.arrival().message.has_ipo) {
             /* The values are not executed yet; that they are there is what the robot waits for. */
             send(robotState().getIpoJointPosition(), zero);
-        } catch (const FRIException &) {
-            missing_field();
+        } else {
+            event(EVENT_MISSING_FIELD, &counters_.missing_fields);
         }
     } else if (++without_torque_mode_ >= PATIENCE) {
         refuse(REFUSAL_TORQUE_MODE);
     }
-    events_ = 0;
+    note();
 }
 
 void WipingClient::command()
@@ -320,7 +337,9 @@ void WipingClient::command()
     const double begin = monotonic_time();
     observe();
     ++counters_.commanding_cycles;
-    counters_.lost_commanding += static_cast<unsigned long long>(lost_);
+    counters_.lost_commanding += static_cast<unsigned long long>(std::max(clock_.lost(), 0));
+    guard_.pass(settings_.simulated_time ? clock_.periods() * sample_time_ : begin - last_command_, sample_time_);
+    last_command_ = begin;
     if (refusal_ == REFUSAL_NONE) {
         control();
     }
@@ -330,13 +349,28 @@ void WipingClient::command()
 
 /* ---- control ---------------------------------------------------------------------------------------------------- */
 
-void WipingClient::begin_commanding(const double *q)
+/* Whether the arm may move to the trajectory from where it is: a long way is asked about, or refused. */
+bool WipingClient::may_begin()
 {
-    double goal[JOINTS], rate[JOINTS];
-    trajectory_.at(progress_, goal, rate);
-    approach_.plan(q, goal, settings_.approach_time);
-    approach_clock_ = 0.0;
-    pace_ = 1.0;
+    int joint = 0;
+    if (!valid_ || reference_.distance(q_, &joint) <= settings_.approach_limit || settings_.approach_anyway) {
+        return true;
+    }
+    if (question_.state() == Question::NONE) {
+        question_.set(joint, reference_.distance(q_, &joint));
+        if (settings_.may_ask) {
+            question_.ask();
+        } else {
+            refuse(REFUSAL_APPROACH);
+        }
+    }
+    return question_.state() == Question::YES;
+}
+
+void WipingClient::begin_commanding()
+{
+    reference_.begin(q_);
+    pace_.reset(may_begin() ? 1.0 : 0.0);
     fallen_back_ = false;
     controlling_ = true;
     start_ = 1;
@@ -344,49 +378,52 @@ void WipingClient::begin_commanding(const double *q)
     std::memset(&output_, 0, sizeof output_);
 }
 
-/* Moves on in the approach, then in the trajectory; not while the button is pressed or the controller has let go. */
-void WipingClient::advance(double seconds)
+/* Steps for the messages that were lost, then the reference moves on; not while the controller has let go. */
+void WipingClient::missed_and_advance()
 {
-    if (output_.mode != robot::MODE_FALLBACK) {
-        pace_ = clamp(pace_ + (button_ ? -seconds : seconds) / PACE_TIME, 0.0, 1.0);
-        approach_clock_ += pace_ * seconds;
+    const int lost = std::max(clock_.lost(), 0);
+    /* What the controller does from the watchdog's limit on does not depend on how long the silence was. */
+    for (int k = 0; k < std::min(lost, config_.missed_limit); ++k) {
+        step_controller(false);
+        record_step(clock_.time() - (lost - k) * sample_time_);
     }
-    const double beyond = approach_clock_ - approach_.duration();
-    if (beyond > 0.0) {
-        approach_clock_ = approach_.duration();
-        progress_ = std::min(progress_ + beyond, trajectory_.duration());
-        /* Within rounding: the last sample is the end. */
-        if (!done_ && progress_ > trajectory_.duration() - 1e-9) {
-            done_ = true;
-            events_ |= EVENT_DONE;
+    const double seconds = (lost < config_.missed_limit ? clock_.periods() : 1) * sample_time_;
+    double error = 0.0, force = 0.0;
+    for (int i = 0; i < JOINTS; ++i) {
+        error = std::max(error, std::fabs(input_.q0[i] - q_[i]));
+    }
+    for (int i = 0; i < 3; ++i) {
+        force += output_.wrench[i] * output_.wrench[i];
+    }
+    if (question_.state() == Question::NO) {
+        let_go(LET_GO_DECLINED);
+    }
+    const bool waits = button_ || question_.state() == Question::ASKED || let_go_ != LET_GO_NONE;
+    if (output_.mode != robot::MODE_FALLBACK) {
+        pace_.update(start_ ? 0.0 : error, output_.elastic_energy, std::sqrt(force), waits, seconds);
+        reference_.advance(pace_.value() * seconds);
+    }
+    if (pace_.reason() != Pace::FREE) {
+        event(EVENT_SLOWED, &counters_.slowed);
+        if (pace_.out_of_patience() && let_go_ == LET_GO_NONE) {
+            held_by_ = pace_.reason();
+            let_go(LET_GO_HELD);
         }
     }
 }
 
-/* The wrench that the environment applies to the robot at the tip, in base axes. */
-bool WipingClient::read_wrench(const double *q, double *wrench)
+/* The controller's input for this sample; false if there is none. */
+bool WipingClient::fill_input()
 {
-    if (sensor_ == NULL) {
-        double J[6 * JOINTS], torque[JOINTS];
-        robot::jacobian(q, J);
-        for (int i = 0; i < JOINTS; ++i) {
-            torque[i] = settings_.external_torque_sign * robotState().getExternalTorque()[i];
-        }
-        return wrench_from_torque(J, torque, settings_.wrench_damping, wrench);
+    if (wrench_.silent()) {
+        event(EVENT_SENSOR_SILENT, &counters_.sensor_silent);
     }
-    double pose[16];
-    robot::pose(q, pose);
-    for (int k = 0; k < 2; ++k) {
-        for (int i = 0; i < 3; ++i) {
-            wrench[3 * k + i] = pose[4 * i] * sensor_wrench_[3 * k] + pose[4 * i + 1] * sensor_wrench_[3 * k + 1] +
-                                pose[4 * i + 2] * sensor_wrench_[3 * k + 2];
-        }
-    }
-    if (sensor_age_ * sample_time_ > SENSOR_PATIENCE) {
-        ++counters_.sensor_silent;
-        events_ |= EVENT_SENSOR_SILENT;
+    if (!wrench_.read(q_, robotState().getExternalTorque(), input_.wrench)) {
         return false;
     }
+    copy(q_, input_.q, JOINTS);
+    copy(velocity_.velocity(), input_.dq, JOINTS);
+    reference_.at(pace_.value(), input_.q0, input_.dq0);
     return true;
 }
 
@@ -417,6 +454,7 @@ void WipingClient::step_controller(bool valid)
     record_.elastic_energy = output_.elastic_energy;
     const bool fallback = (output_.status & robot::STATUS_FALLBACK) != 0;
     counters_.fallbacks += fallback && !fallen_back_ ? 1 : 0;
+    events_ |= fallback ? EVENT_FALLBACK : 0;
     counters_.saturated += (output_.status & robot::STATUS_SATURATED) != 0 ? 1 : 0;
     counters_.rate_limited += (output_.status & robot::STATUS_RATE_LIMITED) != 0 ? 1 : 0;
     counters_.antisymmetric = std::max(counters_.antisymmetric, output_.antisymmetric_norm);
@@ -429,11 +467,12 @@ void WipingClient::record_step(double time)
     record_.kind = Record::STEP;
     record_.time = time;
     record_.start = start_;
-    copy(sent_, record_.sent_torque, JOINTS);
+    copy(guard_.sent(), record_.sent_torque, JOINTS);
     copy(robotState().getMeasuredTorque(), record_.measured_torque, JOINTS);
     copy(robotState().getExternalTorque(), record_.external_torque, JOINTS);
     record_.quality = quality_;
     record_.tracking = robotState().getTrackingPerformance();
+    record_.pace = pace_.value();
     record_.callback_time = last_callback_;
     record_.events = events_;
     records_.push(record_);
@@ -441,68 +480,34 @@ void WipingClient::record_step(double time)
     start_ = 0;
 }
 
-/*
- * The controller's torque keeps its limits by itself. This is the last look before the wire: finite, within the effort
- * limit, and no further from the torque sent before than the rate limit allows in one period.
- */
-void WipingClient::guard_torque()
-{
-    bool cut = settings_.dry_run;
-    for (int i = 0; i < JOINTS; ++i) {
-        const double wanted = settings_.dry_run ? 0.0 : output_.torque[i];
-        const double limit = config_.effort_limit[i], most = config_.torque_rate_limit[i] * sample_time_;
-        double torque = std::isfinite(wanted) ? clamp(wanted, -limit, limit) : sent_[i];
-        if (std::fabs(torque - sent_[i]) > most * (1.0 + 1e-9)) {
-            torque = sent_[i] + clamp(torque - sent_[i], -most, most);
-        }
-        cut = cut || !(torque == wanted);
-        sent_[i] = torque;
-    }
-    if (cut) {
-        ++counters_.guarded;
-        events_ |= EVENT_GUARD;
-    }
-}
-
 void WipingClient::control()
 {
     const bool torque_mode = robotState().getClientCommandMode() == KUKA::FRI::TORQUE;
+    const bool was_done = reference_.done();
     if (!torque_mode) {
-        ++counters_.no_torque_mode;
-        events_ |= EVENT_NO_TORQUE_MODE;
+        event(EVENT_NO_TORQUE_MODE, &counters_.no_torque_mode);
     }
     if (controlling_) {
-        /* What the controller does from the watchdog's limit on does not depend on how long the silence was. */
-        for (int k = 0; k < std::min(lost_, config_.missed_limit); ++k) {
-            step_controller(false);
-            record_step(time_ - (lost_ - k) * sample_time_);
-        }
-        advance(lost_ < config_.missed_limit ? (1 + lost_) * sample_time_ : sample_time_);
-    } else if (valid_ && torque_mode) {
-        begin_commanding(q_);
+        missed_and_advance();
+    } else if (valid_ && torque_mode && let_go_ == LET_GO_NONE && (may_begin() || settings_.may_ask)) {
+        begin_commanding(); /* and holds the arm while a question waits */
     } else {
         if (torque_mode && follower_.known()) {
-            send(follower_.position(), sent_);
+            send(follower_.position(), guard_.sent());
         }
+        note();
         return;
     }
-    const bool good = valid_ && torque_mode && read_wrench(q_, input_.wrench);
-    if (good) {
-        copy(q_, input_.q, JOINTS);
-        copy(velocity_.velocity(), input_.dq, JOINTS);
-        if (approach_clock_ < approach_.duration()) {
-            approach_.at(approach_clock_, input_.q0, input_.dq0);
-        } else {
-            trajectory_.at(progress_, input_.q0, input_.dq0);
-        }
-        for (int i = 0; i < JOINTS; ++i) {
-            input_.dq0[i] *= pace_;
-        }
-    }
-    step_controller(good);
+    step_controller(valid_ && torque_mode && fill_input());
+    events_ |= reference_.done() && !was_done ? EVENT_DONE : 0;
     if (torque_mode) {
-        guard_torque();
-        send(follower_.position(), sent_);
+        const double zero[JOINTS] = {0.0};
+        if (!guard_.next(settings_.dry_run ? zero : output_.torque, config_.effort_limit, config_.torque_rate_limit,
+                         sample_time_) ||
+            settings_.dry_run) {
+            event(EVENT_GUARD, &counters_.guarded);
+        }
+        send(follower_.position(), guard_.sent());
     }
-    record_step(time_);
+    record_step(clock_.time());
 }

@@ -1,11 +1,17 @@
 #ifndef FRI_CLIENT_WIPING_CLIENT_H
 #define FRI_CLIENT_WIPING_CLIENT_H
 
+#include "clock.h"
+#include "connection.h"
+#include "events.h"
 #include "filters.h"
+#include "guard.h"
+#include "pace.h"
+#include "question.h"
 #include "record.h"
+#include "reference.h"
 #include "robot.h"
 #include "timing.h"
-#include "trajectory.h"
 #include "wrench.h"
 
 #include <cstdint>
@@ -20,13 +26,20 @@ struct Settings {
     double damping_ratio;        /* [1] of every mode */
     double joint_damping;        /* [N m s/rad] */
     double nullspace_stiffness;  /* [N m/rad] */
-    double effort_share;         /* of the robot's effort limits, and of their rate */
+    double effort_share;         /* of the robot's effort limits */
+    double torque_rise;          /* [s] least time from zero torque to the effort limit */
+    double speed_share;          /* of the robot's velocity limits, at which the client lets go */
     double sample_time;          /* [s] that is expected; 0: whatever the robot says */
     double approach_time;        /* [s] least duration of the move to the trajectory */
+    double approach_limit;       /* [rad] of a joint: a longer way is asked about or refused */
+    bool approach_anyway;        /* it is not */
+    bool may_ask;                /* somebody is at the terminal */
     double velocity_filter;      /* [s] */
     double wrench_damping;       /* of the inverse that makes the wrench */
     double external_torque_sign; /* 1: the external torque is J^T times the wrench that the environment applies; -1 */
-    bool dry_run;                /* send zero torque */
+    PaceLimits pace;
+    bool dry_run;        /* send zero torque */
+    bool simulated_time; /* the robot's time is not this machine's: lockstep */
 
     Settings();
 };
@@ -34,16 +47,21 @@ struct Settings {
 /* What happened, counted. */
 struct Counters {
     unsigned long long cycles;                /* callbacks */
-    unsigned long long commanding_cycles;     /* of them in COMMANDING_ACTIVE */
-    unsigned long long lost_cycles;           /* by the robot's clock */
+    unsigned long long usable;                /* of them with a sample that a controller can take */
+    unsigned long long commanding_cycles;     /* in COMMANDING_ACTIVE */
+    unsigned long long lost_cycles;           /* by the messages' counter and the robot's clock */
     unsigned long long lost_commanding;       /* of them in COMMANDING_ACTIVE */
     unsigned long long missing_fields;        /* messages without a value that is needed */
     unsigned long long implausible_positions; /* far beyond the joint limits */
-    unsigned long long bad_timestamps;        /* left out, not ahead of the last one, or far off */
+    unsigned long long bad_timestamps;        /* left out, or the clock was set */
+    unsigned long long no_time;               /* the clock does not follow the counter */
+    unsigned long long clock_standing;        /* its time stamp has not changed for long */
+    unsigned long long other_periods;         /* messages with another send period, or none */
     unsigned long long quality_drops;
     unsigned long long state_drops; /* COMMANDING_ACTIVE was left before the trajectory's end */
     unsigned long long no_torque_mode;
     unsigned long long guarded; /* cycles whose torque the client had to cut */
+    unsigned long long slowed;  /* cycles in which the trajectory ran slower for a limit */
     unsigned long long sensor_silent;
     unsigned long long exceptions;              /* the FRI library refused a call */
     unsigned long long fallbacks;               /* the controller went to pure damping, so often */
@@ -51,99 +69,116 @@ struct Counters {
     double antisymmetric; /* [N m/rad] largest Frobenius norm of the applied stiffness' antisymmetric part */
 };
 
-/* Why the client does not take part in the session. */
-enum Refusal { REFUSAL_NONE, REFUSAL_SAMPLE_TIME, REFUSAL_TORQUE_MODE, REFUSAL_CONTROLLER };
+/* Why the client does not take part in the session, or does no more. */
+enum Refusal { REFUSAL_NONE, REFUSAL_SAMPLE_TIME, REFUSAL_TORQUE_MODE, REFUSAL_APPROACH, REFUSAL_CONTROLLER };
+enum LetGo {
+    LET_GO_NONE,
+    LET_GO_INTERRUPTED, /* by the person */
+    LET_GO_DECLINED,    /* the way to the trajectory was refused by the person */
+    LET_GO_HELD,        /* the trajectory stood still for too long */
+    LET_GO_SPEED,
+    LET_GO_SAFETY,
+    LET_GO_DRIVES,
+    LET_GO_OPERATION_MODE,
+    LET_GO_PERIOD,
+    LET_GO_USELESS /* the robot's messages are of no use any more */
+};
 
 /*
  * Follows a zero-force trajectory in torque mode with the generated impedance controller.
  *
- * The callbacks neither allocate, lock nor print; what is to be seen goes through the ring. (An exception of the FRI
- * library allocates; one is only met where the robot leaves out what it must send.)
+ * The callbacks neither allocate, lock nor print; what is to be seen goes through the ring. The connection tells what a
+ * message has, so that the FRI library is never asked for what is not there.
  */
 class WipingClient : public KUKA::FRI::LBRClient {
 public:
     /* The sensor may be NULL: wrench from the external joint torque. All arguments outlive the client. */
-    WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor, Records &records);
+    WipingClient(const Settings &settings, const Trajectory &trajectory, WrenchSensor *sensor,
+                 const Connection &connection, Records &records, Question &question);
 
     virtual void onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::ESessionState newState);
     virtual void monitor();
     virtual void waitForCommand();
     virtual void command();
 
-    /* Say that a datagram came which was no message. */
-    void bad_datagram() { events_ |= EVENT_BAD_DATAGRAM; }
+    /* Bring the torque to zero, still answering, then be finished. */
+    void let_go(LetGo reason);
 
-    bool finished() const { return finished_; }
+    bool finished() const { return ended_ || (let_go_ != LET_GO_NONE && (!controlling_ || guard_.released())); }
+    bool ended_by_robot() const { return ended_; }
     Refusal refusal() const { return refusal_; }
-    bool trajectory_done() const { return done_; }
-    double progress() const { return progress_; } /* [s] in the trajectory */
-    double time() const { return time_; }         /* [s] of the robot's clock since the first message */
+    LetGo gone() const { return let_go_; }
+    Pace::Reason held_by() const { return held_by_; }
+    int fast_joint() const { return fast_joint_; }
+    const Question &question() const { return question_; }
+    bool trajectory_done() const { return reference_.done(); }
+    double progress() const { return reference_.progress(); } /* [s] in the trajectory */
+    double time() const { return clock_.time(); }             /* [s] of the robot's clock since the first message */
     double sample_time() const { return sample_time_; }
+    double reported_period() const { return reported_period_; } /* [s] as the robot said it last */
     int controller_error() const { return controller_error_; }
     const Counters &counters() const { return counters_; }
     const Durations &callback_durations() const { return durations_; }
     const robot::Config &config() const { return config_; }
+    const Settings &settings() const { return settings_; }
 
 private:
-    void configure();
+    void watch_period();
+    void adopt(double period);
     void observe();
-    void clock();
-    void missing_field();
+    void watch_samples();
+    void watch_robot();
+    void watch_speed();
     bool within_limits(const double *q) const;
-    void watch_button();
-    void begin_commanding(const double *q);
-    void advance(double seconds);
-    bool read_wrench(const double *q, double *wrench);
+    void event(Event bit, unsigned long long *counter);
+    void note();
+    bool may_begin();
+    void begin_commanding();
     void control();
+    void missed_and_advance();
+    bool fill_input();
     void step_controller(bool valid);
     void record_step(double time);
-    void guard_torque();
     void send(const double *position, const double *torque);
     void refuse(Refusal reason);
 
     const Settings &settings_;
-    const Trajectory &trajectory_;
-    WrenchSensor *const sensor_;
+    const Connection &connection_;
     Records &records_;
+    Question &question_;
 
     robot::Config config_;
     robot::State state_;
     robot::Input input_;
     robot::Output output_;
-    Approach approach_;
+    RobotClock clock_;
     VelocityFilter velocity_;
     PositionFollower follower_;
+    WrenchSource wrench_;
+    Reference reference_;
+    Pace pace_;
+    TorqueGuard guard_;
     Durations durations_;
     Counters counters_;
     Record record_;
 
-    double sample_time_; /* [s]; 0 until the robot has said it */
-    bool clock_known_;
-    std::int64_t clock_start_, clock_last_; /* [ns] of the robot */
-    double time_;                           /* [s] of the robot since the first message */
-    int lost_;                              /* cycles lost just before this one */
-    bool stale_;                            /* the message is not newer than the last one */
-    int periods_;                           /* of the robot's clock since the last message */
-    int stale_messages_;                    /* since the last new one */
-    int since_position_;                    /* periods since the last position */
-    bool valid_;                            /* this cycle's positions and torques are there */
-    double q_[JOINTS];                      /* [rad] last measured position */
-    double sent_[JOINTS];                   /* [N m] last torque sent */
-    bool controlling_;                      /* the controller runs since COMMANDING_ACTIVE began */
-    int start_;                             /* the next step is the controller's first */
+    double sample_time_, reported_period_; /* [s]; 0 until the robot has said it */
+    int other_period_;                     /* messages in a row with another one */
+    double since_position_;                /* [s] since the last position; negative: nobody knows */
+    bool valid_;                           /* this message is a sample */
+    double q_[JOINTS];                     /* [rad] last measured position */
+    bool button_;
+    int quality_, operation_mode_;
+    int without_torque_mode_, without_drives_; /* messages in a row */
+    bool controlling_;                         /* the controller runs since COMMANDING_ACTIVE began */
+    int start_;                                /* the next step is the controller's first */
     bool fallen_back_;
-    double approach_clock_, progress_; /* [s] in the approach and in the trajectory */
-    double pace_;                      /* 1: the trajectory runs; 0: it stands still */
-    bool done_;
-    int quality_;
-    int without_period_;      /* messages */
-    int without_torque_mode_; /* cycles in COMMANDING_WAIT */
-    bool button_registered_, button_;
-    int sensor_age_; /* cycles since the sensor's last reading */
-    double sensor_wrench_[6];
     std::uint32_t events_;
-    double last_callback_; /* [s] */
-    bool finished_;
+    double last_command_, last_callback_; /* [s] monotonic time; duration */
+    Pace::Reason held_by_;
+    int fast_samples_, fast_joint_; /* in a row beyond the speed limit; the joint */
+    LetGo let_go_;
+    bool ended_;
     Refusal refusal_;
     int controller_error_;
 };

@@ -1,6 +1,7 @@
 #include "wrench.h"
 
 #include "filters.h"
+#include "robot.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -112,4 +113,50 @@ bool UdpWrenchSensor::read(double wrench[6])
         std::memcpy(wrench, sample.wrench, sizeof sample.wrench);
     }
     return any;
+}
+
+namespace {
+
+/* [s] A sensor that has been silent for so long has failed. */
+const double SENSOR_PATIENCE = 0.05;
+
+} // namespace
+
+WrenchSource::WrenchSource(WrenchSensor *sensor, double damping, double sign)
+    : sensor_(sensor), damping_(damping), sign_(sign), age_(1e9)
+{
+    std::memset(told_, 0, sizeof told_);
+}
+
+void WrenchSource::observe(double seconds)
+{
+    if (sensor_ != NULL) {
+        age_ = sensor_->read(told_) ? 0.0 : age_ + seconds;
+    }
+}
+
+bool WrenchSource::silent() const
+{
+    return sensor_ != NULL && age_ > SENSOR_PATIENCE;
+}
+
+bool WrenchSource::read(const double *q, const double *external_torque, double *wrench) const
+{
+    if (sensor_ == NULL) {
+        double J[6 * JOINTS], torque[JOINTS];
+        robot::jacobian(q, J);
+        for (int i = 0; i < JOINTS; ++i) {
+            torque[i] = sign_ * external_torque[i];
+        }
+        return wrench_from_torque(J, torque, damping_, wrench);
+    }
+    double pose[16];
+    robot::pose(q, pose);
+    for (int k = 0; k < 2; ++k) {
+        for (int i = 0; i < 3; ++i) {
+            wrench[3 * k + i] = pose[4 * i] * told_[3 * k] + pose[4 * i + 1] * told_[3 * k + 1] +
+                                pose[4 * i + 2] * told_[3 * k + 2];
+        }
+    }
+    return !silent();
 }

@@ -54,4 +54,28 @@ private:
     std::thread thread_;
 };
 
+/* The wrench that the controller is given: from the external joint torque, or from a sensor. */
+class WrenchSource {
+public:
+    /* sensor may be NULL. damping, sign: of wrench_from_torque, and of the external torque. */
+    WrenchSource(WrenchSensor *sensor, double damping, double sign);
+
+    bool uses_external_torque() const { return sensor_ == NULL; }
+
+    /* Once a message: periods [s] that have passed with it. */
+    void observe(double seconds);
+
+    /* Whether the sensor has been silent for too long. */
+    bool silent() const;
+
+    /* The wrench that the environment applies to the robot at the tip, in base axes. False: there is none. */
+    bool read(const double *q, const double *external_torque, double *wrench) const;
+
+private:
+    WrenchSensor *const sensor_;
+    const double damping_, sign_;
+    double told_[6]; /* by the sensor */
+    double age_;     /* [s] */
+};
+
 #endif

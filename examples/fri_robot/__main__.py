@@ -120,6 +120,11 @@ def arguments() -> argparse.ArgumentParser:
         help="the generated robot with its tool (build/robots/iiwa14_plate)",
     )
     add("--faults", default="", metavar="SPEC", help="see below")
+    add(
+        "--deaf",
+        action="store_true",
+        help="do not notice when the client closes its port: silence alone tells, as behind a firewall",
+    )
     add("--seed", type=int, default=0, metavar="N", help="of random faults (%(default)s)")
     add("--log", type=Path, metavar="FILE.npz", help="write what was sent and received in each cycle")
     add("--summary", type=Path, metavar="FILE.json", help="write the counts of the session")
@@ -273,7 +278,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         console.print(f"{emulator.time:9.3f} s  {old.name} -> {new.name}  ({reason})", highlight=False, soft_wrap=True)
 
     session = Session(options.send_period / 1000, policy, options.duration, options.restarts, report)
-    link = Link(options.host, options.port)
+    link = Link(options.host, options.port, options.deaf)
     emulator = Emulator(
         link, Protocol(options.protocol), robot, session, policy, settings, plan, options.seed, recorder
     )

@@ -90,14 +90,18 @@ class Link:
     """UDP socket of the robot, connected to the client's port.
 
     The robot's own port is any free one: a client that waits for anyone answers to where a datagram came from.
-    Connected, the socket reports that nobody listens at the other side.
+    Connected, the socket reports that nobody listens at the other side; ``deaf`` it does not, as where a firewall
+    swallows the report: then silence alone tells that a client is gone.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, deaf: bool = False) -> None:
         self.address = f"{host}:{port}"
+        self.deaf = deaf
+        self._peer = (host, port)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            self.socket.connect((host, port))
+            if not deaf:
+                self.socket.connect(self._peer)
         except OSError as error:
             self.socket.close()
             raise LinkError(f"cannot send to {host}:{port}: {error.strerror or error}") from error
@@ -108,7 +112,10 @@ class Link:
 
     def send(self, datagram: bytes) -> None:
         """Sends; ConnectionRefusedError if nobody listened to the datagram before."""
-        self.socket.send(datagram)
+        if self.deaf:
+            self.socket.sendto(datagram, self._peer)
+        else:
+            self.socket.send(datagram)
 
     def receive(self, timeout: float) -> bytes | None:
         """The next datagram, None if none comes in time [s]; ConnectionRefusedError if nobody listens."""
@@ -178,7 +185,8 @@ class Emulator:
         self._settings = settings
         self._faults = faults
         self.injectors = {
-            direction: FaultInjector(protocol, direction, faults.datagrams[direction], seed) for direction in DIRECTIONS
+            direction: FaultInjector(protocol, direction, faults.datagrams[direction], seed, settings.period / 1000)
+            for direction in DIRECTIONS
         }
         self.forced_states = 0
         self._recorder = recorder
@@ -193,6 +201,8 @@ class Emulator:
         self._epoch = LOCKSTEP_EPOCH if settings.lockstep else wall.time_ns()
         self._cycle = 0
         self._forced = sorted(faults.states, key=lambda fault: fault.start or 0.0)
+        self._standing_counter = 0
+        self._standing_clock = self._epoch
         self._outputs = {io.name: io for io in settings.ios}
         self._last_command = -1
         self._arrived: list[tuple[Command, float]] = []  # accepted in this cycle, with their latency [s]
@@ -235,16 +245,18 @@ class Emulator:
         session, robot = self.session, self.robot
         commanding = session.state in COMMANDING
         stopped = session.failure is not None
+        safety = SafetyState.SAFETY_STOP_LEVEL_1 if stopped else SafetyState.NORMAL_OPERATION
+        said = {kind: self._faults.condition(kind, self.time) for kind in ("safety", "drives", "operation", "period")}
         return Monitoring(
             state=session.state,
             quality=min(session.quality, self._faults.quality_at(self.time)),
-            send_period=self._settings.period,
+            send_period=self._settings.period if said["period"] is None else int(float(said["period"])),
             receive_multiplier=self._settings.multiplier,
-            sequence=self._cycle,
+            sequence=self._counter(),
             reflected=max(self._last_command, 0),
-            safety=SafetyState.SAFETY_STOP_LEVEL_1 if stopped else SafetyState.NORMAL_OPERATION,
-            drive=DriveState.ACTIVE,
-            operation=OperationMode.AUT,
+            safety=SafetyState[said["safety"]] if said["safety"] else safety,
+            drive=DriveState[said["drives"] or "ACTIVE"],
+            operation=OperationMode[said["operation"] or "AUT"],
             control=ControlMode.JOINT_IMPEDANCE if commanding else ControlMode.POSITION,
             command_mode=self._settings.mode if commanding else CommandMode.NO_COMMAND_MODE,
             overlay=OverlayType.JOINT if commanding else OverlayType.NO_OVERLAY,
@@ -259,8 +271,26 @@ class Emulator:
             ios=[IOValue(BUTTON, IOType.BOOLEAN, IODirection.INPUT, self._pressed()), *self._outputs.values()],
             ipo=robot.set_point if commanding else None,
             tracking=self.tracking,
-            sent_at=self._epoch + self._cycle * self._settings.period * 1_000_000,
+            sent_at=self._clock(),
         )
+
+    def _counter(self) -> int:
+        """Sequence counter of this cycle's message; a fault may let it stand."""
+        if self._faults.condition("standing", self.time) != "counter":
+            self._standing_counter = self._cycle
+        return self._standing_counter
+
+    def _clock(self) -> int:
+        """Unix time [ns] of this cycle as the robot tells it, with the faults of its clock."""
+        period = self._settings.period * 1_000_000
+        faults, time = self._faults, self.time
+        now = self._epoch + self._cycle * period
+        now += round(1e9 * float(faults.condition("clock", time) or 0))
+        now += round(float(faults.condition("jitter", time) or 0) * period) * (1 if self._cycle % 2 else -1)
+        now -= now % max(1, round(1e6 * float(faults.condition("resolution", time) or 0)))
+        if faults.condition("standing", time) != "clock":
+            self._standing_clock = now
+        return self._standing_clock
 
     def _pressed(self) -> bool:
         span = self._settings.button
@@ -340,7 +370,7 @@ class Emulator:
         if session.state is old and old is not SessionState.IDLE:
             session.advance(quality, answered=bool(self._arrived), complete=complete)
         self._follow_state(old)
-        robot.step(self._period)
+        robot.step(self._period, held=self._faults.condition("held", self.time) is not None)
         if row is not None:
             row["applied_torque"] = robot.applied
         self._observe(old)
@@ -431,7 +461,9 @@ class Emulator:
             self._sent_at.append((self._cycle, wall.perf_counter()))
             try:
                 self._link.send(datagram)
-                return self._link.receive(0.05)
+                answer = self._link.receive(0.05)
+                if answer is not None or not self._link.deaf:
+                    return answer
             except ConnectionRefusedError:
                 wall.sleep(0.02)
         if self._interrupted:

@@ -1,4 +1,4 @@
-"""Faults of the connection, put in on purpose: what to do to which datagram, from a short text, seeded.
+"""Faults of connection and robot, put in on purpose: what to do to which datagram, from a short text, seeded.
 
 A specification is a list of faults separated by commas::
 
@@ -20,28 +20,69 @@ missing:FIELD  a field left out (default: the header's sequence counter, which i
 six            all joint values six instead of seven
 nan            all joint values NaN
 crc            wrong CRC (2.7 alone)
+truncate:FIELD cut before a field of the message: robotInfo, monitorData, connectionInfo (default), ipoData
+version:V      the message as a robot of another version sends it
+burst          held back, all arrive when the interval ends (by the wall clock: at once); takes an interval
 silence        nothing arrives; takes an interval
 state:STATE    the robot goes to this session state; takes a time
-quality:VALUE  the robot reports at most this quality; takes an interval
 =============  =========================================================================================
 
-One datagram suffers one fault: the first of the list that hits it.
+One datagram suffers one fault: the first of the list that hits it. Of the robot itself, each in an interval:
+
+===============  =======================================================================================
+quality:VALUE    it reports at most this quality
+jitter:SHARE     its time stamps are off by a share of a period, to and fro (default 0.3)
+resolution:MS    its time stamps are cut to so many milliseconds (default 1)
+clock:SECONDS    its clock is set by so much, forward or back
+standing:WHAT    its clock, or its counter, stands still (default clock)
+safety:STATE     it reports this safety state (default SAFETY_STOP_LEVEL_1)
+drives:STATE     it reports this state of its drives (default OFF)
+operation:MODE   it reports this operation mode (default T1)
+period:MS        it reports this send period, 0: none
+held             the arm does not move, whatever is commanded
+===============  =======================================================================================
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .messages import JOINTS, MOST_BYTES, Protocol, Quality, SessionState
+from .messages import (
+    JOINTS,
+    MOST_BYTES,
+    VERSIONS,
+    DriveState,
+    OperationMode,
+    Protocol,
+    Quality,
+    SafetyState,
+    SessionState,
+)
 
 DIRECTIONS = ("robot", "client")
 KINDS = ("drop", "delay", "reorder", "duplicate", "garbage", "empty", "identifier", "missing", "six", "nan", "crc",
-         "silence", "state", "quality")  # fmt: skip
+         "silence", "state", "quality", "truncate", "version", "burst", "jitter", "resolution", "clock", "standing",
+         "safety", "drives", "operation", "period", "held")  # fmt: skip
+_CONDITIONS: dict[str, tuple[Any, str | None]] = {
+    "quality": (Quality, None),
+    "safety": (SafetyState, "SAFETY_STOP_LEVEL_1"),
+    "drives": (DriveState, "OFF"),
+    "operation": (OperationMode, "T1"),
+    "standing": (("clock", "counter"), "clock"),
+    "jitter": ((-10.0, 10.0), "0.3"),
+    "resolution": ((1.0, 1000.0), "1"),
+    "clock": ((-1e9, 1e9), None),
+    "period": ((0.0, 100.0), None),
+    "held": (None, ""),
+}
+"""Faults of the robot itself: what the argument may be (names, or least and most), and what it is if left out."""
+_CUTS = ("robotInfo", "monitorData", "connectionInfo", "ipoData")
 _FIELDS = {
     "robot": ("header.sequenceCounter", "robotInfo", "monitorData", "connectionInfo", "ipoData",
               "ipoData.jointPosition", "monitorData.measuredJointPosition", "monitorData.externalTorque",
@@ -52,7 +93,7 @@ _ITEM = re.compile(
     r"(?:(?P<direction>robot|client)\.)?(?P<kind>[a-z]+)"
     r"(?:=(?P<probability>[0-9.eE+-]+?))?"
     r"(?:@(?P<start>[0-9.]+)(?:-(?P<end>[0-9.]+))?)?"
-    r"(?::(?P<argument>[\w.]+))?"
+    r"(?::(?P<argument>[\w.+-]+))?"
 )
 
 
@@ -95,17 +136,23 @@ class Fault:
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """All faults of a session: for datagrams by direction, and of the robot itself."""
+    """All faults of a session: for datagrams by direction, changes of state, and conditions of the robot itself."""
 
     datagrams: dict[str, tuple[Fault, ...]]
     states: tuple[Fault, ...]
-    qualities: tuple[Fault, ...]
+    conditions: tuple[Fault, ...]
+
+    def condition(self, kind: str, time: float) -> str | None:
+        """The argument of a condition that holds at a time [s], or None."""
+        for fault in self.conditions:
+            if fault.kind == kind and fault.covers(time):
+                return fault.argument
+        return None
 
     def quality_at(self, time: float) -> Quality:
         """Best quality that may be reported at a time [s]."""
-        return min(
-            [Quality[fault.argument] for fault in self.qualities if fault.covers(time)], default=Quality.EXCELLENT
-        )
+        said = self.condition("quality", time)
+        return Quality.EXCELLENT if said is None else Quality[said]
 
 
 def parse_faults(specification: str, version: str) -> FaultPlan:
@@ -118,7 +165,7 @@ def parse_faults(specification: str, version: str) -> FaultPlan:
 
     """
     plan: dict[str, list[Fault]] = {direction: [] for direction in DIRECTIONS}
-    states, qualities = [], []
+    states, conditions = [], []
     for item in filter(None, (part.strip() for part in specification.split(","))):
         match = _ITEM.fullmatch(item)
         if not match:
@@ -128,16 +175,17 @@ def parse_faults(specification: str, version: str) -> FaultPlan:
         fault = _checked(item, match, version)
         if fault.kind == "state":
             states.append(fault)
-        elif fault.kind == "quality":
-            qualities.append(fault)
+        elif fault.kind in _CONDITIONS:
+            conditions.append(fault)
         else:
-            for direction in DIRECTIONS if match["direction"] is None else (match["direction"],):
+            ways = DIRECTIONS if match["direction"] is None else (match["direction"],)
+            for direction in ("robot",) if fault.kind in ("truncate", "version") else ways:
                 if fault.kind == "missing" and fault.argument not in _FIELDS[direction]:
                     if match["direction"] is None and fault.argument in _FIELDS["robot"] + _FIELDS["client"]:
                         continue  # a field that messages of the other direction have
                     raise FaultError(f"fault '{item}': takes one of {', '.join(_FIELDS[direction])}")
                 plan[direction].append(fault)
-    return FaultPlan({key: tuple(value) for key, value in plan.items()}, tuple(states), tuple(qualities))
+    return FaultPlan({key: tuple(value) for key, value in plan.items()}, tuple(states), tuple(conditions))
 
 
 def _checked(item: str, match: re.Match[str], version: str) -> Fault:
@@ -156,11 +204,11 @@ def _checked(item: str, match: re.Match[str], version: str) -> Fault:
         raise FaultError(f"fault '{item}': the interval ends before it begins")
     if probability is None and start is None:
         raise FaultError(f"fault '{item}': give a probability (=0.01) or a time (@2.5)")
-    if kind in ("silence", "quality") and (end is None or probability is not None):
+    if kind in ("silence", "burst", *_CONDITIONS) and (end is None or probability is not None):
         raise FaultError(f"fault '{item}': takes an interval, such as @2-2.2")
     if kind == "state" and (end is not None or probability is not None):
         raise FaultError(f"fault '{item}': takes a time, such as @2.5")
-    if kind in ("state", "quality") and match["direction"] == "client":
+    if kind in ("state", "truncate", "version", *_CONDITIONS) and match["direction"] == "client":
         raise FaultError(f"fault '{item}': the robot alone decides this")
     if kind == "crc" and version != "2.7":
         raise FaultError(f"fault '{item}': FRI {version} has no CRC in its datagrams; 2.7 has")
@@ -170,13 +218,44 @@ def _checked(item: str, match: re.Match[str], version: str) -> Fault:
             raise FaultError(f"fault '{item}': takes a number of cycles from 1 to 1000")
     elif kind == "missing":
         argument = argument or "header.sequenceCounter"
-    elif kind in ("state", "quality"):
-        argument, words = argument.upper(), SessionState if kind == "state" else Quality
-        if argument not in words.__members__:
-            raise FaultError(f"fault '{item}': takes one of {', '.join(words.__members__)}")
+    elif kind == "state":
+        argument = _among(item, argument.upper(), SessionState.__members__)
+    elif kind == "truncate":
+        argument = _among(item, argument or "connectionInfo", _CUTS)
+    elif kind == "version":
+        argument = _among(item, argument, VERSIONS)
+    elif kind in _CONDITIONS:
+        argument = _condition(item, kind, argument)
     elif argument:
         raise FaultError(f"fault '{item}': '{kind}' takes no argument")
     return Fault(kind, probability, start, end, argument)
+
+
+def _among(item: str, word: str, words: Iterable[str]) -> str:
+    if word not in words:
+        raise FaultError(f"fault '{item}': takes one of {', '.join(words)}")
+    return word
+
+
+def _condition(item: str, kind: str, argument: str) -> str:
+    allowed, default = _CONDITIONS[kind]
+    argument = argument or default or ""
+    if allowed is None:
+        if argument:
+            raise FaultError(f"fault '{item}': '{kind}' takes no argument")
+        return ""
+    if isinstance(allowed, tuple) and isinstance(allowed[0], float):
+        least, most = float(allowed[0]), float(allowed[1])
+        try:
+            good = least <= float(argument) <= most
+        except ValueError:
+            good = False
+        if not good:
+            raise FaultError(f"fault '{item}': takes a number from {least:g} to {most:g}")
+        return argument
+    if isinstance(allowed, tuple):
+        return _among(item, argument, [str(word) for word in allowed])
+    return _among(item, argument.upper(), allowed.__members__)
 
 
 @dataclass(frozen=True)
@@ -201,6 +280,8 @@ class FaultInjector:
         Those of this direction.
     seed : int
         Of the random numbers; each datagram uses the same number of them, so that equal sessions meet equal faults.
+    period : float
+        Of a cycle [s].
 
     Attributes
     ----------
@@ -209,8 +290,11 @@ class FaultInjector:
 
     """
 
-    def __init__(self, protocol: Protocol, direction: str, faults: tuple[Fault, ...], seed: int) -> None:
+    def __init__(
+        self, protocol: Protocol, direction: str, faults: tuple[Fault, ...], seed: int, period: float = 0.005
+    ) -> None:
         self._protocol = protocol
+        self._period = period
         self._class = protocol.monitoring_class if direction == "robot" else protocol.command_class
         self._faults = faults
         self._done: set[int] = set()
@@ -242,8 +326,10 @@ class FaultInjector:
         self.counts[fault.kind] += 1
         if fault.kind in ("drop", "silence"):
             return []
-        if fault.kind in ("delay", "reorder"):
+        if fault.kind in ("delay", "reorder", "burst"):
             at = cycle + int(fault.argument) if fault.kind == "delay" else None
+            if fault.kind == "burst":
+                at = cycle + int(np.ceil(((fault.end or time) - time) / self._period - 1e-9))
             self._held.append((at, Delivery(datagram, cycle, False)))
             return []
         self._latest = cycle
@@ -272,6 +358,13 @@ class FaultInjector:
             message = self._class.FromString(self._protocol.unframe(datagram))
         except ValueError:
             return datagram  # what the client sent was no message to begin with
+        if fault.kind == "truncate":
+            return self._cut(datagram, message, fault.argument)
+        if fault.kind == "version":
+            other = Protocol(fault.argument)
+            told = other.monitoring_class.FromString(message.SerializePartialToString())
+            told.DiscardUnknownFields()
+            return other.frame(told.SerializePartialToString())
         if fault.kind == "identifier":
             message.header.messageIdentifier ^= 1
         elif fault.kind == "missing":
@@ -283,6 +376,15 @@ class FaultInjector:
         else:
             _spoil_joint_values(message, fault.kind)
         return self._protocol.frame(message.SerializePartialToString())
+
+    def _cut(self, datagram: bytes, message: Any, field: str) -> bytes:
+        """The datagram up to a field of the message; they are sent in the order of their numbers."""
+        number = message.DESCRIPTOR.fields_by_name[field].number
+        for descriptor, _ in message.ListFields():
+            if descriptor.number >= number:
+                message.ClearField(descriptor.name)
+        front = len(self._protocol.frame(b"")) // 2
+        return datagram[: front + len(message.SerializePartialToString())]
 
 
 def _spoil_joint_values(message: Any, kind: str) -> None:

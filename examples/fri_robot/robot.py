@@ -177,8 +177,17 @@ class Robot:
         spring = self._stiffness * (self.commanded_position - self.q) - damping * self.dq
         return np.asarray(spring + self.commanded_torque)
 
-    def step(self, period: float) -> None:
-        """Advances by a period [s], a multiple of the plant's timestep."""
+    def step(self, period: float, *, held: bool = False) -> None:
+        """Advances by a period [s], a multiple of the plant's timestep.
+
+        Held, the arm does not move: what holds it takes up the torque.
+        """
+        if held:
+            self.applied = self._torque()
+            self.plant.data.qvel[:] = 0.0
+            self.dq = self.plant.dq
+            self.external_torque = -self.applied
+            return
         for _ in range(round(period / self.plant.timestep)):
             self.applied = self._torque()
             self.plant.step(self.applied)

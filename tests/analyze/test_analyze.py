@@ -420,7 +420,7 @@ REFUSALS = [
     (lambda here, log: (log, {"options": ["--tip", "hand"]}), "--tip hand"),
     (lambda here, log: (log, {"options": ["--tolerance", "-1"]}), "--tolerance"),
     (lambda here, log: (log, {"options": ["--output", "taken"]}), "taken: exists and is no analysis"),
-    (lambda here, log: (log, {"options": ["--robot", "taken"]}), "stiffgen generate"),
+    (lambda here, log: (log, {"robot": "taken"}), "stiffgen generate"),
     (lambda here, log: (write(here / "n.csv", b"1,2,3\n4,5,6\n"), {}), "numbers where the columns' names"),
     (lambda here, log: (write(here / "e.csv", b""), {}), "is empty"),
     (lambda here, log: (write(here / "b.csv", b"\xff" * 3_000_000), {}), "has a line of over"),
@@ -471,7 +471,7 @@ def test_refusals(case, named, here, robot_folder, capsys):
     log, rest = case(here, recordings.write_csv(here / "log.csv", ROWS[:20]))
     before = sorted(here.iterdir())
     options = rest.pop("options", ())
-    code, out, err = run(capsys, *command(robot_folder, log, *options, **rest))
+    code, out, err = run(capsys, *command(rest.pop("robot", robot_folder), log, *options, **rest))
     assert (code, out) == (2, "")
     assert named in err
     assert "Traceback" not in err
@@ -535,9 +535,9 @@ def test_report(here, robot_folder, capsys):
     }
     for file, texts in labels.items():
         drawing = (folder / file).read_text()
-        assert "prefers-color-scheme: dark" in drawing
+        assert "prefers-color-scheme:dark" in drawing and "currentColor" in drawing
         for text in texts:
-            assert f"<!-- {text} -->" in drawing, (file, text)
+            assert f">{text}</text>" in drawing, (file, text)
         assert "legend" in drawing
     first = {p.name: p.read_bytes() for p in folder.iterdir()}
     assert run(capsys, *command(robot_folder, log))[0] == 0
@@ -558,7 +558,7 @@ def test_figures_over_rows_where_time_is_of_no_use(change, here, robot_folder):
         rows[1:, 0] += 1.7e9
     recordings.write_npz(here / "log.npz", rows)
     stiffgen.analyze("log.npz", robot_folder, K, time_column="" if change == "none" else None)
-    assert "<!-- row, counted from 0 -->" in (here / "analysis" / "log" / "stiffness.svg").read_text()
+    assert ">row, counted from 0</text>" in (here / "analysis" / "log" / "stiffness.svg").read_text()
 
 
 def test_a_missing_extra_is_named(here, robot_folder, capsys, monkeypatch):
@@ -619,3 +619,49 @@ def test_a_recording_that_is_moved_away_while_it_is_read(here, robot_folder):
     with pytest.raises(RecordingError, match="became shorter"):
         list(recording.partitions[0].blocks(10))
     shutil.rmtree(here / "analysis", ignore_errors=True)
+
+
+def test_quantiles_lie_within_the_extremes(robot):
+    """One row, and rows that are all alike: each quantile is that value itself, not the middle of its bin."""
+    for count in (1, 5):
+        rows = np.repeat(ROWS[:1], count, axis=0)
+        block = recording.Block(np.arange(count), rows)
+        layout = recording.Layout("time", tuple(f"q_{k}" for k in range(7)), tuple(f"wrench_{k}" for k in range(6)))
+        limits = np.full(7, np.inf)
+        summary = ms.summarise(robot, ms.Task("hybrid", checked_stiffness(K), False, -limits, limits), layout, block)
+        for column, name in enumerate(ms.MEASURES):
+            if summary.least[column] >= 0:
+                for share in (0.0, 0.5, 0.99, 1.0):
+                    assert summary.least[column] <= summary.quantile(name, share) <= summary.most[column], name
+
+
+@pytest.mark.parametrize(("representation", "words"), [("hybrid", "coincide"), ("body", "is not this symmetric part")])
+def test_the_first_figure_says_whether_corrected_and_symmetric_part_coincide(
+    here, capsys, robot, robot_folder, representation, words
+):
+    recordings.write_csv(here / "log.csv", ROWS)
+    arguments = command(robot_folder, "log.csv", "--representation", representation)
+    assert run(capsys, *arguments)[0] == 0
+    page = (here / "analysis" / "log" / "report.html").read_text()
+    assert words in page
+    q, wrench, matrix = ROWS[:, 1:8], ROWS[:, 8:], np.diag(np.array(K, dtype=float))
+    functions = getattr(robot, representation)
+    symmetric = ms._parts(functions.joint_stiffness_uncorrected(q, wrench, matrix))[0]
+    difference = np.abs(symmetric - functions.joint_stiffness(q, wrench, matrix)).max()
+    assert (difference < 1e-10) == (representation == "hybrid")
+
+
+def test_the_table_fits_80_columns(here, capsys, robot_folder):
+    recordings.write_csv(here / "log.csv", ROWS)
+    _, out, _ = run(capsys, *command(robot_folder, "log.csv", "--no-figures"))
+    table = out[: out.index(" rows analysed")].splitlines()[:-1]
+    assert len(table) > 10
+    assert max(map(len, table)) <= 80
+
+
+def test_options_of_another_format_are_refused(here, capsys, robot_folder):
+    recordings.write_csv(here / "log.csv", ROWS)
+    for option in (("--q-topic", "/joints"), ("--tolerance", "0.1")):
+        code, out, err = run(capsys, *command(robot_folder, "log.csv", *option))
+        assert (code, out) == (2, "")
+        assert "MCAP" in err

@@ -39,5 +39,5 @@ def test_values(folder):
     pool = argument_samples(chain, 3, 1)
     for kernel in chain_kernels(chain):
         if kernel.name == "joint_stiffness":
-            Kq = kernels_of(robot, chain)[kernel.qualified_name](*(pool[a.name] for a in kernel.arguments))
+            Kq = kernels_of(robot, chain)[kernel.qualified_name](*(pool[a] for a in kernel.arguments))
             assert np.array_equal(Kq, Kq.transpose(0, 2, 1))

@@ -27,7 +27,7 @@ from stiffgen.check.verify import (
 )
 from stiffgen.emit.render import render
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import SPRINGS, chain_kernels
+from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
 from support.runtime import compile_c
@@ -173,8 +173,8 @@ def expected_values(references):
         ):
             wanted[f"{rep}_{name}"] = arguments, result
     wanted = {name: (arguments, [result]) for name, (arguments, result) in wanted.items()}
-    for spring in SPRINGS:
-        arguments = (q, *(samples[argument.name] for argument in spring.parameters))
+    for spring in references.options.springs():
+        arguments = (q, *references.parameters[spring.name])
         values = references.springs[spring.name]
         for name, result in values.items():
             wanted[f"{spring.name}_{name}"] = arguments, [result]

@@ -32,7 +32,35 @@ POSTURE = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
 TIMEOUT = None
 """In place of a datagram: the connection has nothing."""
 
+FULL = (
+    "--effort-share",
+    "1",
+    "--torque-rise",
+    "0.1",
+    "--error-limit",
+    "0",
+    "--energy-limit",
+    "0",
+    "--force-limit",
+    "0",
+)
+"""The robot's full effort, and a trajectory that waits for nothing: the arm of a script does not follow."""
+
 SANITIZERS = "-O2 -g -fsanitize=address,undefined -fno-sanitize-recover=all"
+
+
+def build_standin(folder: Path, version: str) -> list[str]:
+    """Builds the library that stands in for KUKA's; returns the CMake options with which the client takes it."""
+    program = Path(cmake.CMAKE_BIN_DIR) / "cmake"
+    source, root = ROOT / "tests" / "support" / "fri" / "standin", folder / "installed"
+    for command in (
+        [program, "-S", source, "-B", folder, f"-DFRI_VERSION={version}"],
+        [program, "--build", folder],
+        [program, "--install", folder, "--prefix", root],
+    ):
+        done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+        assert done.returncode == 0, " ".join((done.stdout[-4000:] + done.stderr[-4000:]).split())
+    return [f"-DFRI_SDK_ROOT={root}", f"-DFRI_SDK_VERSION={version}"]
 
 
 def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fuzzer: bool = False) -> Path:

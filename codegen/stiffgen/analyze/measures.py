@@ -321,12 +321,17 @@ class Summary:
         )
 
     def quantile(self, measure: str, share: float) -> float:
-        """A quantile of a measure from its histogram: the middle of a bin that is 2.3 % wide; 0 below the grid."""
+        """A quantile of a measure from its histogram: the middle of a bin that is 2.3 % wide, or the extreme in it.
+
+        0 below the grid. For measures of one sign: the histogram has absolute values.
+        """
         assert self.histogram is not None
-        counts = self.histogram[MEASURES.index(measure)]
+        column = MEASURES.index(measure)
+        counts = self.histogram[column]
         reached = np.cumsum(counts) >= share * counts.sum()
         index = int(np.argmax(reached))
-        return 0.0 if index == 0 else float(10 ** (DECADES[0] + (index - 0.5) / PER_DECADE))
+        middle = 0.0 if index == 0 else 10 ** (DECADES[0] + (index - 0.5) / PER_DECADE)
+        return float(np.clip(middle, self.least[column], self.most[column]))
 
 
 def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Summary:

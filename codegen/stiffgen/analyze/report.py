@@ -1,8 +1,7 @@
-"""Figures and the HTML report of an analysis. Figures have colours for light and for dark pages."""
+"""Figures and the HTML report of an analysis, for light and for dark pages."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,11 +36,6 @@ LABELS: Mapping[str, str] = {
 }
 """Rows of the table, in order."""
 
-# Colours on a white page, and what takes their place where the reader's system is dark.
-_PAGE, _TEXT, _GRID = "#ffffff", "#333333", "#dddddd"
-_BLUE, _ORANGE, _GREEN = "#0072b2", "#d55e00", "#009e73"
-_DARK = {_PAGE: "#16191d", _TEXT: "#d8dbe0", _GRID: "#3a3f46", _BLUE: "#56b4e9", _ORANGE: "#ff8c42", _GREEN: "#2fc99a"}
-
 
 @dataclass(frozen=True)
 class _Line:
@@ -50,6 +44,8 @@ class _Line:
     measure: str
     label: str
     colour: str
+    dashes: tuple[float, float] | None = None
+    width: float = 1.2
 
 
 @dataclass(frozen=True)
@@ -114,7 +110,9 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
         summary: the contents of ``summary.json``.
 
     """
-    figures = _figures(chain, result)
+    from stiffgen.analyze.style import DARK_PAGE, PAGE
+
+    figures = _figures(chain, result, summary["representation"])
     x, x_label = _abscissa(result)
     for figure in figures:
         (folder / figure.file).write_text(_over_time(figure, result, x, x_label), encoding="utf-8")
@@ -147,37 +145,43 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
         figures=shown,
         envelope=result.envelope is not None and result.envelope.shift > 0,
         bin_rows=1 << result.envelope.shift if result.envelope else 1,
-        dark=_DARK,
-        page=_PAGE,
-        text=_TEXT,
-        grid=_GRID,
-        orange=_ORANGE,
-        blue=_BLUE,
+        page=PAGE,
+        dark=DARK_PAGE,
     )
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def _figures(chain: Chain, result: Summary) -> tuple[_Figure, ...]:
+def _figures(chain: Chain, result: Summary, representation: str) -> tuple[_Figure, ...]:
+    from stiffgen.analyze.style import AXES, CONVENTIONAL, CORRECTED
+
     unit = stiffness_unit(chain)
     symmetric = "corrected: 0 at every row" if not result.asymmetric else "corrected (largest entry)"
     share = 100 * result.indefinite / result.good
-    axes = (("x", _BLUE), ("y", _ORANGE), ("z", _GREEN))
+    parts = [_Line("singular_value_symmetric", "conventional", CONVENTIONAL, width=3.0)]
+    if representation == "hybrid":
+        parts.append(_Line("singular_value_symmetric", "corrected: the same", CORRECTED, (10, 10), 2.0))
+        same = (
+            "In the hybrid representation Gamma F is antisymmetric, so that the symmetric part of the conventional "
+            "stiffness is the corrected stiffness: the two lines coincide."
+        )
+    else:
+        same = (
+            f"In the {representation} representation the corrected stiffness is not this symmetric part: Gamma F has a "
+            "symmetric part of its own."
+        )
     return (
         _Figure(
             "stiffness.svg",
             "Largest singular values of the joint stiffness",
             "Symmetric part (K + K^T)/2 and antisymmetric part (K - K^T)/2 of the conventional stiffness; "
-            "antisymmetric part of the corrected one.",
+            f"antisymmetric part of the corrected one. {same}",
             (
-                (
-                    f"symmetric part [{unit}]",
-                    (_Line("singular_value_symmetric", "conventional", _ORANGE),),
-                ),
+                (f"symmetric part [{unit}]", tuple(parts)),
                 (
                     f"antisymmetric part [{unit}]",
                     (
-                        _Line("singular_value_antisymmetric", "conventional", _ORANGE),
-                        _Line("corrected_antisymmetric", symmetric, _BLUE),
+                        _Line("singular_value_antisymmetric", "conventional", CONVENTIONAL),
+                        _Line("corrected_antisymmetric", symmetric, CORRECTED),
                     ),
                 ),
             ),
@@ -187,8 +191,8 @@ def _figures(chain: Chain, result: Summary) -> tuple[_Figure, ...]:
             "Eigenvalues of the corrected joint stiffness",
             f"Where the smallest one is negative the stiffness is indefinite: {share:.3g} % of the rows.",
             (
-                (f"largest [{unit}]", (_Line("eigenvalue_largest", "largest eigenvalue", _BLUE),)),
-                (f"smallest [{unit}]", (_Line("eigenvalue_smallest", "smallest eigenvalue", _ORANGE),)),
+                (f"largest [{unit}]", (_Line("eigenvalue_largest", "corrected, largest eigenvalue", CORRECTED),)),
+                (f"smallest [{unit}]", (_Line("eigenvalue_smallest", "corrected, smallest eigenvalue", CORRECTED),)),
             ),
         ),
         _Figure(
@@ -196,7 +200,7 @@ def _figures(chain: Chain, result: Summary) -> tuple[_Figure, ...]:
             "Wrench of the environment on the robot",
             "As analysed, in the representation named above.",
             tuple(
-                (f"{part} [{unit}]", tuple(_Line(f"{part}_{axis}", axis, colour) for axis, colour in axes))
+                (f"{part} [{unit}]", tuple(_Line(f"{part}_{axis}", axis, AXES[k]) for k, axis in enumerate("xyz")))
                 for part, unit in (("force", "N"), ("moment", "N m"))
             ),
         ),
@@ -222,38 +226,17 @@ def _abscissa(result: Summary) -> tuple[Array, str]:
     return np.asarray(bins * 2.0**envelope.shift - 0.5, dtype=float), "row, counted from 0"
 
 
-def _pyplot() -> Any:
-    import matplotlib as mpl
-
-    mpl.use("svg")
-    import matplotlib.pyplot as plt
-
-    return plt
-
-
-def _style() -> dict[str, Any]:
-    return {
-        "svg.hashsalt": "stiffgen",  # the same bytes every time
-        "font.size": 9,
-        "figure.facecolor": _PAGE,
-        "axes.facecolor": "none",
-        "axes.grid": True,
-        "grid.color": _GRID,
-        "grid.linewidth": 0.6,
-        "legend.frameon": False,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-    } | dict.fromkeys(
-        ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "axes.titlecolor"), _TEXT
-    )
-
-
 def _over_time(figure: _Figure, result: Summary, x: Array, x_label: str) -> str:
     envelope = result.envelope
     assert envelope is not None
-    plt = _pyplot()
-    with plt.rc_context(_style()):
-        drawing, axes = plt.subplots(len(figure.panels), 1, figsize=(8.4, 4.8), sharex=True, layout="constrained")
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from stiffgen.analyze.style import INK, STYLE, themed_svg
+
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(8.4, 4.8), layout="constrained")
+        axes = drawing.subplots(len(figure.panels), 1, sharex=True)
         for panel, (label, lines) in zip(axes, figure.panels, strict=True):
             for line in lines:
                 index = MEASURES.index(line.measure)
@@ -264,28 +247,41 @@ def _over_time(figure: _Figure, result: Summary, x: Array, x_label: str) -> str:
                 if envelope.shift:
                     panel.fill_between(x, least, most, color=line.colour, alpha=0.25, linewidth=0)
                 marker = "o" if some.sum() < 3 else None  # a single point has no line
-                panel.plot(x, mean, color=line.colour, linewidth=1.0, label=line.label, marker=marker, markersize=3)
+                panel.plot(
+                    x,
+                    mean,
+                    linestyle=(0, line.dashes) if line.dashes else "-",
+                    linewidth=line.width,
+                    color=line.colour,
+                    label=line.label,
+                    marker=marker,
+                    markersize=3,
+                )
             if any(line.measure == "eigenvalue_smallest" for line in lines):
-                panel.axhline(0, color=_TEXT, linewidth=0.8)
+                panel.axhline(0, color=INK, linewidth=0.8)
             panel.set_ylabel(label)
             panel.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, ncols=3)
         axes[-1].set_xlabel(x_label)
-        return _svg(plt, drawing)
+        return themed_svg(drawing)
 
 
 def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) -> str:
     assert result.grid is not None
-    plt = _pyplot()
+    import matplotlib as mpl
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import ListedColormap, LogNorm, to_rgba
+    from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
+
+    from stiffgen.analyze.style import CONVENTIONAL, INK, STYLE, themed_svg
 
     edges = 10 ** (GRID_DECADES[0] + np.arange(result.grid.shape[0] - 1) / GRID_PER_DECADE)
     counts = result.grid[1:-1, 1:-1].T
     ratio = summary["measures"]["antisymmetric_per_moment"]
-    with plt.rc_context(_style()):
-        drawing, axes = plt.subplots(figsize=(6.4, 4.8), layout="constrained")
-        shades = ListedColormap([to_rgba(_BLUE, alpha) for alpha in np.linspace(0.2, 1, 10)])
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(6.4, 4.8), layout="constrained")
+        axes = drawing.subplots()
+        shades = ListedColormap([to_rgba(CONVENTIONAL, alpha) for alpha in np.linspace(0.2, 1, 10)])
         top = max(int(counts.max()), 10)
         filled = np.argwhere(counts > 0)
         cells = [[(edges[x + i], edges[y + j]) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))] for y, x in filled]
@@ -299,7 +295,7 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
                     spread,
                     value * spread,
                     style,
-                    color=_ORANGE,
+                    color=INK,
                     linewidth=1.2,
                     label=f"{name} ratio, {value:.3g} per rad",
                 )
@@ -313,16 +309,4 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("{x:g}" if high < 20 * low else NullFormatter())  # few ticks, or decades alone
         axes.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, ncols=2)
-        return _svg(plt, drawing)
-
-
-def _svg(plt: Any, drawing: Any) -> str:
-    buffer = io.StringIO()
-    drawing.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(drawing)
-    rules = "".join(
-        f'[style*="{kind}: {light}"]{{{kind}:{dark} !important}}'
-        for light, dark in _DARK.items()
-        for kind in ("fill", "stroke")
-    )
-    return buffer.getvalue().replace("</style>", f"\n@media (prefers-color-scheme: dark){{{rules}}}</style>", 1)
+        return themed_svg(drawing)

@@ -12,6 +12,7 @@ from stiffgen.check.verify import argument_samples, import_robot, kernels_of
 from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import OutputError
 from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import springs_of_manifest
 
 _BATCH = 4096
 _SECONDS = 0.01
@@ -45,14 +46,14 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
     manifest = read_manifest(folder)
     if manifest is None:
         raise OutputError(f"{folder}: is not a folder that 'stiffgen generate' wrote; give the robot's own folder")
-    chain = chain_from_manifest(manifest)
-    pool = argument_samples(chain, _BATCH, seed=0)
-    kernels = kernels_of(import_robot(folder), chain)
+    chain, options = chain_from_manifest(manifest), springs_of_manifest(manifest)
+    pool = argument_samples(chain, _BATCH, 0, options)
+    kernels = kernels_of(import_robot(folder), chain, options)
     timings = []
-    for kernel in chain_kernels(chain):
+    for kernel in chain_kernels(chain, options):
         progress(f"timing {kernel.qualified_name}")
         function = kernels[kernel.qualified_name]
-        stacks = [pool[argument.name] for argument in kernel.arguments]
+        stacks = [pool[argument] for argument in kernel.arguments]
         first = [stack[0].copy() for stack in stacks]
         out = function(*stacks)
         call = _median(function, first, {})

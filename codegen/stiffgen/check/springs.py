@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from stiffgen.symbolic.springs import Spring
+from stiffgen.symbolic.springs import KINDS, Placement, Spring
+from stiffgen.symbolic.springs import spring as stiffgen_spring
 
 Energy = Callable[..., ca.SX]
 
@@ -19,19 +20,73 @@ def _symmetric(matrix: ca.SX) -> ca.SX:
     return ca.triu2symm(ca.triu(matrix))
 
 
-def _trace(p: ca.SX, R: ca.SX, H: ca.SX, Kt: ca.SX, Ko: ca.SX) -> ca.SX:
-    away, stiffness = p - H[:3, 3], _symmetric(Ko)
-    G = ca.trace(stiffness) / 2 * ca.SX.eye(3) - stiffness
-    return away.T @ _symmetric(Kt) @ away / 2 + ca.trace(G @ (ca.SX.eye(3) - H[:3, :3].T @ R))
+def _vee(E: ca.SX) -> ca.SX:
+    return ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
 
 
-ENERGIES: dict[str, Energy] = {"spring": _trace}
-"""Energies by group of kernels, as textbooks have them."""
+def _in(axes: str, R: ca.SX, R0: ca.SX) -> ca.SX:
+    """Rotation of the axes in which a stiffness is given, in the base."""
+    return {"base": ca.SX.eye(3), "tip": R, "equilibrium": R0}[axes]
 
 
-def differentiated(spring: Spring, pose: ca.SX, q: ca.SX, parameters: list[ca.SX]) -> dict[str, ca.SX]:
-    """What the kernels of a spring compute, by differentiation of its energy; names as those of the results."""
-    energy = ENERGIES[spring.name]
+def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX:
+    """Rotational energy: Ko turned into the equilibrium's axes, and the angle by the arc cosine of the trace."""
+    Q = R0.T @ _in(axes, R, R0)
+    K, E = Q @ _symmetric(Ko) @ Q.T, R0.T @ R
+    if rotation == "trace":
+        return ca.trace((ca.trace(K) / 2 * ca.SX.eye(3) - K) @ (ca.SX.eye(3) - E))
+    w, v = _quaternion(E)
+    square = ca.dot(v, v)
+    angle = 2 * ca.atan2(ca.sqrt(square), w)
+    form = v.T @ K @ v / square
+    return form * (angle**2 / 2 if rotation == "rotation_vector" else 4 * (1 - ca.cos(angle / 2)))
+
+
+def _quaternion(E: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """(w, v), w >= 0, divided by whichever of w, x, y, z is largest (Shepperd 1978); differentiable as it stands."""
+    t = ca.trace(E)
+    largest, q = t, ca.vertcat(1 + t, 2 * _vee(E)) / (2 * ca.sqrt(1 + t))
+    for k in range(3):
+        j, m = (k + 1) % 3, (k + 2) % 3
+        root = 2 * ca.sqrt(1 + 2 * E[k, k] - t)
+        parts = ca.SX(4, 1)
+        parts[0] = (E[m, j] - E[j, m]) / root
+        parts[1 + k] = root / 4
+        parts[1 + j], parts[1 + m] = (E[j, k] + E[k, j]) / root, (E[m, k] + E[k, m]) / root
+        better = E[k, k] > largest
+        q, largest = ca.if_else(better, parts, q), ca.if_else(better, E[k, k], largest)
+    sign = ca.if_else(q[0] < 0, -1, 1)
+    return sign * q[0], sign * q[1:]
+
+
+def textbook(name: str, placement: Placement) -> Energy:
+    """The energy of one of stiffgen's springs by the group of its kernels, as textbooks have it."""
+    kind = name.removeprefix("spring").removeprefix("_") or "trace"
+    translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
+
+    def energy(p: ca.SX, R: ca.SX, H: ca.SX, *stiffnesses: ca.SX) -> ca.SX:
+        R0, p0, centre = H[:3, :3], H[:3, 3], ca.DM(placement.centre)
+        away = _in(translation, R, R0).T @ (p + R @ centre - p0 - R0 @ centre)
+        if kind != "coupled":
+            Kt, Ko = stiffnesses
+            return away.T @ _symmetric(Kt) @ away / 2 + _rotation(R, R0, Ko, kind, placement.rotation_axes)
+        K = _symmetric(stiffnesses[0])
+        sine = _in(placement.rotation_axes, R, R0).T @ R0 @ _vee(R0.T @ R)
+        turned = _rotation(R, R0, K[3:, 3:], "trace", placement.rotation_axes)
+        return away.T @ K[:3, :3] @ away / 2 + turned + away.T @ K[:3, 3:] @ sine
+
+    return energy
+
+
+def differentiated(
+    spring: Spring, placement: Placement, pose: ca.SX, q: ca.SX, parameters: list[ca.SX]
+) -> dict[str, ca.SX]:
+    """What the kernels of a spring compute, by differentiation of its energy; names as those of the results.
+
+    A user's potential is taken as it is, and differentiated along the pose.
+    """
+    own = spring.name in {each.name for each in map(stiffgen_spring, KINDS)}
+    energy = textbook(spring.name, placement) if own else spring.energy
     p, R = pose[:3, 3], pose[:3, :3]
     x = ca.SX.sym("x", 6)
     turn = ca.skew(x[3:])

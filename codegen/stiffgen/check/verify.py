@@ -32,9 +32,11 @@ from stiffgen.check.springs import differentiated
 from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import OutputError
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
-from stiffgen.symbolic.kernels import SPRINGS, chain_kernels
+from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
 from stiffgen.symbolic.springs import Spring
 
 Array = NDArray[np.float64]
@@ -71,6 +73,7 @@ class Samples:
     equilibrium: Array
     translation_stiffness: Array
     rotation_stiffness: Array
+    stiffness: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -91,7 +94,18 @@ class Samples:
             equilibrium=_random_poses(random, count),
             translation_stiffness=_random_positive(random, count, 3, 300.0),
             rotation_stiffness=_random_positive(random, count, 3, 20.0),
+            stiffness=_random_positive(random, count, 6, 30.0),
         )
+
+    def of(self, argument: Argument, seed: int) -> Array:
+        """The values of a kernel's argument; what a user's potential takes is drawn for it."""
+        known = getattr(self, argument.name, None)
+        if known is not None and len(known.shape) == 1 + len(argument.shape):
+            sizes = zip(argument.shape, known.shape[1:], strict=True)
+            if all(extent in ("n", size) for extent, size in sizes):
+                values: Array = known
+                return values
+        return _random_parameter(argument, len(self.q), seed)
 
     def __getitem__(self, argument: str) -> Array:
         """The values of a kernel's argument by its name."""
@@ -112,6 +126,12 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
     poses[:, :3, 3] = random.normal(size=(count, 3)) * 0.2
     poses[:, 3, 3] = 1
     return poses
+
+
+def _random_parameter(argument: Argument, count: int, seed: int) -> Array:
+    """Values of about 1, positive, for what a user's potential takes."""
+    extents = [int(extent) for extent in argument.shape]
+    return np.random.default_rng(seed + 77).uniform(0.2, 2.0, (count, *extents))
 
 
 def _random_positive(random: np.random.Generator, count: int, size: int, scale: float) -> Array:
@@ -199,11 +219,15 @@ class References:
         count: number of samples.
         seed: of the random generator.
         q: postures (count, n) instead of random ones.
+        options: springs beyond the default one.
 
     """
 
-    def __init__(self, chain: Chain, count: int, seed: int, q: Array | None = None) -> None:
+    def __init__(
+        self, chain: Chain, count: int, seed: int, q: Array | None = None, options: SpringOptions | None = None
+    ) -> None:
         self.chain = chain
+        self.options = options or SpringOptions()
         self.samples = Samples.draw(chain, count, seed)
         if q is not None:
             self.samples = replace(self.samples, q=q)
@@ -223,7 +247,8 @@ class References:
             n = chain.dof
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
         self.potential = self._potential(symbol, pose, seed)
-        self.springs = {spring.name: self._spring(spring, symbol, pose) for spring in SPRINGS}
+        self.parameters: dict[str, list[Array]] = {}
+        self.springs = {spring.name: self._spring(spring, symbol, pose, seed) for spring in self.options.springs()}
 
     @property
     def posture(self) -> tuple[Array, ...]:
@@ -237,16 +262,18 @@ class References:
         mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
 
-    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX) -> dict[str, Array]:
+    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, Array]:
         """Results of a spring's kernels by name, from its differentiated energy."""
         count = len(self.samples.q)
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
-        stacks = [self.samples[argument.name] for argument in spring.parameters]
+        stacks = self.parameters[spring.name] = [
+            self.samples.of(argument, seed + k) for k, argument in enumerate(spring.parameters)
+        ]
         # Stacks go in as columns, a matrix row by row.
         given = [*self._symbols, *(ca.vec(symbol.T) for symbol in symbols)]
         columns = [each.reshape(count, -1).T for each in (self.samples.q, self.samples.tool_pose, *stacks)]
         results = {}
-        for name, expression in differentiated(spring, pose, q, symbols).items():
+        for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
             rows, width = expression.shape
             function = ca.Function("f", given, [ca.densify(expression)], {"cse": True})
             mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
@@ -350,9 +377,9 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
 
 def _spring_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
     checks = []
-    for spring in SPRINGS:
+    for spring in references.options.springs():
         expected = references.springs[spring.name]
-        arguments = (*references.posture, *(references.samples[argument.name] for argument in spring.parameters))
+        arguments = (*references.posture, *references.parameters[spring.name])
         for name, reference in expected.items():
             kernel = f"{prefix}{spring.name}_{name}"
             value = kernels[kernel](*arguments)
@@ -400,12 +427,14 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
     ]
 
 
-def check_robot(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+def check_robot(
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> list[Check]:
     """Compare all kernels of a robot with every oracle but the CasADi functions they came from."""
     if len(chain.tips) == 1:
-        return check_kernels(kernels, References(chain, count, seed))
+        return check_kernels(kernels, References(chain, count, seed, options=options))
     q = Samples.draw(chain, count, seed).q
-    tips = [References(chain.branch(tip), count, seed + index, q) for index, tip in enumerate(chain.tips)]
+    tips = [References(chain.branch(tip), count, seed + index, q, options) for index, tip in enumerate(chain.tips)]
     checks = []
     if chain.masses:
         reference = kinetic_hessian(chain, q)
@@ -418,9 +447,8 @@ def check_robot(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[C
         total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
         value = kernels[name](q, *stacked)
         checks += [_check(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
-    for spring in SPRINGS:
-        names = [argument.name for argument in spring.parameters]
-        given = [np.stack([r.samples[name] for r in tips], axis=1) for name in names]
+    for spring in tips[0].options.springs():
+        given = [np.stack(each, axis=1) for each in zip(*(r.parameters[spring.name] for r in tips), strict=True)]
         poses = [np.stack([r.posture[1] for r in tips], axis=1)] if chain.runtime_tool else []
         for result in ("energy", "torque", "joint_stiffness"):
             name = f"{spring.name}_{result}_total"
@@ -434,25 +462,32 @@ def _contact(references: References) -> tuple[Array, ...]:
     return (*references.posture[1:], samples.wrench, samples.task_stiffness)
 
 
-def argument_samples(chain: Chain, count: int, seed: int) -> dict[str, Array]:
-    """A stack of ``count`` random values for every argument that kernels take, by name."""
+def argument_samples(
+    chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> dict[Argument, Array]:
+    """A stack of ``count`` random values for every argument that kernels take."""
     drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
+    names = [tip.name for tip in chain.tips]
     pool = {}
-    for kernel in chain_kernels(replace(chain, tips=chain.tips[:1])):
-        for argument in kernel.arguments:
-            pool[argument.name] = drawn[0][argument.name]
+    for kernel in chain_kernels(replace(chain, tips=chain.tips[:1]), options):
+        for k, argument in enumerate(kernel.arguments):
+            each = [samples.of(argument, seed + index + k) for index, samples in enumerate(drawn)]
+            pool[argument] = each[0]
             if argument.plural:
-                pool[argument.plural] = np.stack([samples[argument.name] for samples in drawn], axis=1)
+                pool[argument.of_all_tips(names)] = np.stack(each, axis=1)
     return pool
 
 
-def check_against_casadi(kernels: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+def check_against_casadi(
+    kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> list[Check]:
     """Compare kernels with the CasADi functions of the same chain (the C printing and the compiler)."""
-    pool = argument_samples(chain, count, seed)
-    pool["task_stiffness"] = Samples.draw(chain, count, seed).general_stiffness
+    pool = argument_samples(chain, count, seed, options)
+    general = Samples.draw(chain, count, seed).general_stiffness
+    pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
     checks = []
-    for kernel in chain_kernels(chain):
-        arguments = [pool[argument.name] for argument in kernel.arguments]
+    for kernel in chain_kernels(chain, options):
+        arguments = [pool[argument] for argument in kernel.arguments]
         function = casadi_function(chain, kernel)
         folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
         each = [
@@ -481,13 +516,15 @@ def _one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def check_batches(kernels: Kernels, single: Kernels, chain: Chain, count: int, seed: int) -> list[Check]:
+def check_batches(
+    kernels: Kernels, single: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> list[Check]:
     """Compare batch functions with single calls; the last block of a batch is not full."""
-    pool = argument_samples(chain, count, seed)
+    pool = argument_samples(chain, count, seed, options)
     checks = []
-    for kernel in chain_kernels(chain):
+    for kernel in chain_kernels(chain, options):
         if kernel.batch:
-            arguments = [pool[argument.name] for argument in kernel.arguments]
+            arguments = [pool[argument] for argument in kernel.arguments]
             name = kernel.qualified_name
             results = (as_results(each[name](*arguments)) for each in (kernels, single))
             for result, value, reference in zip(kernel.results, *results, strict=True):
@@ -522,10 +559,10 @@ def import_robot(folder: Path) -> ModuleType:
     return module
 
 
-def kernels_of(module: ModuleType, chain: Chain) -> dict[str, Callable[..., Any]]:
+def kernels_of(module: ModuleType, chain: Chain, options: SpringOptions | None = None) -> dict[str, Callable[..., Any]]:
     """The ufuncs of a generated module by qualified name."""
     ufuncs = {}
-    for kernel in chain_kernels(chain):
+    for kernel in chain_kernels(chain, options):
         owner: Any = module
         for name in kernel.path:
             owner = getattr(owner, name)
@@ -556,12 +593,13 @@ def verify(
     manifest = read_manifest(folder)
     assert manifest is not None
     chain = chain_from_manifest(manifest)
-    kernels = kernels_of(module, chain)
+    options = springs_of_manifest(manifest)
+    kernels = kernels_of(module, chain, options)
     # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
     single = {name: _one_by_one(kernel) for name, kernel in kernels.items()}
     progress("differentiating and comparing")
-    checks = check_robot(single, chain, count, seed)
+    checks = check_robot(single, chain, count, seed, options)
     progress("comparing with CasADi")
-    checks += check_against_casadi(single, chain, count, seed)
+    checks += check_against_casadi(single, chain, count, seed, options)
     progress("comparing batches")
-    return checks + check_batches(kernels, single, chain, count, seed)
+    return checks + check_batches(kernels, single, chain, count, seed, options)

@@ -18,6 +18,7 @@ from stiffgen.emit.target import Target
 from stiffgen.names import c_comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import (
     Array,
     Block,
@@ -85,13 +86,14 @@ class TargetCode:
         return frozenset().union(*(function.calls for _, function in (*self.shared, *self.kernels)))
 
 
-def print_kernels(chain: Chain, name: str, target: Target) -> TargetCode:
+def print_kernels(chain: Chain, name: str, target: Target, options: SpringOptions) -> TargetCode:
     """Print the kernels of a chain for a target; ``name`` is the prefix of public functions."""
-    return _TargetPrinter(chain, name, target).code()
+    return _TargetPrinter(chain, name, target, options).code()
 
 
 class _TargetPrinter:
-    def __init__(self, chain: Chain, name: str, target: Target) -> None:
+    def __init__(self, chain: Chain, name: str, target: Target, options: SpringOptions) -> None:
+        self.options = options
         self.chain = chain
         self.name = name
         self.target = target
@@ -100,7 +102,9 @@ class _TargetPrinter:
         self.finished: dict[str, Operations] = {}  # public functions printed so far
 
     def code(self) -> TargetCode:
-        table = [kernel for kernel in chain_kernels(self.chain) if kernel.batch or not self.target.batches]
+        table = [
+            kernel for kernel in chain_kernels(self.chain, self.options) if kernel.batch or not self.target.batches
+        ]
         kernels = tuple((kernel, self.kernel(kernel)) for kernel in table)
         return TargetCode(self.target, tuple(self.scopes.values()), tuple(self.shared.values()), kernels)
 

@@ -32,18 +32,25 @@ class Operations:
     add: int = 0
     multiply: int = 0
     sincos: int = 0
+    call: int = 0
+    """Square roots, arc tangents, comparisons, choices and other functions."""
 
     def __add__(self, other: Operations) -> Operations:
-        return Operations(self.add + other.add, self.multiply + other.multiply, self.sincos + other.sincos)
+        return Operations(
+            self.add + other.add,
+            self.multiply + other.multiply,
+            self.sincos + other.sincos,
+            self.call + other.call,
+        )
 
     def times(self, count: int) -> Operations:
         """The same, ``count`` times over."""
-        return Operations(self.add * count, self.multiply * count, self.sincos * count)
+        return Operations(self.add * count, self.multiply * count, self.sincos * count, self.call * count)
 
     @property
     def total(self) -> int:
         """All operations; a sine and a cosine count one each."""
-        return self.add + self.multiply + self.sincos
+        return self.add + self.multiply + self.sincos + self.call
 
 
 @dataclass(frozen=True)
@@ -121,11 +128,36 @@ class _Graph:
         kind, a, b = self.keys[number]
         if kind in ("const", "input"):
             return ()
-        return (int(a), b) if kind in ("add", "sub", "mul") else (int(a),)
+        return (int(a), b) if kind in _TWO_OPERANDS else (int(a),)
 
 
-_BINARY = {ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul"}
-_UNARY_OPS = {ca.OP_NEG: "neg", ca.OP_SIN: "sin", ca.OP_COS: "cos"}
+_BINARY = {
+    ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul", ca.OP_DIV: "div",
+    ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot",
+    ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
+    ca.OP_LT: "less", ca.OP_LE: "at_most", ca.OP_EQ: "equal", ca.OP_NE: "unequal",
+    ca.OP_AND: "both", ca.OP_OR: "either", ca.OP_IF_ELSE_ZERO: "where",
+}  # fmt: skip
+_UNARY_OPS = {
+    ca.OP_NEG: "neg", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log",
+    ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh", ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1", ca.OP_ERF: "erf", ca.OP_FABS: "fabs",
+    ca.OP_SIGN: "sign", ca.OP_NOT: "negation",
+}  # fmt: skip
+_TWO_OPERANDS = frozenset(_BINARY.values())
+_CONDITIONAL = frozenset(
+    ("fmin", "fmax", "less", "at_most", "equal", "unequal", "both", "either", "where", "sign", "negation")
+)
+LIBM = (
+    "sqrt", "exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "log1p",
+    "expm1", "erf", "fabs",
+)  # fmt: skip
+"""Functions of one number from libm."""
+LIBM_OF_TWO = ("pow", "atan2", "hypot", "fmin", "fmax")
+"""Functions of two numbers from libm."""
+OWN = ("less", "at_most", "equal", "unequal", "both", "either", "where", "sign", "negation")
+"""Functions that templates/choices.c defines: comparisons (1 or 0), and choices by them."""
 
 
 def _build(function: ca.Function) -> tuple[_Graph, list[int]]:
@@ -150,6 +182,8 @@ def _build(function: ca.Function) -> tuple[_Graph, list[int]]:
             registers[into[0]] = graph.add("mul", registers[from_[0]], registers[from_[0]])
         elif operation == ca.OP_TWICE:
             registers[into[0]] = graph.add("mul", graph.add("const", 2.0), registers[from_[0]])
+        elif operation == ca.OP_INV:
+            registers[into[0]] = graph.add("div", graph.add("const", 1.0), registers[from_[0]])
         else:
             raise NotImplementedError(
                 f"CasADi operation {operation} has no C printing; add it to _BINARY or _UNARY_OPS"
@@ -193,6 +227,12 @@ def print_statements(
     graph, numbers = _build(ca.Function("f", [symbols], [everything]))
     writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, target)
     writer.temporaries = temporaries
+    # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
+    if any(kind in _CONDITIONAL for kind, _, _ in (graph.keys[number] for number in writer.uses)):
+        writer.poison = "poison"
+        total = " + ".join(text for _, text in inputs)
+        writer.reads |= set(range(len(inputs)))
+        writer.poison_line(f"0.0{target.literal} * ({total})", wide=bool(wide))
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -225,6 +265,7 @@ class _Writer:
         self.temporaries = 0
         self.reads: set[int] = set()
         self.calls: set[str] = set()
+        self.poison = ""
         self.uses = self._count_uses(outputs)
 
     def _wide_nodes(self, inputs: Container[str]) -> set[int]:
@@ -293,6 +334,10 @@ class _Writer:
     def _any(self, numbers: Sequence[int], kind: str) -> bool:
         return any(self.graph.keys[number][0] == kind for number in numbers)
 
+    def poison_line(self, text: str, *, wide: bool) -> None:
+        """Define what is 0, or NaN if an input is NaN."""
+        self._write(f"const {self.target.row if wide else self.target.scalar} poison = {text};")
+
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
 
@@ -308,12 +353,14 @@ class _Writer:
                 self._define(name, number)
 
     def assign(self, lvalue: str, number: int, *, wide: bool) -> None:
+        inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
+        if self.uses[inner] > 1 and not self._is_leaf(inner) and inner not in self.text:
+            self._define(self._next_temporary(), inner)
         self._prepare(number)
         text = self._expression(number)[0]
-        if wide and number not in self.wide and self.target.spread:
-            self.calls.add(self.target.spread)
-            text = f"{self.target.spread}({text})"
-        self._write(f"{lvalue} = {text};")
+        if self.poison and self.graph.keys[inner][0] != "const":
+            text = f"{text} + {self.poison}"
+        self._write(f"{lvalue} = {self._spread(text) if wide and number not in self.wide else text};")
 
     def value(self, name: str, number: int) -> str:
         """C text of a node, which is defined under ``name`` unless it is short already."""
@@ -348,9 +395,13 @@ class _Writer:
             stack.pop()
             shared = self.uses[current] > 1 and self.graph.keys[current][0] != "neg"
             if current != number and shared and not self._is_leaf(current):
-                self._write(f"{self._type(current)} t{self.temporaries} = {self._expression(current)[0]};")
-                self.text[current] = f"t{self.temporaries}"
-                self.temporaries += 1
+                name = self._next_temporary()
+                self._write(f"{self._type(current)} {name} = {self._expression(current)[0]};")
+                self.text[current] = name
+
+    def _next_temporary(self) -> str:
+        self.temporaries += 1
+        return f"t{self.temporaries - 1}"
 
     def _operands(self, number: int) -> tuple[int, ...]:
         """Operands that are still to be computed: the angles of sines and cosines were used up by the call."""
@@ -372,10 +423,31 @@ class _Writer:
         if kind == "mul":
             self.operations.multiply += 1
             return f"{self._nested(int(a), _PRODUCT)} * {self._nested(b, _UNARY)}", _PRODUCT
+        if kind == "div":
+            self.operations.multiply += 1
+            return f"{self._nested(int(a), _PRODUCT)} / {self._nested(b, _UNARY)}", _PRODUCT
+        if kind not in ("add", "sub"):
+            self.operations.call += 1
+            wide = number in self.wide and self.target.row != self.target.scalar
+            given = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
+            function = f"{kind}_lanes" if wide else kind
+            self.calls.add(function)
+            return f"{function}({given})", _ATOM
         self.operations.add += 1
         sign = "+" if kind == "add" else "-"
         # The right operand of a sum keeps its parentheses: floating-point addition is not associative.
         return f"{self._nested(int(a), _SUM)} {sign} {self._nested(b, _PRODUCT)}", _SUM
+
+    def _argument(self, number: int, *, wide: bool) -> str:
+        text = self._expression(number)[0]
+        return self._spread(text) if wide and number not in self.wide else text
+
+    def _spread(self, text: str) -> str:
+        """An entry of a row, made of a scalar."""
+        if not self.target.spread:
+            return text
+        self.calls.add(self.target.spread)
+        return f"{self.target.spread}({text})"
 
     def _nested(self, number: int, at_least: int) -> str:
         text, precedence = self._expression(number)

@@ -14,13 +14,18 @@ from typing import Any
 from stiffgen._version import __version__
 from stiffgen.emit.expressions import Operations
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
+from stiffgen.symbolic.potentials import SpringOptions
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
 
 
 def manifest_text(
-    chain: Chain, name: str, kernels: Mapping[str, tuple[str, Operations]], texts: Mapping[str, str]
+    chain: Chain,
+    name: str,
+    kernels: Mapping[str, tuple[str, Operations]],
+    texts: Mapping[str, str],
+    options: SpringOptions,
 ) -> str:
     """The manifest of a robot's folder.
 
@@ -29,6 +34,7 @@ def manifest_text(
         name: its identifier.
         kernels: signature and operation count of every function, by qualified name.
         texts: the other files by name; the manifest has their SHA-256.
+        options: what was asked of springs.
 
     """
     content = {
@@ -41,6 +47,7 @@ def manifest_text(
             for kernel, (signature, operations) in kernels.items()
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
+        "springs": options.to_manifest(),
         "chain": _finite(asdict(chain)),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"

@@ -13,7 +13,7 @@ import jinja2
 from stiffgen._version import __version__
 from stiffgen.emit.c import CFunction, Scope, TargetCode, print_kernels
 from stiffgen.emit.controller import controller_context, controller_files
-from stiffgen.emit.expressions import WIDEST, Operations, c_double
+from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, WIDEST, Operations, c_double
 from stiffgen.emit.manifest import MANIFEST, manifest_text
 from stiffgen.emit.target import BATCH, CUDA, SINGLE, Target
 from stiffgen.errors import ChainError
@@ -22,18 +22,20 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import Array
 
 _SOURCES = "@digest of the C sources@"
 
 
-def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
+def render(chain: Chain, name: str, *, cuda: bool = False, options: SpringOptions | None = None) -> dict[str, str]:
     """The files of a robot's folder by name.
 
     Args:
         chain: the robot.
         name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
         cuda: also NAME.cu and NAME_cuda.h, CUDA for the kernels that have a batch.
+        options: springs beyond the default one, their axes and centre.
 
     Returns:
         Text by file name; the same on every machine.
@@ -42,8 +44,9 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
         ChainError: ``cuda`` for a chain too long for batches.
 
     """
-    single, batch = print_kernels(chain, name, SINGLE), print_kernels(chain, name, BATCH)
-    threads = _threads(chain, name) if cuda else None
+    options = options or SpringOptions()
+    single, batch = (print_kernels(chain, name, target, options) for target in (SINGLE, BATCH))
+    threads = _threads(chain, name, options) if cuda else None
     context = _context(chain, name, single, batch) | {"cuda": threads and _cuda(chain, name, threads)}
     environment = _environment()
     files = {
@@ -65,7 +68,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False) -> dict[str, str]:
     texts["py.typed"] = ""
     texts = _with_sources(texts)
     signed = {k.qualified_name: (k.signature(chain), f.operations) for k, f in single.kernels}
-    texts[MANIFEST] = manifest_text(chain, name, signed, texts)
+    texts[MANIFEST] = manifest_text(chain, name, signed, texts, options)
     return texts
 
 
@@ -130,6 +133,9 @@ def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> 
         "batches": [_batch(name, kernel, function) for kernel, function in batch.kernels],
         "targets": {"single": SINGLE, "batch": BATCH, "cuda": CUDA},
         "calls": single.calls | batch.calls,
+        "libm": LIBM,
+        "libm_of_two": LIBM_OF_TWO,
+        "own": OWN,
     }
 
 
@@ -189,8 +195,8 @@ def _example(chain: Chain) -> _Example:
     )
 
 
-def _threads(chain: Chain, name: str) -> TargetCode:
-    threads = print_kernels(chain, name, CUDA)
+def _threads(chain: Chain, name: str, options: SpringOptions) -> TargetCode:
+    threads = print_kernels(chain, name, CUDA, options)
     if not threads.kernels:
         raise ChainError(
             f"--cuda: the chain has {len(chain.joints)} moving joints, and CUDA kernels are made for at most "

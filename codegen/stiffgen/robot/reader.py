@@ -13,8 +13,11 @@ from __future__ import annotations
 import hashlib
 import io
 import math
+import os
 import re
+import select
 from pathlib import Path
+from typing import BinaryIO
 
 import yourdfpy
 from lxml import etree
@@ -33,6 +36,7 @@ from stiffgen.robot.description import (
 from stiffgen.robot.geometry import unit
 
 # The largest description in docs/robots.md has 0.2 MB. A parsed byte can cost 50 bytes of memory.
+_WRITER_WITHIN = 2  # [s] that a pipe may be without data at first
 MAX_BYTES = 4 * 2**20
 
 _XACRO = re.compile(rb"www\.ros\.org/wiki/xacro|wiki\.ros\.org/xacro|<xacro:")
@@ -77,7 +81,7 @@ def _read_bytes(path: Path) -> bytes:
     try:
         if path.is_dir():
             raise DescriptionError(str(path), ["is a folder; name the URDF file in it"])
-        with path.open("rb") as stream:
+        with _opened(path) as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -90,6 +94,20 @@ def _read_bytes(path: Path) -> bytes:
             path.name, [f"is larger than {limit} MiB; a robot description holds no meshes: is this the right file?"]
         )
     return data
+
+
+def _opened(path: Path) -> BinaryIO:
+    """The file, open; of a pipe with a name only if something writes to it, since reading would wait for ever."""
+    if not path.is_fifo():
+        return path.open("rb")
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    waiting = select.poll()
+    waiting.register(descriptor, select.POLLIN)
+    if not waiting.poll(1000 * _WRITER_WITHIN):
+        os.close(descriptor)
+        raise DescriptionError(str(path), ["is a pipe to which nothing writes; name a file, or start the writer first"])
+    os.set_blocking(descriptor, True)
+    return os.fdopen(descriptor, "rb")
 
 
 def _parse_xml(file: str, data: bytes) -> etree._Element:

@@ -15,6 +15,7 @@ from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import Part, Program, Sum, Term
 from stiffgen.symbolic.springs import TRACE, Spring
 
@@ -157,9 +158,6 @@ _MASS = Argument(
 )
 
 
-SPRINGS = (TRACE,)
-"""The springs that every robot has."""
-
 _ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibrium")
 _SPRING_WRENCH = Argument(
     "wrench", (6,), "N, N m",
@@ -219,7 +217,7 @@ def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel
     )  # fmt: skip
 
 
-def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
+def _tip_kernels(tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: bool) -> tuple[Kernel, ...]:
     given = posture(runtime_tool=runtime_tool)
     pose = Kernel(
         "forward_kinematics", None, given, (POSE,),
@@ -230,7 +228,7 @@ def _tip_kernels(tip: Tip | None, *, runtime_tool: bool) -> tuple[Kernel, ...]:
     kernels = (
         pose,
         *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep, given)),
-        *(kernel for spring in SPRINGS for kernel in _spring_kernels(spring, given)),
+        *(kernel for spring in springs for kernel in _spring_kernels(spring, given)),
     )
     note = "With a tool pose, 'tip' is the tool's frame." if runtime_tool else ""
     return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
@@ -268,19 +266,19 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
     )  # fmt: skip
 
 
-def _total_kernels(chain: Chain) -> tuple[Kernel, ...]:
+def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
     contacts = (
         "Symmetric joint stiffness of contacts at all tips together.",
         "A tip without contact: wrench and task stiffness zero.",
     )
-    springs = ("{summary} Springs at all tips together.", "A tip without a spring: its stiffnesses zero.")
+    of_springs = ("{summary} Springs at all tips together.", "A tip without a spring: its stiffnesses zero.")
     totals = []
-    for kernel in _tip_kernels(None, runtime_tool=chain.runtime_tool):
+    for kernel in _tip_kernels(None, springs, runtime_tool=chain.runtime_tool):
         if kernel.group in REPRESENTATIONS:
             if kernel.name == "joint_stiffness":
                 totals.append(_total(chain, kernel, *contacts))
         elif kernel.group and kernel.name in ("energy", "torque", "joint_stiffness", "linearization"):
-            totals.append(_total(chain, kernel, springs[0].format(summary=kernel.summary), springs[1]))
+            totals.append(_total(chain, kernel, of_springs[0].format(summary=kernel.summary), of_springs[1]))
     return tuple(totals)
 
 
@@ -294,8 +292,10 @@ _MASS_MATRIX = Kernel(
 )  # fmt: skip
 
 
-def _serial(*, runtime_tool: bool = False, masses: bool = True) -> tuple[Kernel, ...]:
-    first, *others = _tip_kernels(None, runtime_tool=runtime_tool)
+def _serial(
+    springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True
+) -> tuple[Kernel, ...]:
+    first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool)
     return (first, *((_MASS_MATRIX,) if masses else ()), *others)
 
 
@@ -307,20 +307,20 @@ MAX_BATCH_JOINTS = 24
 """Chains with more moving joints have no batch functions, which would double a C source of nearly a megabyte."""
 
 
-def chain_kernels(chain: Chain) -> tuple[Kernel, ...]:
-    """The kernels that a chain has, in the order in which they are printed.
+def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[Kernel, ...]:
+    """The kernels that a chain has, in the order in which they are printed; ``options``: springs beyond the default.
 
     The mass matrix is left out where the chain's masses were. With several tips, each has its own pose and
     representation kernels, and the joint stiffness of all contacts together is added.
     """
-    kernels = _all_kernels(chain)
+    kernels = _all_kernels(chain, (options or SpringOptions()).springs())
     if len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)
 
 
-def _all_kernels(chain: Chain) -> tuple[Kernel, ...]:
+def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
     if len(chain.tips) == 1:
-        return _serial(runtime_tool=chain.runtime_tool, masses=chain.masses)
-    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, runtime_tool=chain.runtime_tool)]
-    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain))
+        return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses)
+    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, runtime_tool=chain.runtime_tool)]
+    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain, springs))

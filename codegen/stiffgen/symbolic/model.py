@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.potentials import Potential, SpringOptions
 from stiffgen.symbolic.program import as_operand, evaluate
+from stiffgen.symbolic.springs import Placement
 
 
 class StiffnessModel:
@@ -23,6 +27,13 @@ class StiffnessModel:
 
     Args:
         chain: from :func:`stiffgen.load_chain`.
+        springs: springs beyond the default one ("rotation_vector", "quaternion", "coupled").
+        placement: axes and centre of stiffness.
+        potentials: functions U(p, R, parameters) of your own (:mod:`stiffgen.symbolic.potentials`); the group has the
+            function's name.
+
+    Raises:
+        PotentialError: a spring or potential is refused.
 
     """
 
@@ -31,10 +42,19 @@ class StiffnessModel:
     body: SimpleNamespace
     spatial: SimpleNamespace
     hybrid: SimpleNamespace
+    spring: SimpleNamespace
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        *,
+        springs: Sequence[str] = (),
+        placement: Placement | None = None,
+        potentials: Sequence[Callable[..., Any]] = (),
+    ) -> None:
         self.chain = chain
-        for kernel in chain_kernels(chain):
+        own = tuple(Potential(function) for function in potentials)
+        for kernel in chain_kernels(chain, SpringOptions(tuple(springs), placement or Placement(), own)):
             owner: object = self
             for name in kernel.path:
                 if not hasattr(owner, name):

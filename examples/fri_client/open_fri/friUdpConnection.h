@@ -2,9 +2,6 @@
 #ifndef OPEN_FRI_UDP_CONNECTION_H
 #define OPEN_FRI_UDP_CONNECTION_H
 
-#include <cstddef>
-#include <netinet/in.h>
-
 #ifndef FRI_VERSION
 #error "define FRI_VERSION as 115, 205 or 207 (CMake: -DOPEN_FRI_VERSION=1.15, 2.5 or 2.7)"
 #endif
@@ -23,7 +20,7 @@ typedef const char *SendBuffer;
 typedef int BufferSize;
 #endif
 
-/* Where datagrams come from and go to. One's own makes a session without sockets. */
+/* Where datagrams come from and go to; the client has its own (connection.h). */
 class IConnection {
 public:
     virtual ~IConnection() {}
@@ -31,40 +28,10 @@ public:
     virtual void close() = 0;
     virtual bool isOpen() const = 0;
 
-    /* Waits for one datagram. Returns its size, which is larger than maxSize if it was cut; -1 after a timeout or an
-     * error. */
+    /* Waits for one datagram. Returns its size; -1 after a timeout or an error. */
     virtual int receive(ReceiveBuffer buffer, BufferSize maxSize) = 0;
 
     virtual bool send(SendBuffer buffer, BufferSize size) = 0;
-};
-
-/*
- * UDP over IPv4. Listens on a port of all interfaces; the robot sends first.
- *
- * Without a host, answers go to where the last datagram came from. With one, only datagrams from that address and the
- * same port number are taken.
- */
-class UdpConnection : public IConnection {
-public:
-    /* Timeout of receive in ms; 0 waits for ever. */
-    explicit UdpConnection(unsigned int receiveTimeoutMs = 0);
-    virtual ~UdpConnection();
-
-    /* False if the host is no numeric IPv4 address ("" is as none) or the port is taken. */
-    virtual bool open(int port, const char *remoteHost = NULL);
-    virtual void close();
-    virtual bool isOpen() const;
-    virtual int receive(ReceiveBuffer buffer, BufferSize maxSize);
-    virtual bool send(SendBuffer buffer, BufferSize size);
-
-private:
-    UdpConnection(const UdpConnection &);
-    UdpConnection &operator=(const UdpConnection &);
-
-    int socket_;
-    int timeout_;
-    bool connected_;
-    struct sockaddr_in peer_;
 };
 
 } // namespace FRI

@@ -13,11 +13,6 @@ namespace {
 enum IoType { IO_BOOLEAN = 0, IO_DIGITAL = 1, IO_ANALOG = 2 };
 enum { IO_OUTPUT = 1 };
 
-/* The robot's counter up to this far behind the last one means an old message; further, that the robot counts anew. */
-const std::uint32_t REORDER_WINDOW = 100;
-/* A counter further ahead than this is no gap of so many lost messages. */
-const std::uint32_t LARGEST_GAP = 1u << 20;
-
 bool all_finite(const double *values, int count)
 {
     for (int i = 0; i < count; ++i) {
@@ -195,10 +190,8 @@ void LBRClient::command()
 /* ---- application ------------------------------------------------------------------------------------------------ */
 
 ClientApplication::ClientApplication(IConnection &connection, IClient &client)
-    : connection_(connection), client_(client), state_(IDLE), sent_count_(0), since_answer_(0), sequence_(0),
-      sequence_known_(false), reflected_(0), reflection_known_(false)
+    : connection_(connection), client_(client), state_(IDLE), sent_count_(0), since_answer_(0)
 {
-    std::memset(&statistics_, 0, sizeof statistics_);
 }
 
 bool ClientApplication::connect(int port, const char *remoteHost)
@@ -211,41 +204,6 @@ void ClientApplication::disconnect()
     if (connection_.isOpen()) {
         connection_.close();
     }
-}
-
-/* Whether the message follows the last one. */
-open_fri::Fault ClientApplication::order()
-{
-    const std::uint32_t sequence = incoming_.sequence;
-    if (sequence_known_) {
-        const std::uint32_t ahead = sequence - sequence_, behind = sequence_ - sequence;
-        if (ahead == 0) {
-            return open_fri::FAULT_DUPLICATE;
-        }
-        if (behind <= REORDER_WINDOW) {
-            return open_fri::FAULT_OUT_OF_ORDER;
-        }
-        statistics_.lost_messages += ahead <= LARGEST_GAP ? ahead - 1 : 0;
-    }
-    sequence_ = sequence;
-    sequence_known_ = incoming_.state != IDLE;
-    return open_fri::FAULT_NONE;
-}
-
-/* Which of our answers the robot has seen. */
-void ClientApplication::reflection()
-{
-    const std::uint32_t last = sent_count_ - 1, reflected = incoming_.reflected;
-    if (sent_count_ == 0 || last - reflected > LARGEST_GAP) {
-        return;
-    }
-    const std::uint32_t advance = reflection_known_ ? reflected - reflected_ : reflected + 1;
-    if (advance > 0 && advance <= LARGEST_GAP) {
-        statistics_.lost_answers += advance - 1;
-        reflected_ = reflected;
-        reflection_known_ = true;
-    }
-    statistics_.late_answers += reflected != last ? 1 : 0;
 }
 
 /* Whether an answer is due. */
@@ -277,21 +235,9 @@ bool ClientApplication::step()
         return false;
     }
     const int size = connection_.receive(reinterpret_cast<char *>(received_), open_fri::DATAGRAM_SIZE);
-    if (size < 0) {
-        statistics_.timeouts += statistics_.messages > 0 ? 1 : 0;
-        sequence_known_ = false;
+    if (size < 0 || !open_fri::decode(received_, static_cast<std::size_t>(size), &incoming_)) {
         return false;
     }
-    open_fri::Fault fault = open_fri::decode(received_, static_cast<std::size_t>(size), &incoming_);
-    if (fault == open_fri::FAULT_NONE) {
-        fault = order();
-    }
-    if (fault != open_fri::FAULT_NONE) {
-        ++statistics_.faults[fault];
-        return true;
-    }
-    ++statistics_.messages;
-    reflection();
     LBRState &state = client_.receivedState();
     LBRCommand &command = client_.nextCommand();
     state.message_ = incoming_;
@@ -301,11 +247,9 @@ bool ClientApplication::step()
     }
     const std::size_t length = open_fri::encode(command.message_, sent_count_, incoming_.sequence, sent_, sizeof sent_);
     if (length == 0 || !connection_.send(reinterpret_cast<char *>(sent_), static_cast<BufferSize>(length))) {
-        ++statistics_.send_failures;
         return false;
     }
     ++sent_count_;
-    ++statistics_.answers;
     return true;
 }
 

@@ -1,6 +1,8 @@
 /* The messages to and from bytes, by nanopb. Part of open_fri. */
 #include "open_fri_messages.h"
 
+#include "checksum.h"
+
 #include "fri.pb.h"
 
 #include <pb_decode.h>
@@ -17,27 +19,6 @@ const std::uint32_t MONITORING_IDENTIFIER = 0x245142, COMMAND_IDENTIFIER = 0x340
 
 #if FRI_VERSION >= 207
 const std::size_t FRAME_FRONT = 4, FRAME_BACK = 4;
-
-/* CRC-32 as of zlib, four bits at a time. */
-std::uint32_t checksum(const std::uint8_t *bytes, std::size_t size)
-{
-    static const std::uint32_t table[16] = {0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4,
-                                            0x4db26158, 0x5005713c, 0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c,
-                                            0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c};
-    std::uint32_t crc = 0xffffffffu;
-    for (std::size_t i = 0; i < size; ++i) {
-        crc ^= bytes[i];
-        crc = (crc >> 4) ^ table[crc & 15];
-        crc = (crc >> 4) ^ table[crc & 15];
-    }
-    return ~crc;
-}
-
-std::uint32_t read_little_endian(const std::uint8_t *bytes)
-{
-    return bytes[0] | static_cast<std::uint32_t>(bytes[1]) << 8 | static_cast<std::uint32_t>(bytes[2]) << 16 |
-           static_cast<std::uint32_t>(bytes[3]) << 24;
-}
 
 void write_little_endian(std::uint32_t value, std::uint8_t *bytes)
 {
@@ -77,18 +58,18 @@ void take_pose(bool present, const open_fri_Pose &from, double *to)
     }
 }
 
-Fault take_robot(const open_fri_Robot &from, Monitoring *to)
+bool take_robot(const open_fri_Robot &from, Monitoring *to)
 {
     if (from.has_joints && from.joints != JOINTS) {
-        return FAULT_JOINT_COUNT;
+        return false;
     }
     if (from.drives_count != 0 && from.drives_count != JOINTS) {
-        return FAULT_JOINT_COUNT;
+        return false;
     }
     to->drive = from.drives_count ? from.drives[0] : 0;
     for (int i = 0; i < from.drives_count; ++i) {
         if (from.drives[i] > 2) {
-            return FAULT_RANGE;
+            return false;
         }
         if (from.drives[i] != from.drives[0]) {
             to->drive = 1; /* TRANSITIONING */
@@ -97,16 +78,16 @@ Fault take_robot(const open_fri_Robot &from, Monitoring *to)
     to->safety = from.safety;
     to->operation = from.operation;
     to->control = from.control;
-    return from.safety > 3 || from.operation > 2 || from.control > 3 ? FAULT_RANGE : FAULT_NONE;
+    return from.safety <= 3 && from.operation <= 2 && from.control <= 3;
 }
 
-Fault take_measurement(const open_fri_Measurement &from, Monitoring *to)
+bool take_measurement(const open_fri_Measurement &from, Monitoring *to)
 {
     if (!take(from.has_position, from.position, to->position) || !take(from.has_torque, from.torque, to->torque) ||
         !take(from.has_commanded_position, from.commanded_position, to->commanded_position) ||
         !take(from.has_commanded_torque, from.commanded_torque, to->commanded_torque) ||
         !take(from.has_external_torque, from.external_torque, to->external_torque)) {
-        return FAULT_JOINT_COUNT;
+        return false;
     }
     if (from.has_external_force && from.external_force.element_count == 6) {
         std::memcpy(to->external_force, from.external_force.element, sizeof to->external_force);
@@ -122,7 +103,7 @@ Fault take_measurement(const open_fri_Measurement &from, Monitoring *to)
     for (int i = 0; i < to->io_count; ++i) {
         const open_fri_Io &io = from.ios[i];
         if (io.type > 2 || io.direction > 1) {
-            return FAULT_RANGE;
+            return false;
         }
         std::memcpy(to->ios[i].name, io.name, sizeof to->ios[i].name);
         to->ios[i].type = io.type;
@@ -131,13 +112,13 @@ Fault take_measurement(const open_fri_Measurement &from, Monitoring *to)
         to->ios[i].analog = io.analog;
     }
     const bool strategy = to->strategy == 0 || to->strategy == 4;
-    return strategy && to->nanoseconds < 1000000000u ? FAULT_NONE : FAULT_RANGE;
+    return strategy && to->nanoseconds < 1000000000u;
 }
 
-Fault take_interpolator(const open_fri_Interpolator &from, Monitoring *to)
+bool take_interpolator(const open_fri_Interpolator &from, Monitoring *to)
 {
     if (!take(from.has_position, from.position, to->interpolator_position)) {
-        return FAULT_JOINT_COUNT;
+        return false;
     }
     to->has_interpolator_position = from.has_position;
     take_pose(from.has_pose, from.pose, to->interpolator_pose);
@@ -145,34 +126,29 @@ Fault take_interpolator(const open_fri_Interpolator &from, Monitoring *to)
     to->command_mode = from.command_mode;
     to->overlay = from.overlay;
     to->tracking = from.tracking;
-    return from.command_mode > 4 || from.overlay > 2 ? FAULT_RANGE : FAULT_NONE;
+    return from.command_mode <= 4 && from.overlay <= 2;
 }
 
-Fault take_message(const open_fri_Monitoring &from, Monitoring *to)
+bool take_message(const open_fri_Monitoring &from, Monitoring *to)
 {
     clear(to);
     if (from.header.identifier != MONITORING_IDENTIFIER) {
-        return FAULT_IDENTIFIER;
+        return false;
     }
     to->sequence = from.header.sequence;
     to->reflected = from.header.reflected;
     if (from.has_connection) {
         if (from.connection.state > 4 || from.connection.quality > 3) {
-            return FAULT_RANGE;
+            return false;
         }
         to->state = from.connection.state;
         to->quality = from.connection.quality;
         to->period = from.connection.period;
         to->multiplier = from.connection.multiplier;
     }
-    Fault fault = from.has_robot ? take_robot(from.robot, to) : FAULT_NONE;
-    if (fault == FAULT_NONE && from.has_measurement) {
-        fault = take_measurement(from.measurement, to);
-    }
-    if (fault == FAULT_NONE && from.has_interpolator) {
-        fault = take_interpolator(from.interpolator, to);
-    }
-    return fault;
+    return (!from.has_robot || take_robot(from.robot, to)) &&
+           (!from.has_measurement || take_measurement(from.measurement, to)) &&
+           (!from.has_interpolator || take_interpolator(from.interpolator, to));
 }
 
 /* ---- encoding --------------------------------------------------------------------------------------------------- */
@@ -222,14 +198,6 @@ void give_data(const Command &from, open_fri_CommandData *to)
 
 } // namespace
 
-const char *fault_name(int fault)
-{
-    static const char *const names[FAULT_COUNT] = {"none",     "empty",     "too_long",    "frame",
-                                                   "checksum", "decode",    "identifier",  "joint_count",
-                                                   "range",    "duplicate", "out_of_order"};
-    return fault >= 0 && fault < FAULT_COUNT ? names[fault] : "unknown";
-}
-
 void clear(Monitoring *message)
 {
     std::memset(message, 0, sizeof *message);
@@ -246,30 +214,21 @@ void clear(Monitoring *message)
     fill(&message->interpolator_redundancy, 1);
 }
 
-Fault decode(const std::uint8_t *datagram, std::size_t size, Monitoring *message)
+bool decode(const std::uint8_t *datagram, std::size_t size, Monitoring *message)
 {
-    if (size == 0) {
-        return FAULT_EMPTY;
-    }
-    if (size > DATAGRAM_SIZE) {
-        return FAULT_TOO_LONG;
-    }
-    if (size < FRAME_FRONT + FRAME_BACK) {
-        return FAULT_FRAME;
+    if (size < FRAME_FRONT + FRAME_BACK || size > DATAGRAM_SIZE) {
+        return false;
     }
     const std::uint8_t *const body = datagram + FRAME_FRONT;
     const std::size_t length = size - FRAME_FRONT - FRAME_BACK;
 #if FRI_VERSION >= 207
-    if (read_little_endian(datagram) != length) {
-        return FAULT_FRAME;
-    }
-    if (read_little_endian(body + length) != checksum(body, length)) {
-        return FAULT_CHECKSUM;
+    if (read_little_endian(datagram) != length || read_little_endian(body + length) != checksum(body, length)) {
+        return false;
     }
 #endif
     open_fri_Monitoring wire = open_fri_Monitoring_init_zero;
     pb_istream_t stream = pb_istream_from_buffer(body, length);
-    return pb_decode(&stream, open_fri_Monitoring_fields, &wire) ? take_message(wire, message) : FAULT_DECODE;
+    return pb_decode(&stream, open_fri_Monitoring_fields, &wire) && take_message(wire, message);
 }
 
 std::size_t encode(const Command &command, std::uint32_t sequence, std::uint32_t reflected, std::uint8_t *datagram,

@@ -15,25 +15,6 @@ namespace open_fri {
 
 enum { JOINTS = 7, IOS = 10, NAME_SIZE = 64, DATAGRAM_SIZE = 1500 };
 
-/* Why a datagram was not taken, or what else was wrong with the traffic. */
-enum Fault {
-    FAULT_NONE,
-    FAULT_EMPTY,        /* a datagram without bytes */
-    FAULT_TOO_LONG,     /* longer than DATAGRAM_SIZE */
-    FAULT_FRAME,        /* 2.7: the length in front is not that of the datagram */
-    FAULT_CHECKSUM,     /* 2.7 */
-    FAULT_DECODE,       /* no such message, a required field missing, an array or a string too long */
-    FAULT_IDENTIFIER,   /* a message of another kind */
-    FAULT_JOINT_COUNT,  /* an array of joint values, or the drives, without exactly seven */
-    FAULT_RANGE,        /* an enumeration has a value that it does not know */
-    FAULT_DUPLICATE,    /* the same sequence counter as the last message */
-    FAULT_OUT_OF_ORDER, /* an older sequence counter */
-    FAULT_COUNT
-};
-
-/* A word for a fault, "checksum". */
-const char *fault_name(int fault);
-
 struct Io {
     char name[NAME_SIZE];
     std::uint32_t type;
@@ -70,8 +51,8 @@ struct Command {
 /* A message that has nothing in it. */
 void clear(Monitoring *message);
 
-/* FAULT_NONE, or why the datagram is refused as a whole; *message is then not to be used. Reads no byte beyond size. */
-Fault decode(const std::uint8_t *datagram, std::size_t size, Monitoring *message);
+/* False if the datagram is no sound monitoring message; *message is then not to be used. Reads no byte beyond size. */
+bool decode(const std::uint8_t *datagram, std::size_t size, Monitoring *message);
 
 /* Bytes written, at most capacity; 0 if it does not fit. */
 std::size_t encode(const Command &command, std::uint32_t sequence, std::uint32_t reflected, std::uint8_t *datagram,

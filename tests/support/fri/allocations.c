@@ -62,13 +62,13 @@ int posix_memalign(void **memory, size_t alignment, size_t size)
     return *memory == NULL;
 }
 
-ssize_t recvfrom(int fd, void *restrict buffer, size_t size, int flags, __SOCKADDR_ARG from, socklen_t *restrict length)
+ssize_t recvmsg(int fd, struct msghdr *message, int flags)
 {
-    ssize_t (*const real)(int, void *, size_t, int, __SOCKADDR_ARG, socklen_t *) = dlsym(RTLD_NEXT, "recvfrom");
-    const ssize_t received = real(fd, buffer, size, flags, from, length);
-    ++datagrams;
-    if (watched == -1 && received > 0) {
-        watched = fd;
+    ssize_t (*const real)(int, struct msghdr *, int) = dlsym(RTLD_NEXT, "recvmsg");
+    const ssize_t received = real(fd, message, flags);
+    if (received > 0) {
+        ++datagrams;
+        watched = watched == -1 ? fd : watched;
     }
     return received;
 }

@@ -5,8 +5,13 @@
  * little-endian): up to the last but one before the hostile datagram, the last one after it. The first byte of an input
  * chooses whether a framed version gets the rest as it is or with the right length and checksum around it.
  */
-#include "traffic.h"
+#include "connection.h"
 #include "wiping_client.h"
+
+#include <friClientApplication.h>
+#include <friException.h>
+
+#include <open_fri_messages.h>
 
 #include <sys/mman.h>
 #include <unistd.h>
@@ -34,32 +39,41 @@ void require(bool holds, const char *what)
     }
 }
 
-class Feed : public IConnection {
+class Feed : public Datagrams {
 public:
     virtual bool open(int, const char *) { return true; }
     virtual void close() {}
-    virtual bool isOpen() const { return true; }
+    virtual bool is_open() const { return true; }
 
-    virtual int receive(ReceiveBuffer buffer, BufferSize size)
+    virtual int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age)
     {
-        const size_t count = std::min(next.size(), static_cast<size_t>(size));
-        std::copy(next.begin(), next.begin() + static_cast<std::ptrdiff_t>(count), buffer);
-        return static_cast<int>(next.size());
+        *age = 0.0;
+        if (wait <= 0.0 || next == NULL) {
+            return -1;
+        }
+        const size_t count = std::min(next->size(), capacity);
+        std::copy(next->begin(), next->begin() + static_cast<std::ptrdiff_t>(count), bytes);
+        const int size = static_cast<int>(next->size());
+        next = NULL;
+        return size;
     }
 
-    virtual bool send(SendBuffer, BufferSize size)
+    virtual bool send(const std::uint8_t *, std::size_t size)
     {
         require(size > 0 && size <= 1500, "size of an answer");
         return true;
     }
 
-    Bytes_ next;
+    const Bytes_ *next = NULL;
 };
 
 /* The client, with a look at what it sends. */
 class Watched : public WipingClient {
 public:
-    Watched(const Settings &settings, Records &ring) : WipingClient(settings, *trajectory, NULL, ring), ring_(ring) {}
+    Watched(const Settings &settings, const Connection &connection, Records &ring, Question &question)
+        : WipingClient(settings, *trajectory, NULL, connection, ring, question), ring_(ring)
+    {
+    }
 
     void check()
     {
@@ -98,8 +112,9 @@ private:
     double last_[JOINTS] = {0};
 };
 
-/* The decoder on a datagram that ends where readable memory ends: nanopb's library is not seen by the sanitizer. */
-bool decode_at_the_edge(const Bytes_ &datagram)
+/* The check and the decoder on a datagram that ends where readable memory ends: nanopb's library is not seen by the
+ * sanitizer. What the check lets through the decoder must take. */
+bool check_at_the_edge(const Bytes_ &datagram)
 {
     static const size_t page = static_cast<size_t>(sysconf(_SC_PAGESIZE));
     static std::uint8_t *const edge = [] {
@@ -113,8 +128,14 @@ bool decode_at_the_edge(const Bytes_ &datagram)
         return false;
     }
     std::unique_ptr<open_fri::Monitoring> message(new open_fri::Monitoring);
-    std::copy(datagram.begin(), datagram.end(), edge - datagram.size());
-    return open_fri::decode(edge - datagram.size(), datagram.size(), message.get()) == open_fri::FAULT_NONE;
+    std::uint8_t *const begin = edge - datagram.size();
+    std::copy(datagram.begin(), datagram.end(), begin);
+    Message seen;
+    const bool sound = check_datagram(begin, datagram.size(), &seen) == FAULT_NONE;
+    const bool decoded = open_fri::decode(begin, datagram.size(), message.get());
+    require(decoded || !sound, "what the check lets through the decoder takes");
+    other_framing(begin, datagram.size());
+    return sound;
 }
 
 Bytes_ framed(const std::uint8_t *data, size_t size)
@@ -163,19 +184,23 @@ extern "C" int LLVMFuzzerInitialize(int *, char ***)
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, size_t size)
 {
     static Records ring;
-    static const Settings settings;
+    static Settings settings;
+    settings.simulated_time = settings.approach_anyway = true;
     const Bytes_ hostile = framed(data, size);
-    /* What the decoder refuses reaches no client, so that a session is worth its time for one in a few only. */
-    if (!decode_at_the_edge(hostile) && (size == 0 || data[size - 1] % 16 != 0)) {
+    /* What the check refuses reaches no client, so that a session is worth its time for one in a few only. */
+    if (!check_at_the_edge(hostile) && (size == 0 || data[size - 1] % 16 != 0)) {
         return 0;
     }
-    std::unique_ptr<Watched> client(new Watched(settings, ring));
     Feed feed;
-    std::unique_ptr<ClientApplication> application(new ClientApplication(feed, *client));
+    Question question;
+    std::unique_ptr<Connection> connection(new Connection(feed, 1e9));
+    std::unique_ptr<Watched> client(new Watched(settings, *connection, ring, question));
+    std::unique_ptr<ClientApplication> application(new ClientApplication(*connection, *client));
     for (size_t i = 0; i <= session.size(); ++i) {
         const size_t last = session.size() - 1;
-        feed.next = i == last ? hostile : session[std::min(i, last)];
-        require(application->step(), "one bad datagram ends no session");
+        feed.next = i == last ? &hostile : &session[std::min(i, last)];
+        const bool stepped = application->step();
+        require(stepped || !connection->handed_on(), "the library takes what the check lets through");
         volatile double total = client->sum();
         (void)total;
         client->check();

@@ -8,9 +8,14 @@
  */
 #include "log.h"
 #include "options.h"
+#include "session.h"
 #include "summary.h"
-#include "traffic.h"
 
+#include <friException.h>
+
+#include <unistd.h>
+
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -20,50 +25,67 @@ using namespace KUKA::FRI;
 
 namespace {
 
+/* Where the lines go: KUKA's library prints to standard output, which is standard error here. */
+std::FILE *lines;
+
 void print(const char *name, const double *values, int count)
 {
-    std::printf(", \"%s\": [", name);
+    std::fprintf(lines, ", \"%s\": [", name);
     for (int i = 0; i < count; ++i) {
         /* null: not a number, as JSON has none */
-        std::printf(values[i] == values[i] ? "%s%.17g" : "%snull", i > 0 ? ", " : "", values[i]);
+        std::fprintf(lines, values[i] == values[i] ? "%s%.17g" : "%snull", i > 0 ? ", " : "", values[i]);
     }
-    std::printf("]");
+    std::fprintf(lines, "]");
 }
 
-/* The robot's side: datagrams from stdin. */
-class Script : public Traffic {
+/* The robot's side: datagrams from stdin, a line of JSON for each, which ends when the next one is wanted. */
+class Script : public Datagrams {
 public:
-    Script() : Traffic(1), size_(0), sent_size_(0), at_end_(false) { next(); }
+    Script() : size_(0), sent_size_(0), at_end_(false), open_(false) { next(); }
 
     bool at_end() const { return at_end_; }
     bool open(int, const char *) override { return true; }
     void close() override {}
-    bool isOpen() const override { return true; }
+    bool is_open() const override { return true; }
 
-    int receive(Buffer buffer, Size size) override
+    int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age) override
     {
-        const std::vector<char> now = datagram_;
-        const int length = size_;
+        *age = 0.0;
+        if (wait <= 0.0) {
+            return -1; /* never more than one at a time */
+        }
+        end_line(true); /* the one before was refused */
+        if (at_end_) {
+            return -1;
+        }
+        std::fprintf(lines, "{\"begin\": 0");
+        open_ = true;
         sent_size_ = 0;
+        const int length = size_;
+        std::copy(datagram_.begin(), datagram_.begin() + std::min(static_cast<long>(datagram_.size()),
+                                                                  static_cast<long>(capacity)), bytes);
         next();
-        std::copy(now.begin(), now.begin() + std::min(static_cast<long>(now.size()), static_cast<long>(size)), buffer);
         return length;
     }
 
-    bool send(Bytes bytes, Size size) override
+    bool send(const std::uint8_t *bytes, std::size_t size) override
     {
         sent_.assign(bytes, bytes + size);
-        sent_size_ = static_cast<int>(size);
+        sent_size_ = size;
         return true;
     }
 
-    void print_sent() const
+    void end_line(bool stepped)
     {
-        std::printf(", \"sent\": \"");
-        for (int i = 0; i < sent_size_; ++i) {
-            std::printf("%02x", static_cast<unsigned char>(sent_[static_cast<size_t>(i)]));
+        if (!open_) {
+            return;
         }
-        std::printf("\"");
+        std::fprintf(lines, ", \"sent\": \"");
+        for (std::size_t i = 0; i < sent_size_; ++i) {
+            std::fprintf(lines, "%02x", sent_[i]);
+        }
+        std::fprintf(lines, "\", \"step\": %s}\n", stepped ? "true" : "false");
+        open_ = false;
     }
 
 private:
@@ -83,28 +105,29 @@ private:
         }
     }
 
-    std::vector<char> datagram_, sent_;
-    int size_, sent_size_;
-    bool at_end_;
+    std::vector<std::uint8_t> datagram_, sent_;
+    int size_;
+    std::size_t sent_size_;
+    bool at_end_, open_;
 };
 
 class Probe : public LBRClient {
 public:
     virtual void onStateChange(ESessionState from, ESessionState to)
     {
-        std::printf(", \"change\": [%d, %d]", static_cast<int>(from), static_cast<int>(to));
+        std::fprintf(lines, ", \"change\": [%d, %d]", static_cast<int>(from), static_cast<int>(to));
     }
 
     virtual void monitor()
     {
-        std::printf(", \"callback\": \"monitor\"");
+        std::fprintf(lines, ", \"callback\": \"monitor\"");
         show();
         refusals();
     }
 
     virtual void waitForCommand()
     {
-        std::printf(", \"callback\": \"waitForCommand\"");
+        std::fprintf(lines, ", \"callback\": \"waitForCommand\"");
         show();
         const double zero[7] = {0};
         robotCommand().setJointPosition(robotState().getIpoJointPosition());
@@ -113,7 +136,7 @@ public:
 
     virtual void command()
     {
-        std::printf(", \"callback\": \"command\"");
+        std::fprintf(lines, ", \"callback\": \"command\"");
         show();
         try {
             robotCommand().setJointPosition(robotState().getMeasuredJointPosition());
@@ -122,7 +145,7 @@ public:
             robotCommand().setDigitalIOValue("Group.Word", 0xfedcba9876543210ull);
             robotCommand().setAnalogIOValue("Group.Level", -0.25);
         } catch (const FRIException &error) {
-            std::printf(", \"refused\": \"%s\"", error.getErrorMessage());
+            std::fprintf(lines, ", \"refused\": \"%s\"", error.getErrorMessage());
         }
     }
 
@@ -142,12 +165,12 @@ private:
         } catch (const FRIException &) {
             ++refused;
         }
-        std::printf(", \"refusals\": %d", refused);
+        std::fprintf(lines, ", \"refusals\": %d", refused);
     }
 
     template <typename T> void value(const char *name, T value)
     {
-        std::printf(", \"%s\": %.17g", name, static_cast<double>(value));
+        std::fprintf(lines, ", \"%s\": %.17g", name, static_cast<double>(value));
     }
 
     void show()
@@ -186,11 +209,11 @@ private:
         try {
             print("ipo", s.getIpoJointPosition(), 7);
         } catch (const FRIException &) {
-            std::printf(", \"ipo\": null");
+            std::fprintf(lines, ", \"ipo\": null");
         }
         try {
             value("lamp", s.getBooleanIOValue("Group.Lamp"));
-            std::printf(", \"word\": \"%llu\"", s.getDigitalIOValue("Group.Word"));
+            std::fprintf(lines, ", \"word\": \"%llu\"", s.getDigitalIOValue("Group.Word"));
             value("level", s.getAnalogIOValue("Group.Level"));
             value("lamp_as_analog", s.getAnalogIOValue("Group.Lamp"));
         } catch (const FRIException &) {
@@ -198,39 +221,29 @@ private:
     }
 };
 
-void statistics(const ClientApplication &application)
+void statistics(const Traffic &t)
 {
-#ifdef OPEN_FRI
-    const open_fri::Statistics &s = application.statistics();
-    std::printf(
-        "{\"messages\": %llu, \"answers\": %llu, \"timeouts\": %llu, \"lost_messages\": %llu, \"lost_answers\": %llu, "
-        "\"late_answers\": %llu",
-        static_cast<unsigned long long>(s.messages), static_cast<unsigned long long>(s.answers),
-        static_cast<unsigned long long>(s.timeouts), static_cast<unsigned long long>(s.lost_messages),
-        static_cast<unsigned long long>(s.lost_answers), static_cast<unsigned long long>(s.late_answers));
-    for (int k = 0; k < open_fri::FAULT_COUNT; ++k) {
-        std::printf(", \"%s\": %llu", open_fri::fault_name(k), static_cast<unsigned long long>(s.faults[k]));
+    std::fprintf(lines, "{\"messages\": %llu, \"timeouts\": %llu, \"lost_messages\": %llu, \"lost_answers\": %llu, "
+                "\"late_answers\": %llu",
+                t.messages, t.timeouts, t.lost_messages, t.lost_answers, t.unseen_answers);
+    for (int k = 0; k < FAULT_COUNT; ++k) {
+        std::fprintf(lines, ", \"%s\": %llu", fault_name(k), t.faults[k]);
     }
-    std::printf("}\n");
-#else
-    (void)application;
-    std::printf("{}\n");
-#endif
+    std::fprintf(lines, "}\n");
 }
 
 int probe()
 {
     Script script;
+    Connection connection(script, 1e9);
     Probe client;
-    ClientApplication application(script, client);
+    ClientApplication application(connection, client);
     application.connect(30200);
     while (!script.at_end()) {
-        std::printf("{\"begin\": 0");
         const bool good = application.step();
-        script.print_sent();
-        std::printf(", \"step\": %s}\n", good ? "true" : "false");
+        script.end_line(good);
     }
-    statistics(application);
+    statistics(connection.traffic());
     return 0;
 }
 
@@ -239,24 +252,24 @@ int wiping(int argc, char **argv)
     const std::string log_path = argv[2], summary_path = argv[3];
     Options options;
     options.parse(argc - 3, argv + 3);
+    options.settings.simulated_time = true;
     const Trajectory trajectory(options.trajectory, options.trajectory_period);
     std::unique_ptr<Records> records(new Records);
-    std::unique_ptr<WipingClient> client(new WipingClient(options.settings, trajectory, NULL, *records));
-    Log log(*records, log_path);
     Script script;
-    ClientApplication application(script, *client);
+    Connection connection(script, 1e9);
+    Question question;
+    std::unique_ptr<WipingClient> client(
+        new WipingClient(options.settings, trajectory, NULL, connection, *records, question));
+    Log log(*records, log_path, question);
+    ClientApplication application(connection, *client);
     application.connect(30200);
     while (!script.at_end() && client->refusal() == REFUSAL_NONE) {
         const bool good = application.step();
-        script.note_step(good);
-        std::printf("{\"begin\": 0");
-        script.print_sent();
-        std::printf(", \"step\": %s}\n", good ? "true" : "false");
+        script.end_line(good);
     }
-    std::fflush(stdout);
-    log.start(); /* only now, so that its lines come after those above; the ring must hold the session */
+    log.start(); /* only now: the ring must hold the session */
     log.finish();
-    Summary(*client, script, application, *records, log, options, client->refusal()).write(summary_path);
+    Summary(*client, connection, *records, log, options, client->refusal()).write(summary_path);
     return 0;
 }
 
@@ -265,8 +278,10 @@ int wiping(int argc, char **argv)
 int main(int argc, char **argv)
 {
     const std::string mode = argc > 1 ? argv[1] : "";
+    lines = fdopen(dup(STDOUT_FILENO), "w");
+    dup2(STDERR_FILENO, STDOUT_FILENO);
     if (mode == "version") {
-        std::printf("%s\n", fri_description());
+        std::fprintf(lines, "%s\n", fri_description());
         return 0;
     }
     return mode == "probe" ? probe() : mode == "wiping" && argc > 3 ? wiping(argc, argv) : 2;

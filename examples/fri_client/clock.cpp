@@ -1,0 +1,74 @@
+#include "clock.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace {
+
+/* Periods that the counter may be ahead of the time stamps: jitter, and stamps that are cut to whole milliseconds. */
+const double SLACK = 3.0;
+
+/* Share of what is left between stamps and grid that is taken away with each message: clocks drift. */
+const double DRIFT = 1.0 / 64.0;
+/* Periods above which it is no drift. */
+const double LARGEST_DRIFT = 1.5;
+
+/* Messages with one and the same time stamp that are no coarse clock's any more. */
+const int STANDING = 20;
+
+/* [s] A gap that is told by the time stamps alone is not believed beyond this: the clock was set. */
+const double LARGEST_GAP = 10.0;
+
+} // namespace
+
+RobotClock::RobotClock()
+    : known_(false), time_(0), periods_(1), bad_(false), standing_(false), last_(0), ahead_(0.0), same_(0)
+{
+}
+
+void RobotClock::lay(std::int64_t stamp)
+{
+    last_ = stamp;
+    ahead_ = 0.0;
+}
+
+void RobotClock::update(std::uint32_t advance, std::int64_t stamp, double period)
+{
+    bad_ = stamp == 0;
+    same_ = stamp != 0 && stamp == last_ ? same_ + 1 : 0;
+    standing_ = same_ >= STANDING;
+    if (!known_ || !(period > 0.0)) {
+        periods_ = 1;
+        known_ = true;
+        lay(stamp);
+        return;
+    }
+    /* Periods by the time stamps; none if they cannot say. */
+    const double passed = stamp != 0 && last_ != 0 ? 1e-9 * static_cast<double>(stamp - last_) / period : -1.0;
+    if (advance == 0) {
+        const bool gap = passed >= 0.5 && passed * period <= LARGEST_GAP;
+        periods_ = gap ? static_cast<int>(std::lround(passed)) : 1;
+        bad_ = bad_ || !gap;
+        lay(stamp);
+    } else if (stamp == 0) {
+        periods_ = static_cast<int>(advance);
+        last_ = 0; /* the grid is laid anew with the next stamp */
+    } else {
+        const double ahead = ahead_ + advance - passed;
+        if (last_ == 0) {
+            periods_ = static_cast<int>(advance);
+            lay(stamp);
+        } else if (passed < -SLACK || ahead < -SLACK) {
+            bad_ = true; /* set back, or forward beyond what the counter says */
+            periods_ = static_cast<int>(advance);
+            lay(stamp);
+        } else {
+            const double excess = std::max(0.0, std::ceil(ahead - SLACK));
+            periods_ = std::max(0, static_cast<int>(advance) - static_cast<int>(std::min(excess, 1e6)));
+            last_ = stamp;
+            ahead_ = ahead_ + periods_ - passed;
+            ahead_ -= std::fabs(ahead_) < LARGEST_DRIFT ? DRIFT * ahead_ : 0.0;
+        }
+    }
+    time_ += periods_ * static_cast<std::int64_t>(std::llround(1e9 * period));
+}

@@ -1,0 +1,146 @@
+#include "connection.h"
+
+#include <algorithm>
+
+namespace {
+
+/* The robot's counter up to this far behind the last one means an old message; further, that the robot counts anew. */
+const std::uint32_t REORDER_WINDOW = 100;
+
+/* A counter further ahead than this is no gap of so many lost messages. */
+const std::uint32_t LARGEST_GAP = 1u << 20;
+
+/* Most datagrams that are looked at for one answer: a flood must not keep the robot waiting. */
+const int MOST_WAITING = 1024;
+
+const double NEVER = 1e300;
+
+} // namespace
+
+unsigned long long Traffic::refused() const
+{
+    unsigned long long sum = 0;
+    for (const unsigned long long count : faults) {
+        sum += count;
+    }
+    return sum;
+}
+
+Connection::Connection(Datagrams &datagrams, double patience)
+    : datagrams_(datagrams), patience_(patience), deadline_(NEVER), handed_on_(false), handing_time_(0.0), sequence_(0),
+      sequence_known_(false), last_answer_(0), reflected_(0), answered_(false), reflection_known_(false)
+{
+    std::memset(&arrival_, 0, sizeof arrival_);
+    std::memset(&traffic_, 0, sizeof traffic_);
+}
+
+/* Whether the message follows the last one. */
+Fault Connection::order(const Message &message, std::uint32_t *advance)
+{
+    *advance = 0;
+    if (sequence_known_) {
+        const std::uint32_t ahead = message.sequence - sequence_, behind = sequence_ - message.sequence;
+        if (ahead == 0) {
+            return FAULT_DUPLICATE;
+        }
+        if (behind <= REORDER_WINDOW) {
+            return FAULT_OUT_OF_ORDER;
+        }
+        *advance = ahead <= LARGEST_GAP ? ahead : 0;
+        traffic_.lost_messages += ahead <= LARGEST_GAP ? ahead - 1 : 0;
+    }
+    sequence_ = message.sequence;
+    sequence_known_ = message.state != 0;
+    return FAULT_NONE;
+}
+
+/* Which of our answers the robot has seen. */
+void Connection::reflection(const Message &message)
+{
+    if (!answered_ || last_answer_ - message.reflected > LARGEST_GAP) {
+        return;
+    }
+    const std::uint32_t advance = reflection_known_ ? message.reflected - reflected_ : message.reflected + 1;
+    if (advance > 0 && advance <= LARGEST_GAP) {
+        traffic_.lost_answers += advance - 1;
+        reflected_ = message.reflected;
+        reflection_known_ = true;
+    }
+    traffic_.unseen_answers += message.reflected != last_answer_ ? 1 : 0;
+}
+
+/* Whether a datagram is a message to be handed on. */
+bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std::uint32_t *advance)
+{
+    const std::size_t count = static_cast<std::size_t>(size);
+    ++traffic_.received;
+    Fault fault = check_datagram(bytes, count, message);
+    if (fault == FAULT_NONE) {
+        fault = order(*message, advance);
+    } else if (other_framing(bytes, count)) {
+        ++traffic_.other_framing;
+    }
+    if (fault != FAULT_NONE) {
+        ++traffic_.faults[fault];
+        arrival_.refused = true;
+        return false;
+    }
+    reflection(*message);
+    return true;
+}
+
+int Connection::receive(Buffer buffer, Size capacity)
+{
+    const double give_up = std::min(monotonic_time() + patience_, deadline_);
+    arrival_.refused = false;
+    int taken = -1;
+    std::uint32_t advance_sum = 0;
+    bool anew = false;
+    for (int looked_at = 0; taken < 0 || looked_at < MOST_WAITING; ++looked_at) {
+        const double left = std::max(give_up - monotonic_time(), 0.0);
+        double age = 0.0;
+        const int size = datagrams_.receive(scratch_, sizeof scratch_, taken < 0 ? left : 0.0, &age);
+        if (size < 0) {
+            break;
+        }
+        Message message;
+        std::uint32_t advance = 0;
+        if (!take(scratch_, size, &message, &advance)) {
+            continue;
+        }
+        traffic_.overtaken += taken >= 0 ? 1 : 0;
+        anew = anew || advance == 0;
+        advance_sum += advance;
+        taken = size;
+        arrival_.message = message;
+        arrival_.age = age;
+        std::memcpy(buffer, scratch_, std::min(static_cast<std::size_t>(size), static_cast<std::size_t>(capacity)));
+        if (message.multiplier > 1) {
+            break; /* the library counts messages up to its answer, none may be left out */
+        }
+    }
+    handed_on_ = taken >= 0;
+    if (!handed_on_) {
+        traffic_.timeouts += traffic_.messages > 0 ? 1 : 0;
+        sequence_known_ = false; /* after a silence the next message may have any counter */
+        return -1;
+    }
+    /* 1.x alone sends the commanded position. */
+    const Message &message = arrival_.message;
+    arrival_.other_version = message.has_measurement && message.has_commanded_position != (FRI_VERSION < 200);
+    traffic_.other_version += arrival_.other_version ? 1 : 0;
+    arrival_.advance = anew ? 0 : advance_sum;
+    ++traffic_.messages;
+    handing_time_ = monotonic_time();
+    return taken;
+}
+
+bool Connection::send(SendBytes bytes, Size size)
+{
+    const std::uint8_t *const data = reinterpret_cast<const std::uint8_t *>(bytes);
+    const bool sent = datagrams_.send(data, static_cast<std::size_t>(size));
+    answers_.add(arrival_.age + monotonic_time() - handing_time_);
+    answered_ = answer_counter(data, static_cast<std::size_t>(size), &last_answer_) || answered_;
+    traffic_.send_failures += sent ? 0 : 1;
+    return sent;
+}

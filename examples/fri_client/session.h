@@ -1,0 +1,32 @@
+#ifndef FRI_CLIENT_SESSION_H
+#define FRI_CLIENT_SESSION_H
+
+#include "connection.h"
+#include "options.h"
+#include "wiping_client.h"
+
+#include <friClientApplication.h>
+
+#include <csignal>
+#include <string>
+
+/* Exit codes. */
+enum ExitCode { DONE = 0, FAULT = 1, REFUSED = 2, ENDED_EARLY = 3, INTERRUPTED = 4 };
+
+/* How a session ended: exit code, and a sentence for the person. */
+struct Ending {
+    ExitCode code;
+    std::string sentence;
+};
+
+/* Why the client refuses the session. */
+std::string refusal_text(const WipingClient &client);
+
+/*
+ * The session, from the first datagram to its end. interrupts: how often the person has asked for its end; the first
+ * time the torque comes down while the robot is still answered. Disconnects.
+ */
+Ending run_session(const Options &options, WipingClient &client, Connection &connection,
+                   KUKA::FRI::ClientApplication &application, const volatile std::sig_atomic_t &interrupts);
+
+#endif

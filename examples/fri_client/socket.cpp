@@ -1,0 +1,124 @@
+#include "socket.h"
+
+#include <arpa/inet.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <ctime>
+
+namespace {
+
+/* [s] since a time stamp of the kernel's. */
+double since(const struct timespec &then)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    return static_cast<double>(now.tv_sec - then.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec - then.tv_nsec);
+}
+
+} // namespace
+
+UdpSocket::UdpSocket() : socket_(-1), connected_(false)
+{
+    std::memset(&peer_, 0, sizeof peer_);
+}
+
+UdpSocket::~UdpSocket()
+{
+    UdpSocket::close();
+}
+
+bool UdpSocket::open(int port, const char *host)
+{
+    UdpSocket::close();
+    struct sockaddr_in local;
+    std::memset(&local, 0, sizeof local);
+    local.sin_family = AF_INET;
+    local.sin_addr.s_addr = htonl(INADDR_ANY);
+    local.sin_port = htons(static_cast<unsigned short>(port));
+    peer_ = local;
+    connected_ = host != NULL && host[0] != '\0';
+    if (port < 1 || port > 65535 || (connected_ && inet_pton(AF_INET, host, &peer_.sin_addr) != 1)) {
+        return false;
+    }
+    socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (socket_ < 0) {
+        return false;
+    }
+    const int on = 1;
+    if (::setsockopt(socket_, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on) != 0 ||
+        ::bind(socket_, reinterpret_cast<struct sockaddr *>(&local), sizeof local) != 0 ||
+        (connected_ && ::connect(socket_, reinterpret_cast<struct sockaddr *>(&peer_), sizeof peer_) != 0)) {
+        UdpSocket::close();
+        return false;
+    }
+    return true;
+}
+
+void UdpSocket::close()
+{
+    if (socket_ >= 0) {
+        ::close(socket_);
+        socket_ = -1;
+    }
+}
+
+int UdpSocket::receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age)
+{
+    if (socket_ < 0) {
+        return -1;
+    }
+    if (wait > 0.0) {
+        struct pollfd ready = {socket_, POLLIN, 0};
+        if (::poll(&ready, 1, static_cast<int>(std::ceil(1e3 * std::min(wait, 1e6)))) != 1) {
+            return -1;
+        }
+    }
+    union {
+        struct cmsghdr aligned;
+        char bytes[CMSG_SPACE(sizeof(struct timespec))];
+    } control;
+    struct sockaddr_in from;
+    struct iovec part = {bytes, capacity};
+    struct msghdr message;
+    std::memset(&message, 0, sizeof message);
+    message.msg_name = &from;
+    message.msg_namelen = sizeof from;
+    message.msg_iov = &part;
+    message.msg_iovlen = 1;
+    message.msg_control = control.bytes;
+    message.msg_controllen = sizeof control.bytes;
+    /* MSG_TRUNC: the datagram's true size, so that one that was cut can be told. */
+    const ssize_t count = ::recvmsg(socket_, &message, MSG_TRUNC | MSG_DONTWAIT);
+    if (count < 0) {
+        return -1;
+    }
+    *age = 0.0;
+    for (struct cmsghdr *item = CMSG_FIRSTHDR(&message); item != NULL; item = CMSG_NXTHDR(&message, item)) {
+        if (item->cmsg_level == SOL_SOCKET && item->cmsg_type == SCM_TIMESTAMPNS) {
+            struct timespec then;
+            std::memcpy(&then, CMSG_DATA(item), sizeof then);
+            *age = std::max(0.0, since(then));
+        }
+    }
+    if (!connected_) {
+        peer_ = from;
+    }
+    return static_cast<int>(count);
+}
+
+bool UdpSocket::send(const std::uint8_t *bytes, std::size_t size)
+{
+    if (socket_ < 0) {
+        return false;
+    }
+    const ssize_t count =
+        connected_ ? ::send(socket_, bytes, size, 0)
+                   : ::sendto(socket_, bytes, size, 0, reinterpret_cast<struct sockaddr *>(&peer_), sizeof peer_);
+    return count == static_cast<ssize_t>(size);
+}

@@ -1,0 +1,53 @@
+#ifndef FRI_CLIENT_SOCKET_H
+#define FRI_CLIENT_SOCKET_H
+
+#include <netinet/in.h>
+
+#include <cstddef>
+#include <cstdint>
+
+/* Where datagrams come from and go to. */
+class Datagrams {
+public:
+    virtual ~Datagrams() {}
+    virtual bool open(int port, const char *host) = 0;
+    virtual void close() = 0;
+    virtual bool is_open() const = 0;
+
+    /*
+     * The next datagram: its size, which is larger than `capacity` if it was cut; -1 if none came in `wait` seconds (0:
+     * none is there), or a signal came. `age` [s]: since the kernel received it.
+     */
+    virtual int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age) = 0;
+
+    virtual bool send(const std::uint8_t *bytes, std::size_t size) = 0;
+};
+
+/*
+ * UDP over IPv4 with the kernel's receive time stamps. Listens on a port of all interfaces; the robot sends first.
+ *
+ * Without a host, answers go to where the last datagram came from. With one, only datagrams from that address and the
+ * same port number are taken.
+ */
+class UdpSocket : public Datagrams {
+public:
+    UdpSocket();
+    virtual ~UdpSocket();
+
+    /* False if the host is no numeric IPv4 address ("" is as none) or the port is taken. */
+    virtual bool open(int port, const char *host);
+    virtual void close();
+    virtual bool is_open() const { return socket_ >= 0; }
+    virtual int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age);
+    virtual bool send(const std::uint8_t *bytes, std::size_t size);
+
+private:
+    UdpSocket(const UdpSocket &);
+    UdpSocket &operator=(const UdpSocket &);
+
+    int socket_;
+    bool connected_;
+    struct sockaddr_in peer_;
+};
+
+#endif

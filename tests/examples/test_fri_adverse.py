@@ -1,0 +1,341 @@
+"""What an unfriendly robot does to the C++ client: scenarios of the emulator (--faults), for each version."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from examples.bowl_wiping.plant import START_POSTURE
+from examples.fri_robot.messages import VERSIONS
+from support.fri_run import Run
+
+DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
+TIMES = {1: (0.100, 0.220), 5: (0.470, 1.070), 10: (0.940, 2.140)}
+"""Send period [ms]: when the robot goes to MONITORING_READY, and when to COMMANDING_ACTIVE [s]."""
+REST = 0.3
+"""[s] at the end of the trajectory."""
+RELEASE = 0.3
+"""[s] within which the torque must be down."""
+TOLERANT = ("--thresholds", 0.6, 0.5, 0.3)
+versions = pytest.mark.parametrize(
+    "version", [pytest.param(version, marks=() if version == "2.7" else pytest.mark.slow) for version in VERSIONS]
+)
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    """A trajectory of 1 s near the start posture, at rest at both ends, with samples 5 ms apart."""
+    s = np.linspace(0.0, 1.0, 201)
+    way = 10 * s**3 - 15 * s**4 + 6 * s**5
+    file = tmp_path / "short.csv"
+    np.savetxt(file, START_POSTURE + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
+    return file
+
+
+class Scenario:
+    """Sessions with that trajectory: 0.1 s to approach it, 1 s along it, 0.3 s of rest."""
+
+    def __init__(self, session: Callable[..., Run], trajectory: Path) -> None:
+        self._session = session
+        self._trajectory = trajectory
+
+    def __call__(
+        self,
+        version: str,
+        faults: str = "",
+        *options: object,
+        period: int = 5,
+        client: tuple[object, ...] = (),
+        lockstep: bool = True,
+        **more: Any,
+    ) -> Run:
+        run = self._session(
+            version, *(["--lockstep"] if lockstep else []), "--send-period", period, "--duration", 1.1 + REST,
+            *(["--faults", faults] if faults else []), *options, client=("--approach", 0.1, *client),
+            trajectory=self._trajectory, **more,
+        )  # fmt: skip
+        if run.client is not None and len(run.client) and lockstep:
+            run.check_sent()
+        return run
+
+
+@pytest.fixture
+def scenario(session: Callable[..., Run], short: Path) -> Scenario:
+    return Scenario(session, short)
+
+
+def trajectory_time(run: Run) -> float:
+    """From the start to the end of the trajectory [s], by the client's log."""
+    assert run.client is not None
+    done = np.flatnonzero(run.client["events"].astype(int) & 1 << 9)
+    assert len(done) == 1, "the trajectory's end was not reached"
+    return float(run.client["time"][done[0]] - run.client["time"][0])
+
+
+def last_line(run: Run) -> str:
+    return (run.error or run.output).strip().splitlines()[-1]
+
+
+def release_time(run: Run, period: int = 5) -> float:
+    """How long the torque took to zero at the end [s]: from the last command that was as large as any before."""
+    size = np.abs(run.torque).max(axis=1)
+    assert size[-1] == 0.0, "the last command is not zero"
+    falling = np.flatnonzero(np.diff(size) >= 0)
+    zero = np.flatnonzero(size > 0)[-1] + 1
+    last = falling[falling < zero - 1][-1] if len(falling[falling < zero - 1]) else 0
+    return float((zero - last) * period / 1000)
+
+
+# ---- time -----------------------------------------------------------------------------------------------------------
+
+
+@versions
+@pytest.mark.parametrize(
+    ("faults", "period"),
+    [
+        ("jitter@0-9:0.3", 5),
+        ("jitter@0-9:0.9", 5),
+        ("resolution@0-9:1,jitter@0-9:0.3", 1),
+        ("resolution@0-9:10", 5),
+        ("clock@1.5-9:-0.9", 5),
+        ("clock@1.5-9:-0.012", 5),
+        ("clock@1.5-1.52:7", 5),
+        ("clock@1.5-9:-3600", 5),
+        ("robot.missing@1.5-1.9:monitorData.timestamp", 5),
+    ],
+)
+def test_the_trajectory_takes_as_long_as_ever_whatever_the_clock_does(
+    scenario: Scenario, version: str, faults: str, period: int
+) -> None:
+    run = scenario(version, faults, period=period)
+    assert (run.robot.code, run.code) == (0, DONE)
+    assert run.client is not None
+    assert abs(trajectory_time(run) - 1.1) <= period / 1000 + 1e-9
+    assert run.client["sample_valid"].all()
+    assert run.faults["lost_cycles"] == run.faults["fallbacks"] == 0
+    assert np.abs(run.client["dq"]).max() < 0.6  # 0.2 rad in 1 s: 0.375 rad/s
+
+
+@versions
+def test_losses_cost_no_time_and_no_velocity(scenario: Scenario, version: str) -> None:
+    run = scenario(version, "robot.drop=0.1@1.3-2.2,jitter@0-9:0.3", *TOLERANT)
+    assert (run.robot.code, run.code) == (0, DONE)
+    assert run.faults["lost_cycles"] == run.robot.summary["faults"]["robot"]["drop"] > 5
+    assert abs(trajectory_time(run) - 1.1) <= 0.005 + 1e-9
+    assert np.nanmax(np.abs(run.client["dq"])) < 0.6  # type: ignore[index]
+
+
+# ---- the arm ---------------------------------------------------------------------------------------------------------
+
+
+@versions
+def test_a_held_arm_stops_the_trajectory_and_is_let_go(scenario: Scenario, version: str) -> None:
+    limits = ("--error-limit", 0.05, "--hold-time", 0.3)
+    run = scenario(version, "held@1.4-9", client=limits)
+    assert run.code == FAULT
+    assert "the arm is held: the arm's distance from its reference stayed at its limit of 0.05 rad" in last_line(run)
+    assert run.client is not None
+    distance = np.abs(run.client["q0"] - run.client["q"])
+    assert np.nanmax(distance) < 0.1  # the limit, and what is covered while it slows down
+    assert run.client["pace"][-1] < 0.02
+    assert release_time(run) <= RELEASE
+    assert "slowed: " in run.output and "let go: " in run.output
+
+
+def test_the_defaults_for_commissioning_are_low(scenario: Scenario) -> None:
+    run = scenario("2.7")
+    assert run.client is not None
+    told = run.client.summary["controller"]
+    assert told["effort_limit"] == [80, 80, 44, 44, 27.5, 10, 10]
+    np.testing.assert_allclose(told["torque_rate_limit"], 4 * np.array(told["effort_limit"]))
+
+
+@versions
+def test_an_arm_that_is_too_fast_is_let_go(scenario: Scenario, version: str) -> None:
+    run = scenario(version, client=("--speed-share", 0.1))
+    assert run.code == FAULT and "rad/s; see --speed-share" in last_line(run)
+    assert release_time(run) <= RELEASE
+
+
+# ---- the end ---------------------------------------------------------------------------------------------------------
+
+
+def interrupt(process: Any) -> None:
+    process.send_signal(signal.SIGINT)
+    time.sleep(0.05)
+
+
+@versions
+def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: Scenario, version: str) -> None:
+    """The robot does not hear that the port is closed: the answers must tell."""
+    run = scenario(version, "", "--deaf", "--answer-timeout", 1, at=[(1.8, interrupt)])
+    assert run.code == INTERRUPTED
+    assert last_line(run) == "fri_wiping: interrupted; torque brought to zero, the client leaves"
+    assert 0.1 <= release_time(run) <= RELEASE
+    assert "did not answer" in run.robot.summary["end"]
+    run.check_sent()
+
+
+def test_interrupted_twice_it_leaves_at_once(scenario: Scenario) -> None:
+    run = scenario("2.7", "", "--deaf", "--answer-timeout", 1, at=[(1.8, interrupt), (1.81, interrupt)])
+    assert run.code == INTERRUPTED and "the client left at once" in last_line(run)
+
+
+def test_interrupted_before_anything_moves_it_leaves(scenario: Scenario) -> None:
+    run = scenario("2.7", "", "--deaf", "--answer-timeout", 1, at=[(0.3, interrupt)])
+    assert run.code == INTERRUPTED
+    assert len(run.torque) == 0
+
+
+@versions
+def test_a_session_that_ends_in_mid_motion_says_so(scenario: Scenario, version: str) -> None:
+    run = scenario(version, "state@1.6:idle")
+    assert run.code == EARLY
+    assert "before the trajectory's end, at 0.4" in last_line(run)
+
+
+@versions
+@pytest.mark.parametrize("field", ["robotInfo", "monitorData", "connectionInfo", "ipoData"])
+def test_a_truncated_datagram_is_refused_and_counted(scenario: Scenario, version: str, field: str) -> None:
+    run = scenario(version, f"truncate@1.6:{field},truncate@1.7:{field}")
+    assert (run.robot.code, run.code) == (0, DONE)
+    assert run.faults["datagram_frame" if version == "2.7" else "datagram_incomplete"] == 2
+    assert run.faults["state_drops"] == 0
+
+
+@versions
+@pytest.mark.parametrize("field", ["monitorData", "connectionInfo", "ipoData"])
+def test_a_message_without_a_part_is_refused_and_counted(scenario: Scenario, version: str, field: str) -> None:
+    run = scenario(version, f"robot.missing@1.6:{field}")
+    assert (run.robot.code, run.code, run.faults["datagram_incomplete"]) == (0, DONE, 1)
+
+
+# ---- what --wait and --timeout say ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("version", "other", "found"),
+    [("2.7", "1.15", "datagram_frame"), ("2.7", "2.5", "datagram_frame"), ("1.15", "2.7", ""), ("2.5", "2.7", "")],
+)
+def test_the_other_framing_is_named(scenario: Scenario, version: str, other: str, found: str) -> None:
+    run = scenario(version, robot_version=other, lockstep=False, client=("--wait", 0.5))
+    assert run.code == FAULT
+    text = f"datagrams arrive but do not decode as FRI {version.replace('1.15', '1.x')}: {found}"
+    assert text in last_line(run)
+    assert f"the robot speaks {'2.7' if other == '2.7' else '1.x or 2.5'}: build the client for it" in last_line(run)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("version", "other"), [("1.15", "2.5"), ("2.5", "1.15")])
+def test_another_version_of_the_same_framing_is_told(scenario: Scenario, version: str, other: str) -> None:
+    run = scenario(version, robot_version=other)
+    assert run.client is not None and run.faults["other_version"] >= run.client.summary["cycles"]
+    assert "other version: " in run.output
+
+
+@versions
+@pytest.mark.parametrize(
+    ("what", "text"),
+    [
+        ("counter", "the robot's messages all have the sequence counter "),
+        ("clock", "the robot's clock stands still: clock_standing "),
+    ],
+)
+def test_what_stands_still_is_named(scenario: Scenario, version: str, what: str, text: str) -> None:
+    options = ("--answer-timeout", 2)
+    run = scenario(version, f"standing@0.03-99:{what}", *options, client=("--timeout", 400), lockstep=False)
+    assert run.code == FAULT
+    assert text in last_line(run)
+
+
+# ---- lateness --------------------------------------------------------------------------------------------------------
+
+
+@versions
+def test_after_a_stop_the_newest_is_answered(scenario: Scenario, version: str) -> None:
+    at = [(1.6, lambda p: p.send_signal(signal.SIGSTOP)), (2.0, lambda p: p.send_signal(signal.SIGCONT))]
+    run = scenario(version, "", "--thresholds", 0.05, 0.04, 0.03, lockstep=False, at=at)
+    assert run.code in (DONE, EARLY)
+    assert run.faults["overtaken"] > 40
+    assert run.robot.log["accepted"].max() < 20  # not all 80 answers in one cycle
+    assert run.faults["lost_messages"] == 0  # they came, too late
+
+
+# ---- the robot's own states -----------------------------------------------------------------------------------------
+
+
+@versions
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        ("safety@1.7-9:SAFETY_STOP_LEVEL_1", "the robot reports a safety stop while commanding"),
+        ("drives@1.7-9:OFF", "the robot's drives are not active while commanding"),
+        ("operation@1.7-9:T1", "the robot's operation mode changed while commanding"),
+        ("period@1.7-9:2", "the robot's send period changed from 5 to 2 ms while commanding"),
+    ],
+)
+def test_the_robots_own_states_are_heeded(scenario: Scenario, version: str, fault: str, text: str) -> None:
+    run = scenario(version, fault)
+    assert run.code == FAULT
+    assert text in last_line(run)
+    assert release_time(run) <= RELEASE
+    assert "robot stopped: " in run.output or "send period: " in run.output
+
+
+@versions
+@pytest.mark.parametrize(
+    "fault", ["period@0.46-0.48:0", "period@1.06-1.08:30", "period@1.6-1.62:2", "drives@1.6-1.62:TRANSITIONING"]
+)
+def test_a_few_odd_messages_end_no_session(scenario: Scenario, version: str, fault: str) -> None:
+    run = scenario(version, fault)
+    assert (run.robot.code, run.code) == (0, DONE)
+    assert abs(trajectory_time(run) - 1.1) <= 0.005 + 1e-9
+
+
+# ---- the person at the arm ------------------------------------------------------------------------------------------
+
+FAR = ("--start", *(START_POSTURE + np.array([0.9, 0, 0, 0, 0, 0, 0])))
+
+
+@versions
+def test_a_long_way_to_the_trajectory_is_refused_without_a_terminal(scenario: Scenario, version: str) -> None:
+    run = scenario(version, "", *FAR)
+    assert run.code == REFUSED
+    assert "A1 is 0.90 rad from where the trajectory begins" in last_line(run)
+    assert len(run.torque) == 0
+
+
+def test_a_long_way_to_the_trajectory_is_gone_when_told_to(scenario: Scenario) -> None:
+    assert scenario("2.7", "", *FAR, "--duration", 8, client=("--approach-anyway",)).code == DONE
+
+
+@pytest.mark.parametrize(("answer", "code"), [(b"y\n", DONE), (b"n\n", INTERRUPTED)])
+def test_a_long_way_to_the_trajectory_is_asked_about(scenario: Scenario, answer: bytes, code: int) -> None:
+    """The arm is held until the answer comes."""
+    master, terminal = pty.openpty()
+    with os.fdopen(master, "wb"), os.fdopen(terminal, "rb") as stdin:
+        run = scenario("2.7", "", *FAR, "--duration", 8, terminal=stdin,
+                       at=[(1.8, lambda _: (os.write(master, answer), time.sleep(0.1)))])  # fmt: skip
+    assert run.code == code
+    assert "is 0.90 rad from where the trajectory begins. The arm is held. Move there? [y/n]" in run.output
+    assert run.client is not None
+    waiting = run.client["time"] < 1.8
+    assert np.ptp(run.client["q"][waiting], axis=0).max() < 0.01
+    if code == INTERRUPTED:
+        assert "the move to the trajectory was declined" in last_line(run) and not run.torque[-1].any()
+
+
+@versions
+def test_faults_are_told_as_they_happen(scenario: Scenario, version: str) -> None:
+    run = scenario(version, "robot.drop@1.5,robot.garbage@1.6,robot.nan@1.7")
+    lines = {line.split("  ")[-1].split(":")[0] for line in run.output.splitlines() if " s  " in line}
+    assert {"lost cycles", "bad datagram", "missing field", "trajectory done"} <= lines

@@ -1,0 +1,53 @@
+"""The C++ client against the simulated robot over UDP: what both saw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+
+from examples.fri_robot.messages import SessionState
+from examples.fri_robot.replay import ClientLog, check_commands, compare
+from support.fri_python_client import Outcome
+
+
+@dataclass
+class Run:
+    """A session seen from both sides."""
+
+    robot: Outcome
+    client: ClientLog | None
+    code: int
+    error: str
+    output: str
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """What the client counted."""
+        assert self.client is not None
+        return dict(self.client.summary["faults"])
+
+    def check(self, robot: ModuleType) -> None:
+        """What was sent is finite, within limits and rate, and what the controller makes of its inputs."""
+        assert self.client is not None
+        commands = check_commands(self.robot.log, self.client.summary)
+        assert (commands.not_finite, commands.beyond_limit) == (0, 0)
+        assert commands.worst_rate <= 1 + 1e-9
+        found = compare(robot, self.client, self.robot.log)
+        assert found.compared > 0
+        assert max(found.worst, found.worst_step, found.worst_guarded) <= 1e-12
+
+    def check_sent(self) -> None:
+        """What was sent is finite, and within limits and rate of the robot's time."""
+        assert self.client is not None
+        commands = check_commands(self.robot.log, self.client.summary)
+        assert (commands.not_finite, commands.beyond_limit) == (0, 0)
+        assert commands.worst_rate <= 1 + 1e-9
+
+    @property
+    def torque(self) -> np.ndarray:
+        """Torques (commands, 7) [N m] that the robot received in COMMANDING_ACTIVE."""
+        log = self.robot.log
+        sent: np.ndarray = log["command_torque"][(log["state"] == SessionState.COMMANDING_ACTIVE) & log["has_torque"]]
+        return sent
