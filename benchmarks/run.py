@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import stiffgen
-from stiffgen.check.verify import Samples, import_robot, joint_poses, product_of_poses
+from stiffgen import open_robot
+from stiffgen.check.verify import Samples, joint_poses, product_of_poses
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
 
@@ -193,7 +194,7 @@ def timed(call: Callable[[], object], repeat: int = 15, target: float = 0.02) ->
 
 def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]:
     """Rows (name, median, quartiles) for one call [us], and for a batch of 65536 [us a configuration]."""
-    module = import_robot(robot)
+    module = open_robot(robot).module
     size = 65536
     samples = Samples.draw(chain, size, seed=2)
     q, F, K = samples.q, samples.wrench, samples.task_stiffness[0]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 
 
 def resident(what: str) -> int:
@@ -25,7 +25,7 @@ def resident(what: str) -> int:
 
 def main() -> None:
     folder, count, spread = sys.argv[1], int(sys.argv[2]), "spread" in sys.argv[3:]
-    kernel = import_robot(Path(folder)).hybrid.joint_stiffness
+    kernel = open_robot(Path(folder)).module.hybrid.joint_stiffness
     positions = np.linspace(-1.5, 1.5, 14 * 1000).reshape(1000, 14)
     q = np.tile(positions if spread else positions[:, ::2], (count // 1000, 1))
     q = q[:, ::2] if spread else q

@@ -17,7 +17,7 @@ from filelock import FileLock
 
 import stiffgen
 from examples.bowl_wiping.tool import NAME, tool
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 from support.project import ROOT, URDF
 
 
@@ -63,7 +63,7 @@ def robot_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 
 @pytest.fixture(scope="session")
 def robot(robot_folder: Path) -> ModuleType:
-    return import_robot(robot_folder)
+    return open_robot(robot_folder).module
 
 
 @pytest.fixture(scope="session")
@@ -79,4 +79,4 @@ def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 
 @pytest.fixture(scope="session")
 def plate(plate_folder: Path) -> ModuleType:
-    return import_robot(plate_folder)
+    return open_robot(plate_folder).module

@@ -16,6 +16,7 @@ LAYERS = (
     ("symbolic",),
     ("emit",),
     ("generate",),
+    ("opened",),
     ("check",),
     ("analyze",),
     ("cli",),

@@ -15,6 +15,7 @@ from stiffgen.errors import (
     StiffgenError,
 )
 from stiffgen.generate import generate
+from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain, Tool, load_chain
 from stiffgen.symbolic.model import StiffnessModel
 from stiffgen.symbolic.potentials import SpringOptions
@@ -28,6 +29,7 @@ __all__ = [
     "DescriptionError",
     "DescriptionWarning",
     "EmptyRecordingError",
+    "GeneratedRobot",
     "MissingExtraError",
     "OutputError",
     "Placement",
@@ -41,4 +43,5 @@ __all__ = [
     "analyze",
     "generate",
     "load_chain",
+    "open_robot",
 ]

@@ -30,7 +30,8 @@ from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
-from stiffgen.check.verify import Check, verify
+from stiffgen.check.result import Check
+from stiffgen.check.verify import verify
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
@@ -239,8 +240,11 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("verify", help="check a robot's compiled kernels against independent oracles")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
-    command.add_argument("--samples", type=_positive, default=200, help="random postures (default: 200)")
-    command.add_argument("--seed", type=int, default=0, help="of the random postures (default: 0)")
+    command.add_argument("--urdf", type=Path, metavar="URDF", help="read the robot's file again and compare the chain")
+    command.add_argument(
+        "--samples", type=_positive, help="random postures (default: 200 up to 7 joints, fewer for more)"
+    )
+    command.add_argument("--seed", type=_natural, default=0, help="of the random postures (default: 0)")
     command.set_defaults(run=_verify)
 
     command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
@@ -332,6 +336,13 @@ def _add_analyze(commands: Any) -> None:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
+
+
+def _natural(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("must not be negative")
+    return value
 
 
 def _positive(text: str) -> int:
@@ -503,10 +514,15 @@ def _from_root(description: Description) -> Iterator[JointElement]:
 def _verify(options: argparse.Namespace) -> int:
     console = _Console(stderr=True, highlight=False)
     with _Progress(console).shown() as progress:
-        checks = verify(options.folder, count=options.samples, seed=options.seed, progress=progress)
+        checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
     _table_console().print(_check_table(checks))
-    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound, {options.samples} postures")
+    for check in failed:
+        if check.detail:
+            print(f"{check.kernel}, {check.oracle}: {check.detail}")
+    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
+    if options.urdf is None:
+        print("the chain is the manifest's; --urdf URDF compares it with the robot's file")
     return 1 if failed else 0
 
 
@@ -515,10 +531,11 @@ def _bench(options: argparse.Namespace) -> int:
     with _Progress(console).shown() as progress:
         timings = bench(options.folder, progress=progress)
     table = Table(show_edge=False, pad_edge=False)
-    for column in ("kernel", "one Python call [us]", "in a stack of 4096 [us]"):
+    for column in ("kernel", "Python call [us]", "of a stack of 4096 [us]", "C call [us]"):
         table.add_column(column, justify="left" if column == "kernel" else "right")
     for timing in timings:
-        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}")
+        c = f"{timing.c:.3f}" if math.isfinite(timing.c) else "no compiler"
+        table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}", c)
     _table_console().print(table)
     return 0
 

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 from stiffgen.errors import StiffgenError
 
 try:
@@ -112,7 +112,7 @@ def _robot(folder: Path) -> ModuleType:
     """The generated arm with the experiment's tool; with any other the stiffness would be that of another point."""
     if not (folder / "manifest.json").is_file():
         raise StiffgenError(f"{folder} is no generated robot; run 'make {ROBOT}', or name one with --robot")
-    robot: ModuleType = import_robot(folder)
+    robot: ModuleType = open_robot(folder).module
     pose = Plant(bowl=False).pose
     if robot.DOF != DOF or not np.allclose(robot.forward_kinematics(START_POSTURE), pose, atol=1e-9):
         raise StiffgenError(f"{folder} is not the arm with the experiment's tool; 'make {ROBOT}' generates it")

@@ -28,7 +28,7 @@ from rich.live import Live
 from rich.text import Text
 
 from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 from stiffgen.errors import StiffgenError
 
 from . import faults
@@ -144,7 +144,7 @@ def load_robot(folder: Path) -> ModuleType:
         raise RefusedError(
             f"no generated robot in {folder}: run 'make build/robots/iiwa14_plate', or name another with --robot"
         )
-    return import_robot(folder)
+    return open_robot(folder).module
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import Samples, as_results, kernels_of
+from stiffgen.check.result import as_results
+from stiffgen.check.verify import Samples
 from stiffgen.cli import main
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
@@ -21,7 +22,7 @@ from stiffgen.symbolic.model import casadi_function, folded
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda
-from support.project import ROOT, URDF, assert_close, compilers, require_compiler
+from support.project import ROOT, URDF, assert_close, compilers, kernels_of, require_compiler
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 SHARED = ("task_stiffness", "tool_pose", "equilibrium", "translation_stiffness", "rotation_stiffness")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 from support.cuda_host import HostCuda
 
 EVIL = [
@@ -35,7 +35,7 @@ def test_evil_names(several_tips, tmp_path):
     output = tmp_path / "out"
     folder = stiffgen.generate(urdf, tip=tips, output=output, lock={EVIL[3]: 0.1}, cuda=True)
     assert [path.name for path in output.iterdir()] == ["error_x"]
-    robot = import_robot(folder)
+    robot = open_robot(folder).module
     names = [joint for joint in joints if joint != EVIL[3]]
     assert list(robot.JOINTS) == names
     assert len(names) == robot.DOF

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import import_robot, verify
+from stiffgen import open_robot
+from stiffgen.check.verify import verify
 from support.chains import chain_urdf
 
 FLAGS = {
@@ -89,4 +90,4 @@ def test_a_robot_of_slides_alone_has_no_sine(tmp_path):
     urdf.write_text(chain_urdf("pp"))
     folder = stiffgen.generate(urdf, output=tmp_path, name="slides")
     assert "sine_cosine" not in (folder / "slides.c").read_text()
-    assert np.isfinite(import_robot(folder).hybrid.jacobian([0.1, 0.2])).all()
+    assert np.isfinite(open_robot(folder).module.hybrid.jacobian([0.1, 0.2])).all()

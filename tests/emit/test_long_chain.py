@@ -9,9 +9,11 @@ import pytest
 
 import stiffgen
 from benchmarks.generation import long_chain
-from stiffgen.check.verify import argument_samples, check_against_casadi, import_robot, kernels_of
+from stiffgen import open_robot
+from stiffgen.check.verify import argument_samples, check_against_casadi
 from stiffgen.symbolic.kernels import chain_kernels
 from support.c_program import STRICT
+from support.project import kernels_of
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +35,7 @@ def test_size_and_warnings(folder, tmp_path):
 
 def test_values(folder):
     chain = stiffgen.load_chain(folder.parent.parent / "chain.urdf")
-    robot = import_robot(folder)
+    robot = open_robot(folder).module
     checks = check_against_casadi(kernels_of(robot, chain), chain, 2, 0)
     assert [check for check in checks if not check.passed] == []
     pool = argument_samples(chain, 3, 1)

@@ -15,21 +15,14 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import (
-    BOUND,
-    References,
-    as_results,
-    check_kernels,
-    gamma_F,
-    kernels_of,
-    kinetic_hessian,
-    relative_error,
-)
+from stiffgen.check.result import BOUND, as_results, relative_error
+from stiffgen.check.verify import References, check_kernels, gamma_F, kinetic_hessian
 from stiffgen.emit.render import render
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
+from support.project import kernels_of
 from support.runtime import compile_c
 
 PERTURBATION = 1e-6

@@ -6,9 +6,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import Samples, as_results, kernels_of
+from stiffgen import open_robot
+from stiffgen.check.result import as_results
+from stiffgen.check.verify import Samples
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
+from support.project import kernels_of
 
 
 def dependence(chain, kernel, index):
@@ -59,7 +62,6 @@ def test_zeros_do_not_hide_a_nan(robot):
 def test_an_infinite_slide_is_nan(tmp_path):
     """A prismatic coordinate enters linearly, where an infinity would otherwise stay one."""
     import stiffgen
-    from stiffgen.check.verify import import_robot
 
     urdf = tmp_path / "slide.urdf"
     urdf.write_text(
@@ -67,7 +69,7 @@ def test_an_infinite_slide_is_nan(tmp_path):
         '<joint name="s" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/></joint>'
         '<joint name="t" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/></joint></robot>'
     )
-    slide = import_robot(stiffgen.generate(urdf, output=tmp_path))
+    slide = open_robot(stiffgen.generate(urdf, output=tmp_path)).module
     with np.errstate(invalid="ignore"):
         assert np.isnan(slide.forward_kinematics([np.inf, 0])[0, 3])
         assert np.isnan(slide.spatial.jacobian([-np.inf, 0])[1, 1])

@@ -13,9 +13,11 @@ import dask.array as da
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import Samples, as_results, kernels_of, relative_error
+from stiffgen.check.result import as_results, relative_error
+from stiffgen.check.verify import Samples
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import KERNELS
+from support.project import kernels_of
 
 
 @pytest.fixture(scope="module")

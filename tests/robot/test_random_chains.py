@@ -11,7 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stiffgen.check.verify import References, as_results, check_kernels
+from stiffgen.check.result import as_results
+from stiffgen.check.verify import References, check_kernels
 from stiffgen.errors import StiffgenError
 from stiffgen.robot.chain import Chain, ChainOptions, chain_between, select
 from stiffgen.robot.reader import read_description

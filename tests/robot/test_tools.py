@@ -10,11 +10,12 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import References, check_robot, import_robot, kernels_of
+from stiffgen import open_robot
+from stiffgen.check.verify import References, check_robot
 from stiffgen.cli import main
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from support.project import ROOT, URDF, assert_close
+from support.project import ROOT, URDF, assert_close, kernels_of
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 FRAMES = {
@@ -151,7 +152,7 @@ def test_dual_arm_shares_one_q(dual):
 def test_dual_arm_folder(runtime_tool, tmp_path):
     """The compiled module: every oracle for every tip, the total, and its namespaces."""
     folder = stiffgen.generate(DUAL, tip=["left hand", "right-hand"], runtime_tool=runtime_tool, output=tmp_path)
-    robot = import_robot(folder)
+    robot = open_robot(folder).module
     chain = stiffgen.load_chain(DUAL, tip=["left hand", "right-hand"], runtime_tool=runtime_tool)
     assert robot.TIPS == ("left hand", "right-hand")
     checks = check_robot(kernels_of(robot, chain), chain, 20, 5)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import import_robot
+from stiffgen import open_robot
 from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, STATUS
 from support.controller_inputs import DESIGNS, QUICK, TASK_DAMPING, WRENCH, K, Q, hostile, walk
 from support.controller_reference import Reference
@@ -281,7 +281,7 @@ def small_robot(folder: Path, name: str, **values: str) -> ModuleType:
     text = {"inertial": "", "type": "revolute", "effort": "10", "limit": LIMIT, **values}
     path = folder / f"{name}.urdf"
     path.write_text(MASSLESS.format(**text))
-    return import_robot(stiffgen.generate(path, name=name, output=folder))
+    return open_robot(stiffgen.generate(path, name=name, output=folder)).module
 
 
 def test_mass_matrix_that_is_not_positive_definite(tmp_path: Path) -> None:
@@ -617,7 +617,7 @@ def deepest_kernel(source: str, frames: dict[str, int]) -> int:
 @pytest.mark.slow
 def test_controller_of_32_joints_and_none_beyond(tmp_path: Path) -> None:
     folder = stiffgen.generate(chain_of(32, tmp_path), output=tmp_path)
-    arm = import_robot(folder)
+    arm = open_robot(folder).module
     random = np.random.default_rng(0)
     inputs = {
         "q": random.uniform(-1, 1, 32) + 0.1 * np.sin(np.arange(40)[:, None] * 1e-2 + random.uniform(0, 6, 32)),

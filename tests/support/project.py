@@ -5,12 +5,18 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from stiffgen.check.verify import BOUND, relative_error
+import stiffgen
+from stiffgen.check.result import BOUND, relative_error
+from stiffgen.opened import functions_of
+from stiffgen.symbolic.kernels import chain_kernels
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf" / "iiwa14.urdf"
@@ -20,6 +26,11 @@ def assert_close(value, expected) -> None:
     """Two arrays agree to 1e-12 of the largest entry expected."""
     error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
     assert error <= BOUND, f"relative error {error:.2e}"
+
+
+def kernels_of(module: ModuleType, chain: stiffgen.Chain) -> dict[str, Callable[..., Any]]:
+    """The functions of an imported robot by qualified name, for a chain that need not be the one in its folder."""
+    return functions_of(module, chain_kernels(chain), Path(str(module.__file__)).parent)
 
 
 def compilers() -> list[str]:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import References, check_kernels, relative_error
+from stiffgen.check.result import relative_error
+from stiffgen.check.verify import References, check_kernels
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kinematics import forward_kinematics, joint_jacobian
 from support.project import ROOT

@@ -27,10 +27,9 @@ import stiffgen.analyze.measures as ms
 from stiffgen.analyze.measures import MEASURES, Summary, Task, bad_rows, units
 from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording
 from stiffgen.analyze.report import write_report
-from stiffgen.check.verify import import_robot
-from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed
 from stiffgen.folder import swapped_in
+from stiffgen.opened import open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
@@ -210,10 +209,7 @@ def _one_of(representation: str) -> Representation:
 
 
 def _chain(robot: Path) -> Chain:
-    manifest = read_manifest(robot)
-    if manifest is None:
-        raise OutputError(f"{robot}: is not a folder that 'stiffgen generate' wrote; give the robot's own folder")
-    chain = chain_from_manifest(manifest)
+    chain = open_robot(robot).chain
     if chain.runtime_tool:
         raise RecordingError(
             f"{robot}: its functions take the tool's pose at run time, which a recording does not hold; "
@@ -260,7 +256,7 @@ class _Job:
 
 @lru_cache(maxsize=4)
 def _robot_module(folder: Path) -> Any:
-    return import_robot(folder)
+    return open_robot(folder).module
 
 
 def summarise_partition(

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
+import math
 import statistics
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.check.verify import argument_samples, import_robot, kernels_of
-from stiffgen.emit.manifest import chain_from_manifest, read_manifest
-from stiffgen.errors import OutputError
-from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import springs_of_manifest
+from stiffgen.check.result import as_results
+from stiffgen.check.verify import argument_samples
+from stiffgen.emit.build import build_library
+from stiffgen.errors import BuildError
+from stiffgen.opened import GeneratedRobot, open_robot
 
 _BATCH = 4096
 _SECONDS = 0.01
@@ -21,15 +24,20 @@ _ROUNDS = 7
 
 @dataclass(frozen=True)
 class Timing:
-    """Medians of one kernel from Python, with the Python call and the array of results: microseconds."""
+    """Medians of one function in microseconds.
+
+    ``call``: from Python, with the Python call and the array of results; ``configuration``: from Python, one
+    configuration of a stack of 4096; ``c``: a plain C call, without Python (NaN where no compiler is at hand).
+    """
 
     kernel: str
     call: float
     configuration: float
+    c: float
 
 
 def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: None) -> list[Timing]:
-    """Time every kernel of a robot's folder: one call, and a configuration within a stack of 4096.
+    """Time every kernel of a robot's folder: one Python call, a configuration of a stack of 4096, and one C call.
 
     Args:
         folder: what ``stiffgen generate`` wrote.
@@ -39,27 +47,51 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
         One record a kernel.
 
     Raises:
-        OutputError: the folder is none of stiffgen's.
+        OutputError: the folder is none of stiffgen's, is damaged, or is not compiled.
 
     """
-    folder = Path(folder)
-    manifest = read_manifest(folder)
-    if manifest is None:
-        raise OutputError(f"{folder}: is not a folder that 'stiffgen generate' wrote; give the robot's own folder")
-    chain, options = chain_from_manifest(manifest), springs_of_manifest(manifest)
-    pool = argument_samples(chain, _BATCH, 0, options)
-    kernels = kernels_of(import_robot(folder), chain, options)
+    robot = open_robot(folder)
+    kernels = robot.kernels
+    pool = argument_samples(robot.chain, _BATCH, 0, robot.springs)
     timings = []
-    for kernel in chain_kernels(chain, options):
-        progress(f"timing {kernel.qualified_name}")
-        function = kernels[kernel.qualified_name]
-        stacks = [pool[argument] for argument in kernel.arguments]
-        first = [stack[0].copy() for stack in stacks]
-        out = function(*stacks)
-        call = _median(function, first, {})
-        many = _median(function, stacks, {"out": out})
-        timings.append(Timing(kernel.qualified_name, call, many / _BATCH))
+    with tempfile.TemporaryDirectory(prefix="stiffgen-bench-") as build:
+        progress("compiling C calls")
+        library = _c_loops(robot, Path(build))
+        for kernel in robot.table:
+            progress(f"timing {kernel.qualified_name}")
+            function = kernels[kernel.qualified_name]
+            stacks = [pool[argument] for argument in kernel.arguments]
+            first = [stack[0].copy() for stack in stacks]
+            out = function(*stacks)
+            call = _median(function, first, {})
+            many = _median(function, stacks, {"out": out})
+            c = math.nan
+            if library is not None:
+                pointers = [stack.ctypes.data for stack in stacks] + [each.ctypes.data for each in as_results(out)]
+                blocks = (ctypes.c_void_p * len(pointers))(*pointers)
+                c = _median(library[f"loop_{kernel.qualified_name}"], [blocks], {}) / _BATCH
+            timings.append(Timing(kernel.qualified_name, call, many / _BATCH, c))
     return timings
+
+
+def _c_loops(robot: GeneratedRobot, build: Path) -> ctypes.CDLL | None:
+    """For every kernel a C function that calls it once for each of the 4096 samples; None without a compiler."""
+    lines = [f'#include "{robot.name}.h"']
+    for kernel in robot.table:
+        sizes = [array.array(robot.chain).size for array in (*kernel.arguments, *kernel.results)]
+        blocks = ", ".join(f"blocks[{k}] + {size} * c" for k, size in enumerate(sizes))
+        lines += [
+            f"void loop_{kernel.qualified_name}(double *const *blocks)",
+            f"{{ for (size_t c = 0; c < {_BATCH}; ++c) {{ {robot.name}_{kernel.qualified_name}({blocks}); }} }}",
+        ]
+    driver = build / "loops.c"
+    driver.write_text("\n".join(lines) + "\n")
+    for flags in (("-O3", "-march=native"), ("-O3",)):
+        try:
+            return ctypes.CDLL(str(build_library(robot.folder, robot.name, build, flags, more=[driver])))
+        except BuildError:
+            continue
+    return None
 
 
 def _median(function: Callable[..., object], arguments: Sequence[object], options: Mapping[str, object]) -> float:

@@ -15,50 +15,32 @@ Errors are relative to the largest entry of the reference.
 
 from __future__ import annotations
 
-import importlib.util
+import ctypes
 import math
-import sys
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from stiffgen.check.batches import LONG, check_c_batches, check_stacks
+from stiffgen.check.files import check_files, check_tables, check_urdf
+from stiffgen.check.not_finite import check_not_finite
+from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
 from stiffgen.check.springs import differentiated
-from stiffgen.emit.manifest import chain_from_manifest, read_manifest
-from stiffgen.errors import OutputError
+from stiffgen.emit.build import build_library
+from stiffgen.errors import BuildError, StiffgenError
+from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
-from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
-
-Array = NDArray[np.float64]
-Kernels = Mapping[str, Callable[..., Any]]
-"""Functions by qualified name ("hybrid_joint_stiffness"), taking stacks of arguments."""
-
-BOUND = 1e-12
-
-
-@dataclass(frozen=True)
-class Check:
-    """One row of the table: what was compared, against what, and the worst relative error over the samples."""
-
-    kernel: str
-    oracle: str
-    error: float
-    bound: float
-
-    @property
-    def passed(self) -> bool:
-        """Whether the error is a number within the bound."""
-        return self.error <= self.bound
 
 
 @dataclass(frozen=True)
@@ -257,7 +239,7 @@ class References:
 
     def _evaluate(self, expression: ca.SX) -> Array:
         count = len(self.samples.q)
-        function = ca.Function("f", list(self._symbols), [ca.densify(expression)], {"cse": True})
+        function = ca.Function("f", list(self._symbols), [ca.densify(expression)], {})
         rows, columns = expression.shape
         mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
@@ -275,7 +257,7 @@ class References:
         results = {}
         for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
             rows, width = expression.shape
-            function = ca.Function("f", given, [ca.densify(expression)], {"cse": True})
+            function = ca.Function("f", given, [ca.densify(expression)], {})
             mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
             shape = {"energy": (count,), "wrench": (count, rows), "torque": (count, rows)}.get(name, mapped.shape)
             results[name] = np.ascontiguousarray(mapped).reshape(shape)
@@ -331,16 +313,8 @@ def kinetic_hessian(chain: Chain, q: Array) -> Array:
         form = ca.vertcat(ca.horzcat(joint.body.mass * ca.DM.eye(3), -moment), ca.horzcat(moment, tensor))
         jacobian = _jacobian(pose, symbol, "body")
         total += jacobian.T @ form @ jacobian
-    function = ca.Function("M", [symbol], [ca.densify(total)], {"cse": True})
+    function = ca.Function("M", [symbol], [ca.densify(total)], {})
     return np.stack([np.asarray(function(each)) for each in q])
-
-
-def relative_error(value: Any, reference: Array) -> float:
-    """Largest difference of any sample over the largest entry of that sample's reference; NaN if any is NaN."""
-    difference = np.abs(np.asarray(value, dtype=float) - reference).reshape(len(reference), -1).max(axis=1)
-    scale = np.abs(reference).reshape(len(reference), -1).max(axis=1)
-    scale[scale == 0] = 1.0
-    return float((difference / scale).max())
 
 
 def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
@@ -353,7 +327,7 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
     checks = []
 
     def add(name: str, oracle: str, reference: Array, *arguments: Array) -> None:
-        checks.append(_check(prefix + name, oracle, kernels[prefix + name](*arguments), reference))
+        checks.append(compared(prefix + name, oracle, kernels[prefix + name](*arguments), reference))
 
     add("forward_kinematics", "product of poses", references.pose, *posture)
     if references.chain.masses and not prefix:
@@ -383,22 +357,18 @@ def _spring_checks(kernels: Kernels, references: References, prefix: str) -> lis
         for name, reference in expected.items():
             kernel = f"{prefix}{spring.name}_{name}"
             value = kernels[kernel](*arguments)
-            checks.append(_check(kernel, "differentiated energy", value, reference))
+            checks.append(compared(kernel, "differentiated energy", value, reference))
             if name.endswith("_stiffness"):
                 checks.append(_symmetry(kernel, value))
         kernel = f"{prefix}{spring.name}_linearization"
         for name, value in zip(("energy", "torque", "joint_stiffness"), kernels[kernel](*arguments), strict=True):
-            checks.append(_check(f"{kernel}, {name}", "differentiated energy", value, expected[name]))
+            checks.append(compared(f"{kernel}, {name}", "differentiated energy", value, expected[name]))
     return checks
 
 
 def _symmetry(kernel: str, value: Any) -> Check:
     matrices = np.asarray(value)
     return Check(kernel, "bitwise symmetry", float(np.abs(matrices - np.swapaxes(matrices, 1, 2)).max()), 0.0)
-
-
-def _check(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
-    return Check(kernel, oracle, relative_error(value, reference), BOUND)
 
 
 def _potential_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
@@ -421,9 +391,9 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
     as_body = np.asarray(kernels[body_kernel](*posture, in_body, stiffness_in_body), dtype=float)
     as_hybrid = kernels[hybrid_kernel](*posture, samples.wrench, samples.task_stiffness)
     return [
-        _check(body_kernel, "Hessian of a potential", body, hessian),
-        _check(hybrid_kernel, "Hessian of a potential", hybrid, hessian),
-        _check(hybrid_kernel, "body form, turned", as_hybrid, as_body),
+        compared(body_kernel, "Hessian of a potential", body, hessian),
+        compared(hybrid_kernel, "Hessian of a potential", hybrid, hessian),
+        compared(hybrid_kernel, "body form, turned", as_hybrid, as_body),
     ]
 
 
@@ -438,7 +408,7 @@ def check_robot(
     checks = []
     if chain.masses:
         reference = kinetic_hessian(chain, q)
-        checks.append(_check("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), reference))
+        checks.append(compared("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), reference))
     for tip, references in zip(chain.tips, tips, strict=True):
         checks += check_kernels(kernels, references, f"{tip.name}_")
     stacked = [np.stack(each, axis=1) for each in zip(*map(_contact, tips), strict=True)]
@@ -446,14 +416,14 @@ def check_robot(
         name = f"{rep}_joint_stiffness_total"
         total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
         value = kernels[name](q, *stacked)
-        checks += [_check(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
+        checks += [compared(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
     for spring in tips[0].options.springs():
         given = [np.stack(each, axis=1) for each in zip(*(r.parameters[spring.name] for r in tips), strict=True)]
         poses = [np.stack([r.posture[1] for r in tips], axis=1)] if chain.runtime_tool else []
         for result in ("energy", "torque", "joint_stiffness"):
             name = f"{spring.name}_{result}_total"
             total = np.asarray(sum(references.springs[spring.name][result] for references in tips))
-            checks.append(_check(name, "sum of differentiated energies", kernels[name](q, *poses, *given), total))
+            checks.append(compared(name, "sum of differentiated energies", kernels[name](q, *poses, *given), total))
     return checks
 
 
@@ -478,6 +448,26 @@ def argument_samples(
     return pool
 
 
+FAR = (1.5e4, -1.0e6, 3.0e9)
+"""Angles beyond those that the generated code reduces itself."""
+
+
+def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringOptions | None = None) -> list[Check]:
+    """One joint many turns away at a time, against the CasADi functions.
+
+    Not where joints mimic: their positions, multiplied and shifted, are rounded there, in either code its own way.
+    """
+    turning = [k for k, coordinate in enumerate(chain.coordinates) if coordinate.type != "prismatic"]
+    if chain.coupled or not turning:
+        return []
+    pool = argument_samples(chain, len(FAR) * len(turning), seed, options)
+    for row, (angle, joint) in enumerate((angle, joint) for angle in FAR for joint in turning):
+        pool[Q][row, joint] = angle
+    return [
+        replace(check, oracle="CasADi, many turns away") for check in _against_casadi(kernels, chain, pool, options)
+    ]
+
+
 def check_against_casadi(
     kernels: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
 ) -> list[Check]:
@@ -485,6 +475,12 @@ def check_against_casadi(
     pool = argument_samples(chain, count, seed, options)
     general = Samples.draw(chain, count, seed).general_stiffness
     pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
+    return _against_casadi(kernels, chain, pool, options)
+
+
+def _against_casadi(
+    kernels: Kernels, chain: Chain, pool: dict[Argument, Array], options: SpringOptions | None
+) -> list[Check]:
     checks = []
     for kernel in chain_kernels(chain, options):
         arguments = [pool[argument] for argument in kernel.arguments]
@@ -498,108 +494,90 @@ def check_against_casadi(
         for result, value, stack in zip(kernel.results, values, zip(*each, strict=True), strict=True):
             name = kernel.qualified_name + (f", {result.name}" if len(values) > 1 else "")
             reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
-            checks.append(_check(name, "closed form in CasADi", value, reference))
+            checks.append(compared(name, "closed form in CasADi", value, reference))
     return checks
 
 
-def as_results(value: Any) -> tuple[Any, ...]:
-    """The results of a function that returns one, or several in a tuple."""
-    return tuple(value) if isinstance(value, (tuple, list)) else (value,)
-
-
-def _one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    def call(*stacks: Array) -> Any:
-        rows = [as_results(kernel(*each)) for each in zip(*stacks, strict=True)]
-        stacked = tuple(np.stack(column) for column in zip(*rows, strict=True))
-        return stacked if len(stacked) > 1 else stacked[0]
-
-    return call
-
-
-def check_batches(
-    kernels: Kernels, single: Kernels, chain: Chain, count: int, seed: int, options: SpringOptions | None = None
-) -> list[Check]:
-    """Compare batch functions with single calls; the last block of a batch is not full."""
-    pool = argument_samples(chain, count, seed, options)
-    checks = []
-    for kernel in chain_kernels(chain, options):
-        if kernel.batch:
-            arguments = [pool[argument] for argument in kernel.arguments]
-            name = kernel.qualified_name
-            results = (as_results(each[name](*arguments)) for each in (kernels, single))
-            for result, value, reference in zip(kernel.results, *results, strict=True):
-                label = f"{name}_batch" + (f", {result.name}" if len(kernel.results) > 1 else "")
-                checks.append(_check(label, "single calls", value, reference))
-    return checks
-
-
-def import_robot(folder: Path) -> ModuleType:
-    """Import a generated folder as a package, wherever it lies.
-
-    Raises:
-        OutputError: the folder is none of stiffgen's, or its C module is not built for this Python.
-
-    """
-    manifest = read_manifest(folder)
-    if manifest is None:
-        raise OutputError(f"{folder}: no folder of stiffgen (it has no manifest)")
-    name = f"_stiffgen_robot_{abs(hash(folder.resolve()))}"
-    spec = importlib.util.spec_from_file_location(
-        name, folder / "__init__.py", submodule_search_locations=[str(folder)]
-    )
-    if spec is None or spec.loader is None:
-        raise OutputError(f"{folder}: has no __init__.py; generate it again")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except ImportError as error:
-        del sys.modules[name]
-        raise OutputError(f"{folder}: {error}") from error
-    return module
-
-
-def kernels_of(module: ModuleType, chain: Chain, options: SpringOptions | None = None) -> dict[str, Callable[..., Any]]:
-    """The ufuncs of a generated module by qualified name."""
-    ufuncs = {}
-    for kernel in chain_kernels(chain, options):
-        owner: Any = module
-        for name in kernel.path:
-            owner = getattr(owner, name)
-        ufuncs[kernel.qualified_name] = getattr(owner, kernel.name)
-    return ufuncs
+Step = Callable[[], list[Check]]
 
 
 def verify(
-    folder: str | Path, *, count: int = 200, seed: int = 0, progress: Callable[[str], None] = lambda step: None
+    folder: str | Path,
+    *,
+    urdf: str | Path | None = None,
+    count: int | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda step: None,
 ) -> list[Check]:
-    """Run every oracle on the compiled kernels of a robot's folder.
+    """Hold a robot's folder against what did not make it.
+
+    Files against the digests in the manifest; the manifest's chain against the URDF, if it is given; names and limits
+    against the chain; every function against independent oracles and against the CasADi function it was printed from;
+    stacks and C batches of every length, with steps of every kind, against single calls; NaN and infinity.
 
     Args:
         folder: what ``stiffgen generate`` wrote.
-        count: number of random postures within the limits.
-        seed: of the random generator.
+        urdf: the file that it was generated from. Without it the chain in the manifest is believed.
+        count: number of random postures within the limits (default: 200 up to 7 joints, fewer for more, at least 10).
+        seed: of the random generator, not negative.
         progress: called with a few words before each step.
 
     Returns:
         One record a comparison.
 
     Raises:
-        OutputError: the folder is none of stiffgen's or is not compiled.
+        OutputError: the folder is none of stiffgen's, is damaged, or is not compiled.
+        DescriptionError, ChainError: the URDF has no such chain.
+        StiffgenError: ``count`` or ``seed`` is out of range.
 
     """
-    folder = Path(folder)
-    module = import_robot(folder)
-    manifest = read_manifest(folder)
-    assert manifest is not None
-    chain = chain_from_manifest(manifest)
-    options = springs_of_manifest(manifest)
-    kernels = kernels_of(module, chain, options)
+    if seed < 0 or (count is not None and count < 1):
+        raise StiffgenError("the seed must not be negative, and there must be at least one posture")
+    robot = open_robot(folder)
+    count = default_count(robot.chain) if count is None else count
+    with tempfile.TemporaryDirectory(prefix="stiffgen-verify-") as build:
+        steps = _steps(robot, None if urdf is None else Path(urdf), count, seed, Path(build))
+        checks = []
+        for number, (title, step) in enumerate(steps, start=1):
+            progress(f"{title} ({number} of {len(steps)})")
+            try:
+                checks += step()
+            except (ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
+                # A folder that does not even take its own arguments has failed, it is no bad input.
+                checks.append(Check(title, "runs", math.inf, 0.0, f"{type(error).__name__}: {error}"))
+    return checks
+
+
+def default_count(chain: Chain) -> int:
+    """Postures for a chain: the cost of one grows with the cube of its joints."""
+    return max(10, min(200, round(200 * (7 / len(chain.joints)) ** 2)))
+
+
+def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path) -> list[tuple[str, Step]]:
+    chain, kernels, table, springs = robot.chain, robot.kernels, robot.table, robot.springs
     # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
-    single = {name: _one_by_one(kernel) for name, kernel in kernels.items()}
-    progress("differentiating and comparing")
-    checks = check_robot(single, chain, count, seed, options)
-    progress("comparing with CasADi")
-    checks += check_against_casadi(single, chain, count, seed, options)
-    progress("comparing batches")
-    return checks + check_batches(kernels, single, chain, count, seed, options)
+    single = {name: one_by_one(kernel) for name, kernel in kernels.items()}
+    pool = argument_samples(chain, LONG, seed, springs)
+    # Not symmetric: a batch that reads another triangle than the single call is seen.
+    general = Samples.draw(chain, LONG, seed).general_stiffness
+    pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
+    try:
+        library = ctypes.CDLL(str(build_library(robot.folder, robot.name, build)))
+    except BuildError:  # the folder may have been compiled elsewhere
+        library = None
+    steps: list[tuple[str, Step]] = [
+        ("files", lambda: check_files(robot)),
+        ("names and limits", lambda: check_tables(robot, library)),
+        ("differentiating and comparing", lambda: check_robot(single, chain, count, seed, springs)),
+        ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
+        ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
+        ("stacks of every length", lambda: check_stacks(kernels, single, table, pool)),
+        ("NaN and infinity", lambda: check_not_finite(kernels, table, pool)),
+    ]
+    if library is not None:
+        loaded = library
+        steps.append(("batches in C", lambda: check_c_batches(loaded, robot.name, single, table, chain, pool)))
+    if urdf is not None:
+        file = urdf
+        steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))
+    return steps

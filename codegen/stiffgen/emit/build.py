@@ -57,6 +57,38 @@ def build_module(folder: Path, name: str) -> None:
         link = [*command, *_link_options(), *objects, "-o", str(module), *_libraries()]
         for commands in (compile_each, [link]):
             _run(commands, compiler[0], Path(build))
+        _self_check([*command, objects[0]], folder, name, Path(build))
+
+
+def build_library(
+    folder: Path, name: str, build: Path, flags: Sequence[str] = ("-O1",), *, more: Sequence[Path] = ()
+) -> Path:
+    """Compile the kernels of a generated folder, NAME.c and what ``more`` names, into a shared library in ``build``.
+
+    Raises:
+        BuildError: no compiler, or it failed; with its last lines.
+
+    """
+    compiler = _compiler()
+    library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
+    command = [*compiler, "-std=gnu99", *flags, "-fPIC", "-shared", f"-I{folder.resolve()}"]
+    command += [str(folder.resolve() / f"{name}.c"), *map(str, more)]
+    _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
+    return library
+
+
+def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
+    """Raise BuildError if the compiled kernels compute something else, for flags in CC that change arithmetic."""
+    source, program = build / "self_check.c", build / "self_check"
+    source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(); }}\n')
+    libraries = ["-lm"] if os.name != "nt" else []
+    _run([[*command, f"-I{folder}", str(source), "-o", str(program), *libraries]], command[0], build)
+    wrong = subprocess.run([str(program)], stdin=subprocess.DEVNULL, check=False).returncode
+    if wrong != 0:
+        raise BuildError(
+            f"{shlex.join(command[:1])} compiles with flags that change its arithmetic (self-check {wrong}, see "
+            f"{name}.h); take them out of CC"
+        )
 
 
 def _compiler() -> list[str]:

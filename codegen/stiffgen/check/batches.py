@@ -1,0 +1,140 @@
+"""Many configurations a call: every length of the last block of lanes, every kind of step, nothing else touched."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stiffgen.check.result import BOUND, Array, Check, Kernels, as_results, faultless, relative_error
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel
+
+LENGTHS = range(18)
+"""0 to two blocks of the widest lanes (8) and one more."""
+LONG = 131
+"""More than two of the chunks of 64 in which the Python module copies arguments that do not lie in a row."""
+_UNTOUCHED = -7.25
+
+
+def check_stacks(
+    kernels: Kernels, single: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array]
+) -> list[Check]:
+    """Stacks of every length through the Python module: forwards, backwards, spread, with one argument shared.
+
+    Args:
+        kernels: functions of the module, which take stacks.
+        single: the same, one configuration a call.
+        table: their records.
+        pool: at least ``LONG`` values of every argument.
+
+    """
+    checks = []
+    for kernel in table:
+        call, reference = kernels[kernel.qualified_name], single[kernel.qualified_name]
+        stacks = [pool[argument][:LONG] for argument in kernel.arguments]
+        expected = as_results(reference(*stacks))
+        faults = []
+        for length in (*LENGTHS, LONG):
+            out = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED) for each in expected)
+            kept = tuple(each[:length] for each in out)
+            call(*(stack[:length] for stack in stacks), out=kept)
+            if not _agree(kept, [each[:length] for each in expected]):
+                faults.append(f"a stack of {length}")
+            if any((each[length] != _UNTOUCHED).any() for each in out):
+                faults.append(f"a stack of {length} is written beyond its end")
+        for title, order in (("backwards", slice(None, None, -1)), ("every second", slice(1, None, 2))):
+            if not _agree(as_results(call(*(stack[order] for stack in stacks))), [each[order] for each in expected]):
+                faults.append(f"a stack {title}")
+        out = tuple(np.empty(each.shape[::-1]).T for each in expected)
+        call(*(np.asfortranarray(stack) for stack in stacks), out=out)
+        if not _agree(out, expected):
+            faults.append("columns first in memory")
+        for k, argument in enumerate(kernel.arguments):
+            given: list[Any] = list(stacks)
+            given[k] = stacks[k][3]
+            shared = [stack if i != k else np.broadcast_to(stack[3], stack.shape) for i, stack in enumerate(stacks)]
+            if len(stacks) > 1 and not _agree(as_results(call(*given)), as_results(reference(*shared))):
+                faults.append(f"{argument.name} shared")
+        checks.append(faultless(kernel.qualified_name, "stacks: lengths, order, sharing", faults))
+    return checks
+
+
+def check_c_batches(
+    library: ctypes.CDLL,
+    name: str,
+    single: Kernels,
+    table: tuple[Kernel, ...],
+    chain: Chain,
+    pool: Mapping[Argument, Array],
+) -> list[Check]:
+    """NAME_..._batch called from C's side: counts 0 to 17, steps of every sign, NaN around arguments, sentinels."""
+    checks = []
+    for kernel in table:
+        if kernel.batch:
+            faults = _batch_faults(library[f"{name}_{kernel.qualified_name}_batch"], single, kernel, chain, pool)
+            checks.append(faultless(f"{kernel.qualified_name}_batch", "C: counts, steps, ends", faults))
+    return checks
+
+
+def _batch_faults(
+    call: Any, single: Kernels, kernel: Kernel, chain: Chain, pool: Mapping[Argument, Array]
+) -> list[str]:
+    most = LENGTHS[-1]
+    stacks = [pool[argument][:most].reshape(most, -1) for argument in kernel.arguments]
+    names = [argument.name for argument in kernel.arguments]
+    sizes = [result.array(chain).size for result in kernel.results]
+    reference = single[kernel.qualified_name]
+    shapes = [argument.array(chain).shape for argument in kernel.arguments]
+    plans: list[tuple[str, list[str]]] = [(kind, [kind] * len(stacks)) for kind in ("forwards", "backwards", "spread")]
+    plans += [(f"{names[k]} shared", ["forwards"] * k + ["shared"] + ["forwards"] * (len(stacks) - k - 1))
+              for k in range(len(stacks))]  # fmt: skip
+    faults = []
+    for title, kinds in plans:
+        given = [
+            np.broadcast_to(stack[0], stack.shape) if kind == "shared" else stack
+            for stack, kind in zip(stacks, kinds, strict=True)
+        ]
+        full = [each.reshape(most, *shape) for each, shape in zip(given, shapes, strict=True)]
+        expected = [np.asarray(each).reshape(most, -1) for each in as_results(reference(*full))]
+        for length in LENGTHS:
+            laid = [_laid_out(stack[:length], kind) for stack, kind in zip(given, kinds, strict=True)]
+            outs = [np.full(2 * 16 + length * size, _UNTOUCHED) for size in sizes]
+            arguments: list[Any] = [ctypes.c_size_t(length)]
+            for memory, first, step in laid:
+                arguments += [ctypes.c_void_p(memory.ctypes.data + 8 * first), ctypes.c_ssize_t(step)]
+            arguments += [ctypes.c_void_p(out.ctypes.data + 8 * 16) for out in outs]
+            call(*arguments)
+            values = [out[16:-16].reshape(length, size) for out, size in zip(outs, sizes, strict=True)]
+            if not _agree(tuple(values), [each[:length] for each in expected]):
+                faults.append(f"{title}, count {length}")
+            if any((out[:16] != _UNTOUCHED).any() or (out[-16:] != _UNTOUCHED).any() for out in outs):
+                faults.append(f"{title}, count {length}: written beyond the ends")
+    return faults
+
+
+def _laid_out(stack: Array, kind: str) -> tuple[Array, int, int]:
+    """(memory with NaN around and between, place of the first configuration, step), in doubles."""
+    length, size = stack.shape
+    if kind == "shared":
+        memory = np.full(size + 32, np.nan)
+        memory[16 : 16 + size] = stack[0] if length else 0.0
+        return memory, 16, 0
+    step = size + 5 if kind == "spread" else size
+    memory = np.full(max(length, 1) * step + 32, np.nan)
+    order = range(length - 1, -1, -1) if kind == "backwards" else range(length)
+    for place, configuration in enumerate(order):
+        memory[16 + place * step : 16 + place * step + size] = stack[configuration]
+    if kind == "backwards":
+        return memory, 16 + max(length - 1, 0) * step, -step
+    return memory, 16, step
+
+
+def _agree(values: tuple[Any, ...], expected: list[Any] | tuple[Any, ...]) -> bool:
+    return all(
+        np.shape(value) == np.shape(reference) and relative_error(value, np.asarray(reference)) <= BOUND
+        for value, reference in zip(values, expected, strict=True)
+    )

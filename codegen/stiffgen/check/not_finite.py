@@ -1,0 +1,76 @@
+"""NaN or infinity in: NaN in every entry that depends on it, the clean number or NaN elsewhere, and never infinity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stiffgen.check.result import Array, Check, Kernels, as_results, faultless
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel
+
+STACK = 11
+"""Configurations of a stack: neither a block of lanes nor several."""
+_DEPENDS = 1e-9
+
+
+def check_not_finite(kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array]) -> list[Check]:
+    """Put NaN and infinity into every entry of every argument, single and in a stack.
+
+    What depends on an entry is found by changing it: no table of dependences is believed.
+    """
+    with np.errstate(all="ignore"):
+        return [
+            faultless(
+                kernel.qualified_name, "NaN and infinity in", _faults(kernels[kernel.qualified_name], kernel, pool)
+            )
+            for kernel in table
+        ]
+
+
+def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[str]:
+    faults = []
+    one = [pool[argument][0].copy() for argument in kernel.arguments]
+    clean = _flat(call(*one))
+    stacks = [pool[argument][:STACK].copy() for argument in kernel.arguments]
+    clean_stack = [np.array(each) for each in as_results(call(*stacks))]
+    turn = 0
+    for argument, array, stack in zip(kernel.arguments, one, stacks, strict=True):
+        for index in np.ndindex(array.shape):
+            kept = array[index]
+            array[index] = kept + 0.1 * (1 + abs(kept))
+            depends = np.abs(_flat(call(*one)) - clean) > _DEPENDS * max(1.0, float(np.abs(clean).max()))
+            for value in (np.nan, np.inf, -np.inf):
+                array[index] = value
+                if not _right(_flat(call(*one)), clean, depends):
+                    faults.append(f"{value} in {argument.name}{list(index)}")
+                turn += 1
+                at = (turn % STACK, *index)
+                before = stack[at]
+                stack[at] = value
+                found = [np.array(each) for each in as_results(call(*stacks))]
+                stack[at] = before
+                others = np.arange(STACK) != at[0]
+                if not all(np.array_equal(f[others], c[others]) for f, c in zip(found, clean_stack, strict=True)):
+                    faults.append(f"{value} in {argument.name}{list(index)} of one configuration reaches another")
+                # In a stack each configuration has values of its own; what depends on an entry does so in all of them.
+                mine = np.concatenate([each[at[0]].ravel() for each in found])
+                own = np.concatenate([each[at[0]].ravel() for each in clean_stack])
+                if np.isinf(mine).any() or not (np.isnan(mine) | ~depends).all() or not _unchanged(mine, own):
+                    faults.append(f"{value} in {argument.name}{list(index)}, in a stack")
+            array[index] = kept
+    return faults
+
+
+def _right(found: Array, clean: Array, depends: Any) -> bool:
+    return bool((np.isnan(found) | ~depends).all()) and _unchanged(found, clean)
+
+
+def _unchanged(found: Array, clean: Array) -> bool:
+    return bool((np.isnan(found) | (found == clean)).all())
+
+
+def _flat(value: Any) -> Array:
+    return np.concatenate([np.asarray(each, dtype=float).ravel() for each in as_results(value)])

@@ -1,0 +1,72 @@
+"""What a check says, and how far two arrays are apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Kernels = Mapping[str, Callable[..., Any]]
+"""Functions by qualified name ("hybrid_joint_stiffness"), taking stacks of arguments."""
+
+BOUND = 1e-12
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of the table: what was compared, against what, and the worst relative error over the samples.
+
+    Where nothing is measured, ``error`` counts faults and ``bound`` is 0. ``detail`` says what is wrong, if known.
+    """
+
+    kernel: str
+    oracle: str
+    error: float
+    bound: float
+    detail: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is a number within the bound."""
+        return self.error <= self.bound
+
+
+def compared(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
+    """The check that ``value`` is ``reference`` to 1e-12."""
+    return Check(kernel, oracle, relative_error(value, reference), BOUND)
+
+
+def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:
+    """The check that there are no faults; the first ones are named."""
+    more = f" and {len(faults) - 3} more" if len(faults) > 3 else ""
+    return Check(kernel, oracle, float(len(faults)), 0.0, "; ".join(faults[:3]) + more)
+
+
+def relative_error(value: Any, reference: Array) -> float:
+    """Largest difference of any sample over the largest entry of that sample's reference; NaN if any is NaN."""
+    if len(reference) == 0:
+        return 0.0
+    difference = np.abs(np.asarray(value, dtype=float) - reference).reshape(len(reference), -1).max(axis=1)
+    scale = np.abs(reference).reshape(len(reference), -1).max(axis=1)
+    scale[scale == 0] = 1.0
+    return float((difference / scale).max())
+
+
+def as_results(value: Any) -> tuple[Any, ...]:
+    """The results of a function that returns one, or several in a tuple."""
+    return tuple(value) if isinstance(value, (tuple, list)) else (value,)
+
+
+def one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of stacks that calls ``kernel`` once for each configuration: never its batch."""
+
+    def call(*stacks: Array) -> Any:
+        rows = [as_results(kernel(*each)) for each in zip(*stacks, strict=True)]
+        stacked = tuple(np.stack(column) for column in zip(*rows, strict=True))
+        return stacked if len(stacked) > 1 else stacked[0]
+
+    return call

@@ -1,0 +1,122 @@
+"""A robot's folder as one object: the chain it was generated from, its compiled module, its functions by name."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
+from stiffgen.errors import OutputError, StiffgenError
+from stiffgen.names import checked_identifier
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
+
+
+@dataclass(frozen=True)
+class GeneratedRobot:
+    """A folder that ``stiffgen generate`` wrote; from :func:`open_robot`.
+
+    ``chain`` and ``springs`` are what it was generated from, ``manifest`` the parsed manifest.json, ``name`` the prefix
+    of its C names.
+    """
+
+    folder: Path
+    name: str
+    chain: Chain
+    springs: SpringOptions
+    manifest: Mapping[str, Any]
+
+    @cached_property
+    def table(self) -> tuple[Kernel, ...]:
+        """The kernel table's records of its functions."""
+        return chain_kernels(self.chain, self.springs)
+
+    @cached_property
+    def module(self) -> ModuleType:
+        """The Python package, imported under a name of its own, wherever the folder lies.
+
+        Raises:
+            OutputError: the C module is not compiled, or not for this Python, or refuses to load.
+
+        """
+        name = f"_stiffgen_robot_{abs(hash(self.folder.resolve()))}"
+        spec = importlib.util.spec_from_file_location(
+            name, self.folder / "__init__.py", submodule_search_locations=[str(self.folder)]
+        )
+        assert spec is not None  # a path that ends in .py has a loader
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except (OSError, ImportError, SyntaxError) as error:
+            del sys.modules[name]
+            cause = f" ({error.__cause__})" if error.__cause__ is not None else ""
+            raise OutputError(f"{self.folder}: {error}{cause}") from error
+        return module
+
+    @cached_property
+    def kernels(self) -> dict[str, Callable[..., Any]]:
+        """The functions of the module by qualified name ("hybrid_joint_stiffness").
+
+        Raises:
+            OutputError: see :attr:`module`; also if a function is missing, as in a folder of another version.
+
+        """
+        return functions_of(self.module, self.table, self.folder)
+
+
+def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) -> dict[str, Callable[..., Any]]:
+    """The functions of a generated module by the qualified names of ``kernels``; OutputError if one is missing."""
+    functions = {}
+    for kernel in kernels:
+        owner: Any = module
+        try:
+            for name in kernel.path:
+                owner = getattr(owner, name)
+            functions[kernel.qualified_name] = getattr(owner, kernel.name)
+        except AttributeError as error:
+            raise OutputError(
+                f"{folder}: has no function {kernel.qualified_name}; generate the folder again"
+            ) from error
+    return functions
+
+
+def open_robot(folder: str | Path) -> GeneratedRobot:
+    """Open a robot's folder. Its module is imported when it is first asked for.
+
+    Args:
+        folder: what ``stiffgen generate`` wrote.
+
+    Returns:
+        The robot: ``chain``, ``springs``, ``module``, ``table``, ``kernels``, ``manifest``, ``name``, ``folder``.
+
+    Raises:
+        OutputError: the folder is none of stiffgen's, or its manifest is damaged.
+
+    """
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise OutputError(
+            f"{folder}: is not a folder that 'stiffgen generate' wrote (it has no readable {MANIFEST} of stiffgen); "
+            "give the robot's own folder"
+        )
+    try:
+        chain = chain_from_manifest(manifest)
+        name = checked_identifier(manifest["name"])
+        springs = springs_of_manifest(manifest)
+        chain_kernels(chain, springs)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, StiffgenError) as error:
+        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise OutputError(
+            f"{folder / MANIFEST}: is damaged or of another version ({what}); generate it again"
+        ) from error
+    return GeneratedRobot(folder, name, chain, springs, manifest)

@@ -1,0 +1,208 @@
+"""What ``stiffgen verify`` must not let pass: faults put into a generated folder by hand, one at a time.
+
+Each one compiles. The digests in the manifest would show any change of a file, so they are left out of account; what
+must fail is a comparison of values.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+import stiffgen
+from stiffgen.check.verify import verify
+from stiffgen.emit import build
+from support.project import URDF
+
+C, PYTHON_C, PYTHON = "iiwa14.c", "iiwa14_python.c", "__init__.py"
+
+
+class Fault(NamedTuple):
+    """Replace what ``pattern`` (a regular expression) finds after ``after``, once."""
+
+    title: str
+    file: str
+    pattern: str
+    replacement: str
+    after: str = ""
+
+
+EVALUATE = "static void evaluate_hybrid_joint_stiffness("
+LAST, LANES = "const lanes finite = finite_lanes(from", "static void hybrid_joint_stiffness_lanes"
+GATHER, SCATTER = "static inline void gather(", "static inline void scatter("
+STIFFNESS, BATCH = "void iiwa14_hybrid_joint_stiffness(", "void iiwa14_hybrid_joint_stiffness_batch("
+# ruff: noqa: E501
+FAULTS = [
+    Fault("gather: tail takes the entry before", C, r"configuration\[c\]\[k\]", "configuration[c][k - 1]", GATHER),
+    Fault("gather: tail takes the first configuration", C, r"configuration\[c\]\[k\]", "configuration[0][k]", GATHER),
+    Fault("gather: whole lanes of one configuration", C, r"configuration\[c\] \+ k", "configuration[0] + k", GATHER),
+    Fault("gather: steps without sign", C, r"from \+ step \*", "from + (step < 0 ? -step : step) *", GATHER),
+    Fault("gather: steps taken as sizes", C, r"from \+ step \*", "from + size *", GATHER),
+    Fault("gather: the last one stands in everywhere", C, r"c < present \?", "c + 1 < present ?", GATHER + "!"),
+    Fault("scatter: a tail of whole lanes beyond the end", C, r"c < present", "c < LANES", SCATTER),
+    Fault("scatter: the last entries beyond the end", C, r"c < present", "c < LANES", LAST),
+    Fault("scatter: the last configuration is forgotten", C, r"c < present", "c + 1 < present", SCATTER),
+    Fault("scatter: its last entries are forgotten", C, r"c < present", "c + 1 < present", LAST),
+    Fault("scatter: whole lanes not guarded", C, r"finite_lanes\(from\[k \+ c\]\)", "from[k + c]", SCATTER),
+    Fault("scatter: last entries not guarded", C, r"finite_lanes\(from\[k\]\)", "from[k]", SCATTER),
+    Fault("guard of rows", C, r"finite_lanes\(row\[j\]\)", "row[j]"),
+    Fault("guard of entries", C, r"entry \+ 0\.0 \* entry", "entry"),
+    Fault("guard of numbers", C, r"return x \+ 0\.0 \* x", "return x", "static double finite_or_nan"),
+    Fault("guard of lanes", C, r"return x \+ 0\.0 \* x", "return x", "static inline lanes finite_lanes"),
+    Fault("rows: the last entry is forgotten", C, r"\(size_t\)\(n - LANES \* j\)", "(size_t)(n - LANES * j - 1)"),
+    Fault("sign in a single call", C, r"K\[3\]\[4\] \+", "K[3][4] -", STIFFNESS),
+    Fault("sign in a batch", C, r"K\[3\]\[4\] \+", "K[3][4] -", LANES),
+    Fault("the lower triangle is read", C, r"A\[1\]\[0\] = K\[0\]\[1\]", "A[1][0] = K[1][0]", STIFFNESS),
+    Fault("the lower triangle is read, batch", C, r"A\[4\]\[2\] = K\[2\]\[4\]", "A[4][2] = K[4][2]", LANES),
+    Fault("sign of the sine's quadrant", C, r"turns\.bits & 2\) << 62", "turns.bits & 1) << 62"),
+    Fault("sign of the cosine's quadrant", C, r"\(turns\.bits \+ 1\) & 2", "turns.bits & 2"),
+    Fault("a coefficient of the sine", C, r"0\.1666666666666663", "0.1666666666"),
+    Fault("a coefficient of the cosine", C, r"0\.041666666666666595", "0.0416666666"),
+    Fault("a part of pi", C, r"5\.1266883031811465e-12", "5.1266883031811465e-11"),
+    Fault("no libm for far angles", C, r"if \(!\(sum <= FAR\)\)", "if (0)"),
+    Fault("lower limit in C", C, r"-2\.96706,", "-2.9,", "const double iiwa14_lower"),
+    Fault("upper limit in C", C, r"3\.054326,", "3.05,", "const double iiwa14_upper"),
+    Fault("effort in C", C, r"320\.0,", "300.0,", "const double iiwa14_effort"),
+    Fault("name of a joint in C", C, r'"A3"', '"A2"', "iiwa14_joints"),
+    Fault("a link's length", C, r"0\.42\b", "0.4200001", "tip_pose("),
+    Fault("a batch's first blocks only", C, r"done != 0 && wrench_step != 0", "0", BATCH),
+    Fault("a batch's shared wrench moves", C, r"wrench \+ wrench_step \* at", "wrench + 6 * at", BATCH),
+    Fault("a batch's q in a row", C, r"q \+ q_step \* at", "q + 7 * at", BATCH),
+    Fault("a batch without its tail", C, r"done < count", "done + LANES <= count", BATCH),
+    Fault("a batch stores in one place", C, r"joint_stiffness \+ 49 \* at", "joint_stiffness", BATCH),
+    Fault("arguments exchanged", PYTHON_C, r"in\[0\], in\[1\]", "in[1], in[0]", "static void evaluate_hybrid_kine"),
+    Fault("stiffness for wrench", PYTHON_C, r"in\[1\], in\[2\]", "in[2], in[1]", EVALUATE),
+    Fault("uncorrected for corrected", PYTHON_C, r"joint_stiffness\(in", "joint_stiffness_uncorrected(in", EVALUATE),
+    Fault("another representation", PYTHON_C, "iiwa14_body_jacobian", "iiwa14_hybrid_jacobian", "evaluate_body_jacobian("),
+    Fault("step of another argument", PYTHON_C, r"steps\[1\]", "steps[0]", "evaluate_hybrid_joint_stiffness_batch("),
+    Fault("rows taken as planes", PYTHON_C, r"a \* steps\[0\]", "a * steps[1]", "static void copy_block("),
+    Fault("columns taken as rows", PYTHON_C, r"block \+ c \* steps\[[^]]*\]", "block + c * (npy_intp)sizeof(double)", "static void copy_block("),
+    Fault("every chunk is the first", PYTHON_C, r"steps\[o\] \* \(done \+ n\)", "steps[o] * n", "static void batch_loop("),
+    Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),
+    Fault("effort in Python", PYTHON, r"320\.0", "300.0", "EFFORT ="),
+    Fault("tip in Python", PYTHON, "'link_ee'|\"link_ee\"", "'link_7'", "\nTIP"),
+    # Each compiles; a pattern that no longer occurs fails its test, so that the list follows the code.
+]  # fmt: skip
+HARMLESS = {"gather: the last one stands in everywhere"}
+"""Lanes that are not stored: the pattern is kept as a control, a check that fails on it would be wrong."""
+
+
+def corrupted(text: str, fault: Fault) -> str:
+    """The text with the fault; an AssertionError says that a fault no longer applies and must be written anew."""
+    after = fault.after.removesuffix("!")
+    assert after in text, f"{fault.title}: no '{after}'"
+    start = text.index(after)
+    changed, count = re.subn(fault.pattern, fault.replacement, text[start:], count=1)
+    assert count == 1, f"{fault.title}: no '{fault.pattern}'"
+    return text[:start] + changed
+
+
+def failures(folder: Path, urdf: Path | None = None) -> list[str]:
+    """Rows of the table that say FAILED, without the digests'. Run apart: a fault may write where it should not."""
+    command = [sys.executable, "-m", "stiffgen.cli", "verify", str(folder), "--samples", "10"]
+    command += [] if urdf is None else ["--urdf", str(urdf)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"COLUMNS": "200"})
+    if done.returncode < 0:
+        return [f"killed by signal {-done.returncode}"]
+    assert done.returncode in (0, 1), done.stderr
+    return [line for line in done.stdout.splitlines() if "FAILED" in line and not line.startswith("files ")]
+
+
+@pytest.fixture
+def folder(robot_folder, tmp_path, monkeypatch) -> Path:
+    """A folder to spoil, compiled without optimisation. Its name is its own: an extension is loaded once a process."""
+    monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
+    target = tmp_path / "spoilt" / "iiwa14"
+    shutil.copytree(robot_folder, target, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    return target
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
+def test_no_fault_passes(fault, folder):
+    file = folder / fault.file
+    file.write_text(corrupted(file.read_text(), fault))
+    try:
+        build.build_module(folder, "iiwa14")
+    except stiffgen.BuildError as error:  # guards and sines: the compiled code's own check comes first
+        assert "self-check" in str(error)
+    else:
+        assert bool(failures(folder)) == (fault.title not in HARMLESS)
+
+
+def test_the_folder_itself_passes(folder):
+    build.build_module(folder, "iiwa14")
+    assert verify(folder, urdf=URDF, count=10)
+    assert failures(folder, URDF) == []
+
+
+def axis(chain: dict[str, Any]) -> None:
+    chain["joints"][3]["axis"] = [-x for x in chain["joints"][3]["axis"]]
+
+
+def limit(chain: dict[str, Any]) -> None:
+    chain["coordinates"][2]["upper"] += 0.1
+
+
+def mass(chain: dict[str, Any]) -> None:
+    chain["joints"][5]["body"]["mass"] *= 1.001
+
+
+def coordinate(chain: dict[str, Any]) -> None:
+    chain["joints"][1]["multiplier"] = 2.0
+
+
+def tip(chain: dict[str, Any]) -> None:
+    chain["tips"][0]["translation"][2] += 1e-6
+
+
+def fewer(chain: dict[str, Any]) -> None:
+    chain["joints"].pop()
+    chain["coordinates"].pop()
+    chain["tips"][0]["joint"] -= 1
+
+
+@pytest.mark.parametrize("spoil", [axis, limit, mass, coordinate, tip, fewer], ids=lambda spoil: spoil.__name__)
+def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], robot_folder, tmp_path):
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(robot_folder, folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    spoil(manifest["chain"])
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    assert failures(folder) != []
+
+
+@pytest.mark.slow
+def test_a_folder_of_another_urdf_needs_the_urdf(tmp_path):
+    """Chain, code and digests agree with each other; only the robot's file shows it."""
+    other = tmp_path / "iiwa14.urdf"
+    text, count = re.subn(r'xyz="0 0\.42 0"', 'xyz="0 0.43 0"', URDF.read_text(), count=1)
+    if not count:
+        text, count = re.subn(r"0\.42\b", "0.43", URDF.read_text(), count=1)
+    assert count
+    other.write_text(text)
+    folder = stiffgen.generate(other, output=tmp_path / "generated", name="iiwa14")
+    assert failures(folder) == []
+    (failed,) = failures(folder, URDF)
+    assert "iiwa14.urdf, read again" in failed
+
+
+def test_digests(robot_folder, tmp_path):
+    """A comment more, a file less."""
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(robot_folder, folder)
+    (folder / "iiwa14.h").write_text((folder / "iiwa14.h").read_text() + "/* mine */\n")
+    (folder / "README.md").unlink()
+    (check,) = [check for check in verify(folder, count=10) if not check.passed]
+    assert check.oracle == "SHA-256 in the manifest"
+    assert "iiwa14.h was changed" in check.detail
+    assert "README.md is missing" in check.detail
