@@ -87,7 +87,7 @@ def test_sine_and_cosine_once_a_joint(robot_folder):
         if calls:
             angles = body[body.index("angle[") : body.index("sine_cosine(")]
             assert all(angles.count(f"q[{joint}]") <= 1 for joint in range(7))
-    # Columns of three representations, those with the pose, the pose and the mass matrix: single calls and batches.
+    # The columns of three representations, those with the pose, and the mass matrix: twice; the pose: twice.
     assert found == 2 * 6
 
 
