@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8d3db00ae6db2132") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "1b523f5b2ed1da31") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "07d40727f645638a") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "db90e1ebcf6f3170") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "45ea589fbf8ba80d") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "9faa92867026c478") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f40587f69cd1a433") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "af3db0e585dda2f0") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
