@@ -1705,7 +1705,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f8c60a2d46818083") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "28be681fe17314ee") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
