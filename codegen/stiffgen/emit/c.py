@@ -9,7 +9,7 @@ asked for, with plain numbers: one configuration a thread.
 from __future__ import annotations
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -306,6 +306,7 @@ class _Body:
         self.filled: set[str] = set()
         self.lane_arrays: set[str] = set()
         self.flat: set[str] = set()
+        self.unguarded: set[str] = set()  # results that may overflow, not stored through put_row or put_entries
         self.temporaries = 0
 
     def arguments(self, program: Program) -> None:
@@ -342,8 +343,29 @@ class _Body:
             self.declarations.append(f"{declared} = (const {self.number} (*){row}){array.name};")
 
     def function(self) -> Function:
+        self._guard_results()
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
         return Function(self.kernel.qualified_name, self.inputs, self.results, lines, self.operations)
+
+    def _guard_results(self) -> None:
+        """Make NaN of what overflowed; the stores of lanes do that themselves."""
+        for array in self.results if self._guards_arguments else ():
+            if array.name in self.unguarded:
+                self.operations = self.operations + Operations(add=array.size, multiply=array.size)
+                entry = f"{array.name}[k]"
+                self.lines += [
+                    "",
+                    "/* NaN in place of infinity */",
+                    f"for (int k = 0; k < {array.size}; ++k) {{",
+                    f"    {entry} = {self.guard}({entry});",
+                    "}",
+                ]
+
+    def _store(self, targets: Iterable[Array], arguments: Iterable[Array]) -> None:
+        """Note results that are to be guarded. Sines of q are bounded, and so is what depends on them alone."""
+        slides = any(joint.prismatic for joint in self.scope.chain.joints)
+        if slides or any(array.name != "q" for array in arguments):
+            self.unguarded |= {target.name for target in targets if self._public(target)}
 
     def step(self, step: Step) -> None:
         """Print one step of the kernel's program."""
@@ -382,6 +404,7 @@ class _Body:
             operations, self.temporaries = body.operations, body.temporaries
             self.lines += ["", *body.lines] if self.lines else body.lines
         self.operations = self.operations + operations
+        self._store(step.targets, step.arguments)
         if targets != step.targets:
             public = step.targets[0]
             self.lines += [
@@ -463,6 +486,8 @@ class _Body:
         self.temporaries = self.temporaries if step.over else printed.temporaries
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
+        if step.over and not rows and not vector:
+            self._store([target.array], self.inputs)
         if vector:
             self.lines += self._vector_row(step, printed)
         else:
@@ -583,6 +608,7 @@ class _Body:
     def _gather(self, step: Gather) -> None:
         source, target = step.source, step.target
         m, M, prefix = len(self.scope.chain.joints), self.scope.size, self.scope.prefix
+        self._store([target], self.inputs)
         self.lines += [
             "",
             "/* joints that move together share a coordinate */",
@@ -641,6 +667,7 @@ class _Body:
             ]
 
     def _sum(self, step: Sum) -> None:
+        self._store(step.targets, self.inputs)
         parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.targets, strict=True)]
         for part in parts if len(step.terms) > 1 else ():
             self._declare_numbers(part, "")
