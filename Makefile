@@ -102,6 +102,9 @@ bench-cuda: $(VENV)/installed
 	  build/cuda/iiwa14/iiwa14.c -o build/cuda/cuda_stiffness
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)
 
+spring-digits: $(VENV)/installed-test
+	PYTHONPATH=tests:. $(BIN)/python tests/long/springs_digits.py
+
 soak: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/soak.py
 

@@ -1,6 +1,8 @@
-"""Joint stiffness of the iiwa 14 at a posture of the paper's bowl-wiping trajectory, corrected and conventional.
+"""A spring at the tip of the iiwa 14 at a posture of the paper's bowl-wiping trajectory: its torque and its tangent.
 
-Run by ``make generate``. The task stiffness is the paper's (hybrid frame), the wrench is of the size it reports.
+Run by ``make generate``. First the spring, from its energy alone: the torque -dU/dq and the joint stiffness d2U/dq2,
+its exact tangent. Then the paper's formula for a wrench and a task stiffness that are given, corrected and
+conventional. The stiffnesses are the paper's (hybrid frame), the wrench is of the size it reports.
 """
 
 import sys
@@ -22,11 +24,17 @@ def main() -> None:
     trajectory = np.loadtxt(TRAJECTORY, delimiter=",")
     sample = trajectory.shape[1] // 2
     q = trajectory[:, sample]
+    equilibrium = iiwa14.forward_kinematics(trajectory[:, sample - 100])  # half a second behind
+    energy, torque, tangent = iiwa14.spring.linearization(
+        q, equilibrium, TASK_STIFFNESS[:3, :3], TASK_STIFFNESS[3:, 3:]
+    )
     corrected = iiwa14.hybrid.joint_stiffness(q, WRENCH, TASK_STIFFNESS)
     conventional = iiwa14.hybrid.joint_stiffness_uncorrected(q, WRENCH, TASK_STIFFNESS)
     with np.printoptions(precision=2, suppress=True, linewidth=100):
         print(f"iiwa14, bowl-wiping sample {sample}, q [rad] = {q}")
-        print(f"wrench applied by the environment [N, N m] = {WRENCH}")
+        print(f"\nspring to the pose 0.5 s before: energy {energy:.4f} J, torque [N m] = {torque}")
+        print(f"joint stiffness of the spring, -d torque/dq [N m/rad]:\n{tangent}")
+        print(f"\nwrench applied by the environment [N, N m] = {WRENCH}")
         for title, stiffness in (("corrected", corrected), ("conventional", conventional)):
             antisymmetric = (stiffness - stiffness.T) / 2
             print(f"\njoint stiffness, {title} [N m/rad]:\n{stiffness}")

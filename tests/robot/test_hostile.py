@@ -17,6 +17,7 @@ from stiffgen.robot.chain import ChainOptions, chain_between
 from stiffgen.robot.checker import MAX_JOINTS
 from stiffgen.robot.reader import MAX_BYTES, read_description
 from support.chains import ARM
+from support.confined import run_forked
 
 SECONDS, MEGABYTES = 30, 500  # of processor time, a guard against hanging; and of memory
 
@@ -111,7 +112,7 @@ def test_refused_in_time_and_memory_and_nothing_written(tmp_path, name):
     content = HOSTILE[name]
     (tmp_path / "evil.urdf").write_bytes(content.encode() if isinstance(content, str) else content)
     command = "inspect" if name == "as many faults as joints" else "generate"
-    done = run([command, "evil.urdf"], tmp_path)
+    done = run_forked([command, "evil.urdf"], tmp_path, MEGABYTES, SECONDS)
     *message, peak = done.stderr.strip().splitlines()
     assert done.returncode == 2, done.stderr[-500:]
     assert "Traceback" not in done.stderr

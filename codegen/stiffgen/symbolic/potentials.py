@@ -155,7 +155,7 @@ def _argument(owner: str, name: Any, shape: Any) -> Argument:
     try:
         extents = tuple(int(extent) for extent in shape)
         valid = len(extents) <= 2 and all(extent > 0 for extent in extents)
-    except TypeError:
+    except (TypeError, ValueError):
         valid = False
     if not valid:
         raise PotentialError(f"potential {owner}: the shape of parameter '{name}' must be (), (k,) or (k, l)")
