@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit.render import chain_from_manifest, render
+from stiffgen.emit.manifest import chain_from_manifest
+from stiffgen.emit.render import render
 from stiffgen.errors import BuildError, OutputError, StiffgenError
 from support.project import ROOT, URDF
 
@@ -76,7 +77,7 @@ def test_sine_and_cosine_once_a_joint(robot_folder):
     """Each function body takes the sines and cosines of all joints in one call, of each angle once."""
     source = (robot_folder / "iiwa14.c").read_text()
     definition = source.index("void sine_cosine(")
-    kernels = source[source.index("\n}\n", definition) :]
+    kernels = source[source.index("\n}\n", definition) : source.index("int iiwa14_self_check(")]
     found = 0
     for body in kernels.split("\n}\n"):
         calls = body.count("sine_cosine(")

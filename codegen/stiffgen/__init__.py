@@ -18,6 +18,7 @@ from stiffgen.generate import generate
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain, Tool, load_chain
 from stiffgen.symbolic.model import StiffnessModel
+from stiffgen.symbolic.moving import move_stiffness
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Placement
 
@@ -43,5 +44,6 @@ __all__ = [
     "analyze",
     "generate",
     "load_chain",
+    "move_stiffness",
     "open_robot",
 ]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from stiffgen.emit.build import build_module
-from stiffgen.emit.render import MANIFEST, chain_from_manifest, is_manifest, render
+from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
+from stiffgen.emit.render import render
 from stiffgen.errors import OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
 from stiffgen.names import checked_identifier, identifier
@@ -140,12 +139,3 @@ def _meaning(chain: Chain) -> list[tuple[str, list[str]]]:
         ("tips", [tip.link for tip in chain.tips]),
         ("arguments", ["q", "tool_pose"] if chain.runtime_tool else ["q"]),
     ]
-
-
-def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """The manifest of a generated folder, or None if it has none."""
-    try:
-        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return content if is_manifest(content) else None

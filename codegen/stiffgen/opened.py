@@ -11,9 +11,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from stiffgen.emit.render import MANIFEST, chain_from_manifest
+from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
 from stiffgen.errors import OutputError, StiffgenError
-from stiffgen.generate import read_manifest
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels

@@ -137,6 +137,7 @@ def run_session(options: argparse.Namespace, client: Path) -> None:
     duration = APPROACH + TRAJECTORY_TIME + REST
     wiping = [str(client), "--trajectory", str(TRAJECTORY), "--port", str(options.port), "--approach", str(APPROACH)]
     wiping += ["--log", str(folder / "client.csv"), "--summary", str(folder / "client.json")]
+    wiping += [] if options.wall_clock else ["--simulated-time"]
     robot = [sys.executable, "-m", "examples.fri_robot", "--protocol", options.protocol, "--port", str(options.port)]
     robot += ["--robot", str(options.robot), "--send-period", str(options.send_period), "--bowl", "--duration"]
     robot += [str(duration), "--log", str(folder / "robot.npz"), "--summary", str(folder / "robot.json")]

@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "2f9a99fc4decd4bf") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "ca4f8371f9b2f19f") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "761bb8cdca675b48") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "91f55f0b2e60313b") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

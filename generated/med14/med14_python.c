@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "eb7dda783ebd13ab") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "b02b9b02a2a03cb9") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

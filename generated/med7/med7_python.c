@@ -1650,7 +1650,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "c0e9f181b350ab86") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "cfd4e523cc442726") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

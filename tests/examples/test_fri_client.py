@@ -617,6 +617,26 @@ def test_position_follows_the_measured_one_without_a_transient(
         np.testing.assert_allclose(command.position, y, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("period", [1, 5, 10])
+def test_position_lags_by_8_ms_at_every_period_and_after_a_gap(period: int, one: Programs, tmp_path: Path) -> None:
+    """A7 at its full speed, and 40 messages lost on the way."""
+    speed, lag = 2.356, 0.008
+    script = one.script(period)
+    script.begin()
+    sent = []
+    for k in range(1000 // period):
+        if k == 600 // period:
+            script.lose(40)
+        time = (script.sequence + 1 - 10) * period / 1000
+        sent.append(POSTURE + np.array([0, 0, 0, 0, 0, 0, -speed * time]))
+        script.add(COMMANDING_ACTIVE, position=sent[-1])
+    wiped = Wiped(one, script, tmp_path, "--speed-share", "1")
+    off = np.array([c.position - q for c, q in zip(wiped.commands[9:], sent, strict=True) if c is not None])
+    settled = 100 // period
+    np.testing.assert_allclose(off[settled:, 6], speed * lag, rtol=1e-5)  # the gap's end among them
+    assert np.abs(off[:, 6]).max() + speed * period / 1000 < np.radians(3)
+
+
 def test_conventional_stiffness_is_asymmetric(open_programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
     wiped = Wiped(open_programs, moving_script(open_programs, robot, 100), tmp_path, "--conventional")
     assert wiped.summary["antisymmetric_norm"] > 1.0
@@ -1029,14 +1049,24 @@ def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, tmp_path: Path) 
     assert steps.summary["faults"]["sensor_silent"] > 20
 
 
-def test_nothing_is_allocated_after_the_first_datagram(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
-    """In no thread, the log's among them, up to the end of the session; with an interposed allocator."""
+@pytest.mark.parametrize("registered", [True, False])
+def test_nothing_is_allocated_after_the_first_datagram(
+    registered: bool, programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    """In no thread, the log's among them, up to the end of the session; with an interposed allocator.
+
+    Nor when the button is not registered, and what is needed is left out: the library throws no exception then.
+    """
     script = programs.script()
+    ios = [button(False)] if registered else []
     for state, count in ((MONITORING_WAIT, 3), (MONITORING_READY, 3), (COMMANDING_WAIT, 3)):
-        script.add(state, count, ios=[button(False)])
+        script.add(state, count, ios=ios)
+    if not registered:
+        script.add(COMMANDING_WAIT, 2, change=lambda m: m.ipoData.ClearField("jointPosition"))
+        script.add(COMMANDING_WAIT, 2, change=_position_mode)
     for k in range(300):
         q, _, torque = moving(robot, k * 0.005)
-        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque, ios=[button(k > 200)])
+        script.add(COMMANDING_ACTIVE, position=q, external_torque=torque, ios=[button(k > 200)] if registered else [])
     script.add(IDLE)
     result = tmp_path / "allocations"
     environment = {"LD_PRELOAD": str(programs.folder / "liballocations.so"), "FRI_ALLOCATIONS": str(result)}
@@ -1045,6 +1075,36 @@ def test_nothing_is_allocated_after_the_first_datagram(programs: Programs, robot
     allocations, datagrams = map(int, result.read_text().split())
     assert datagrams == len(script.datagrams)
     assert allocations == 0
+
+
+def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
+    """Sixty messages without a pause: the torque moves by what the rate limit allows in this machine's time."""
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 60)
+    port, files = free_port(), (tmp_path / "log.csv", tmp_path / "summary.json")
+    command = [one.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, "--approach", "0.1",
+               "--log", files[0], "--summary", files[1], "--timeout", "300"]  # fmt: skip
+    answers = []
+    with (
+        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                         text=True) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):  # fmt: skip
+        assert client.stdout is not None and "waiting" in client.stdout.readline()
+        sender.settimeout(0.2)
+        begin = 0.0
+        for k, datagram in enumerate(script.datagrams):
+            sender.sendto(datagram or b"", ("127.0.0.1", port))
+            begin = time.monotonic() if k <= 9 else begin
+            with contextlib.suppress(TimeoutError):
+                answers.append((time.monotonic() - begin, sender.recv(1500)))
+        client.communicate(timeout=30)
+    torques = [(t, script.protocol.decode_command(data).torque) for t, data in answers[9:]]
+    limit = np.array(json.loads(files[1].read_text())["controller"]["torque_rate_limit"])
+    assert len(torques) == 60 and np.abs(torques[-1][1]).max() > 0
+    for t, torque in torques:
+        assert (np.abs(torque) <= limit * (t + 0.01 + 0.005)).all()  # two periods that may be used at once
 
 
 def test_lockstep_sessions_are_bit_identical(one: Programs, robot: ModuleType, tmp_path: Path) -> None:

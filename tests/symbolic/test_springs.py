@@ -11,7 +11,7 @@ import pytest
 
 import stiffgen
 from benchmarks.spring_orbits import orders, table
-from stiffgen.check.verify import import_robot, verify
+from stiffgen.check.verify import verify
 from stiffgen.cli import main
 from stiffgen.symbolic.springs import KINDS
 from support.project import URDF
@@ -146,7 +146,7 @@ def test_a_folder_with_everything_verifies(tmp_path):
     assert main([*command, *kinds, *axes]) == 0
     failed = [check for check in verify(tmp_path / "arm", count=20) if not check.passed]
     assert failed == []
-    robot = import_robot(tmp_path / "arm")
+    robot = stiffgen.open_robot(tmp_path / "arm").module
     with np.errstate(invalid="ignore"):
         nan = robot.well.linearization(np.full(7, np.nan), np.zeros(3), 1.0)
     assert all(np.isnan(each).all() for each in nan)

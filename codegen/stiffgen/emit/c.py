@@ -8,13 +8,13 @@ asked for, with plain numbers: one configuration a thread.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Container, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
+from stiffgen.emit.target import Target
 from stiffgen.names import c_comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
@@ -22,26 +22,27 @@ from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import (
     Array,
     Block,
-    Gather,
     Map,
     Operand,
     Program,
     Step,
     Sum,
+    SumJoints,
     as_operand,
     operand_shape,
 )
 
 
 @dataclass(frozen=True)
-class Function:
-    """A C function: its name without prefix, parameters (arrays), body lines, and operation count."""
+class CFunction:
+    """A C function: name without prefix, parameters, the lines in its braces, operations, and the helpers it calls."""
 
     name: str
     inputs: tuple[Array, ...]
     outputs: tuple[Array, ...]
     lines: tuple[str, ...]
     operations: Operations
+    calls: frozenset[str]
     meaning: str = ""
     columns: int = 0
     """Of the outputs, so many are columns of joints."""
@@ -71,87 +72,74 @@ class Scope:
 
 
 @dataclass(frozen=True)
-class Functions:
-    """Functions printed in one way: a body a kernel, and the recursions that these share."""
+class TargetCode:
+    """What was printed for a target: a function a kernel, and the internal functions that these share."""
 
+    target: Target
     scopes: tuple[Scope, ...]
-    recursions: tuple[tuple[Scope, Function], ...]
-    kernels: tuple[tuple[Kernel, Function], ...]
+    shared: tuple[tuple[Scope, CFunction], ...]
+    kernels: tuple[tuple[Kernel, CFunction], ...]
 
-    def calls(self, function: str) -> bool:
-        """Whether any body calls an internal function."""
-        bodies = [f for _, f in (*self.recursions, *self.kernels)]
-        return any(f"{function}(" in line for body in bodies for line in body.lines)
-
-
-@dataclass(frozen=True)
-class Code:
-    """The functions of one robot.
-
-    ``single`` has the public function of every kernel; ``batch`` has, for the kernels that are offered for many
-    configurations in one call, the internal function that computes LANES of them.
-    """
-
-    single: Functions
-    batch: Functions
-
-    def calls(self, function: str) -> bool:
-        """Whether any body calls an internal function."""
-        return self.single.calls(function) or self.batch.calls(function)
+    @property
+    def calls(self) -> frozenset[str]:
+        """The helpers in C (templates) that the functions call."""
+        return frozenset().union(*(function.calls for _, function in (*self.shared, *self.kernels)))
 
 
-def print_chain(chain: Chain, name: str, options: SpringOptions) -> Code:
-    """Print every kernel of a chain; ``name`` is the prefix of public functions."""
-    return Code(*(_ChainPrinter(chain, name, body, options).functions() for body in (_Body, _BatchBody)))
+def print_kernels(chain: Chain, name: str, target: Target, options: SpringOptions) -> TargetCode:
+    """Print the kernels of a chain for a target; ``name`` is the prefix of public functions."""
+    return _TargetPrinter(chain, name, target, options).code()
 
 
-def print_threads(chain: Chain, name: str, options: SpringOptions) -> Functions:
-    """Print the kernels that have a batch for one configuration a CUDA thread; none for chains without batches."""
-    return _ChainPrinter(chain, name, _ThreadBody, options).functions()
-
-
-class _ChainPrinter:
-    """Prints bodies of one kind."""
-
-    def __init__(self, chain: Chain, name: str, body: type[_Body], options: SpringOptions) -> None:
+class _TargetPrinter:
+    def __init__(self, chain: Chain, name: str, target: Target, options: SpringOptions) -> None:
         self.options = options
         self.chain = chain
         self.name = name
-        self.body = body
+        self.target = target
         self.scopes: dict[str, Scope] = {}
-        self.recursions: dict[str, tuple[Scope, Function]] = {}
+        self.shared: dict[str, tuple[Scope, CFunction]] = {}
         self.finished: dict[str, Operations] = {}  # public functions printed so far
 
-    def functions(self) -> Functions:
-        table = [kernel for kernel in chain_kernels(self.chain, self.options) if kernel.batch or not self.body.many]
+    def code(self) -> TargetCode:
+        table = [
+            kernel for kernel in chain_kernels(self.chain, self.options) if kernel.batch or not self.target.batches
+        ]
         kernels = tuple((kernel, self.kernel(kernel)) for kernel in table)
-        return Functions(tuple(self.scopes.values()), tuple(self.recursions.values()), kernels)
+        return TargetCode(self.target, tuple(self.scopes.values()), tuple(self.shared.values()), kernels)
 
-    def kernel(self, kernel: Kernel) -> Function:
+    def kernel(self, kernel: Kernel) -> CFunction:
         prefix = f"{kernel.tip.name}_" if kernel.tip else ""
         scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix))
         program = kernel.steps(self.chain)
-        body = self.body(self, scope, kernel)
-        body.arguments(program)
+        printer = _KernelPrinter(self, scope, kernel)
+        printer.arguments(program)
         for step in program:
-            body.step(step)
-        function = body.function()
+            printer.step(step)
+        function = printer.function()
         self.finished[function.name] = function.operations
         return function
 
-    def shared_block(self, scope: Scope, step: Block) -> Function:
+    def shared_block(self, scope: Scope, step: Block) -> CFunction:
         """The internal function of a shared block, printed once however many kernels call it."""
         name = scope.prefix + step.name
-        if name not in self.recursions:
+        if name not in self.shared:
             targets = (*(Array("J", t.shape) for t in step.targets[: step.columns]), *step.targets[step.columns :])
-            body = self.block_body(scope, step, targets)
-            function = Function(
-                name, step.arguments, targets, tuple(body.lines), body.operations, step.meaning, step.columns
+            block = self.block(scope, step, targets)
+            function = CFunction(
+                name,
+                step.arguments,
+                targets,
+                tuple(block.lines),
+                block.operations,
+                block.calls,
+                step.meaning,
+                step.columns,
             )
-            self.recursions[name] = scope, function
-        return self.recursions[name][1]
+            self.shared[name] = scope, function
+        return self.shared[name][1]
 
-    def block_body(
+    def block(
         self,
         scope: Scope,
         step: Block,
@@ -163,7 +151,7 @@ class _ChainPrinter:
     ) -> Printed:
         """Statements of a block, filling the ``targets`` (arrays of the step's targets' shapes).
 
-        Arguments named in ``local`` are arrays that earlier steps of the same body wrote. What is always zero in the
+        Arguments named in ``local`` are arrays that earlier steps of the same kernel wrote. What is always zero in the
         targets named in ``private`` is not stored, and noted in ``zeros``. ``temporaries`` is the number of the first
         unnamed local.
         """
@@ -171,16 +159,18 @@ class _ChainPrinter:
         # What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into
         # NaN, and what earlier steps wrote comes from guarded numbers.
         sliding = {joint.coordinate for joint in chain.joints if joint.prismatic}
-        given, inputs, guards = [], [], {}
+        given: list[ca.SX] = []
+        inputs: list[tuple[ca.SX, str]] = []
+        guards: dict[int, tuple[str, str]] = {}  # local name and source of the inputs that are guarded
+        entries_of: dict[str, range] = {}
         for array in step.arguments:
-            symbols = []
-            for k in range(array.size):
-                symbol = ca.SX.sym(f"{array.name}{k}")
-                symbols.append(symbol)
+            entries_of[array.name] = range(len(inputs), len(inputs) + array.size)
+            symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
+            for k, symbol in enumerate(symbols):
                 text = f"{array.name}[{k}]"
                 if array.name not in local and (array.name != "q" or k in sliding):
                     local_name = array.symbol + "".join(map(str, _indices(array, k)))
-                    guards[local_name] = text
+                    guards[len(inputs)] = local_name, text
                     text = local_name
                 inputs.append((symbol, text))
             given.append(as_operand(array.shape, symbols))
@@ -190,7 +180,7 @@ class _ChainPrinter:
         named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
         m = len(chain.joints)
         columns = targets[: step.columns]
-        by_rows = () if self.body.many else columns
+        by_rows = columns if self.target.joint_lanes else ()
         outputs: list[tuple[str, ca.SX]] = []
         start = 0
         for target in targets:
@@ -210,9 +200,9 @@ class _ChainPrinter:
             outputs,
             named,
             heading=step.heading,
-            wide={text for _, text in inputs} if self.body.many else (),
-            wide_outputs=self.body.many,
-            wide_number=self.body.wide_number,
+            target=self.target,
+            wide=() if self.target.joint_lanes else {text for _, text in inputs},
+            wide_outputs=not self.target.joint_lanes,
             define=6 * m * len(by_rows),
             temporaries=temporaries,
         )
@@ -220,13 +210,16 @@ class _ChainPrinter:
         for target in by_rows:
             lines += _rows(scope, target, values[: target.size])
             values = values[target.size :]
-        text = "\n".join(lines)
-        used = {name: source for name, source in guards.items() if re.search(rf"\b{name}\b", text)}
-        guarded = [f"const {self.body.number} {name} = {self.body.guard}({source});" for name, source in used.items()]
-        read = text + str(used)
-        unused = [f"(void){a.name};" for a in step.arguments if not re.search(rf"\b{a.name}\[", read)]
-        operations = printed.operations + Operations(add=len(used), multiply=len(used))
-        return Printed([*guarded, *unused, *lines], operations, temporaries=printed.temporaries)
+        guarded = [guards[number] for number in sorted(printed.reads) if number in guards]
+        number, guard = self.target.number, self.target.guard
+        opening = [f"const {number} {name} = {guard}({source});" for name, source in guarded]
+        opening += [f"(void){name};" for name, numbers in entries_of.items() if printed.reads.isdisjoint(numbers)]
+        return replace(
+            printed,
+            lines=[*opening, *lines],
+            operations=printed.operations + Operations(add=len(guarded), multiply=len(guarded)),
+            calls=printed.calls | ({guard} if guarded else set()),
+        )
 
 
 def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
@@ -279,21 +272,13 @@ _RANGES = {
 """Loop over j in row i: start, condition, first, one past the last."""
 
 
-class _Body:
-    """Collects the declarations and statements of one kernel, for one configuration."""
+class _KernelPrinter:
+    """Collects the declarations and statements of one kernel."""
 
-    many = False  # made for many configurations in one call
-    number = "double"
-    wide_number = "lanes"  # of what runs over lanes: of joints, or of configurations
-    guard = "finite_or_nan"
-    _zero = "0.0"
-    _suffix = ""  # of the recursions' names
-    # gcc 12 stores to large arrays with an alignment that it does not give them itself.
-    _aligned = "ALIGNED "
-    _guards_arguments = True
-
-    def __init__(self, printer: _ChainPrinter, scope: Scope, kernel: Kernel) -> None:
+    def __init__(self, printer: _TargetPrinter, scope: Scope, kernel: Kernel) -> None:
         self.printer = printer
+        self.target = printer.target
+        self.calls: set[str] = set()
         self.scope = scope
         self.kernel = kernel
         self.inputs = tuple(argument.array(printer.chain) for argument in kernel.arguments)
@@ -316,7 +301,7 @@ class _Body:
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
         maps = [step for step in program if isinstance(step, Map)]
-        guarded = self._guards_arguments and not any(step.over not in ("", "j") for step in maps)
+        guarded = self.target.joint_lanes and not any(step.over not in ("", "j") for step in maps)
         read = {operand.array.name for step in maps for operand in step.operands}
         for array in self.inputs:
             if array.name not in read:
@@ -327,39 +312,30 @@ class _Body:
                 continue
             self._declare(short, "")
             self.operations = self.operations + Operations(add=array.size, multiply=array.size)
-            flat = f"{short.name}[k]" if len(array.shape) == 1 else f"{short.name}[0][k]"
-            self.lines += [
-                f"for (int k = 0; k < {array.size}; ++k) {{",
-                f"    {flat} = finite_or_nan({array.name}[k]);",
-                "}",
-            ]
+            into = short.name if len(array.shape) == 1 else f"{short.name}[0]"
+            self._call("copy_finite", array.name, array.size, into)
 
     def _alias(self, array: Array, short: Array) -> None:
         if len(array.shape) == 1:
-            self.declarations.append(f"const {self.number} *const {short.name} = {array.name};")
+            self.declarations.append(f"const {self.target.number} *const {short.name} = {array.name};")
         else:
             row = f"[{array.shape[1]}]"
-            declared = f"const {self.number} (*const {short.name}){row}"
-            self.declarations.append(f"{declared} = (const {self.number} (*){row}){array.name};")
+            declared = f"const {self.target.number} (*const {short.name}){row}"
+            self.declarations.append(f"{declared} = (const {self.target.number} (*){row}){array.name};")
 
-    def function(self) -> Function:
+    def function(self) -> CFunction:
         self._guard_results()
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
-        return Function(self.kernel.qualified_name, self.inputs, self.results, lines, self.operations)
+        name, calls = self.kernel.qualified_name, frozenset(self.calls)
+        return CFunction(name, self.inputs, self.results, lines, self.operations, calls)
 
     def _guard_results(self) -> None:
         """Make NaN of what overflowed; the stores of lanes do that themselves."""
-        for array in self.results if self._guards_arguments else ():
+        for array in self.results if self.target.joint_lanes else ():
             if array.name in self.unguarded:
                 self.operations = self.operations + Operations(add=array.size, multiply=array.size)
-                entry = f"{array.name}[k]"
-                self.lines += [
-                    "",
-                    "/* NaN in place of infinity */",
-                    f"for (int k = 0; k < {array.size}; ++k) {{",
-                    f"    {entry} = {self.guard}({entry});",
-                    "}",
-                ]
+                self.lines += ["", "/* NaN in place of infinity */"]
+                self._call("copy_finite", array.name, array.size, array.name)
 
     def _store(self, targets: Iterable[Array], arguments: Iterable[Array]) -> None:
         """Note results that are to be guarded. Sines of q are bounded, and so is what depends on them alone."""
@@ -373,15 +349,16 @@ class _Body:
             self._block(step)
         elif isinstance(step, Sum):
             self._sum(step)
-        elif isinstance(step, Gather):
-            self._gather(step)
+        elif isinstance(step, SumJoints):
+            self._sum_joints(step)
         else:
             self._map(step)
 
     def _block(self, step: Block) -> None:
         # Columns of joints are lanes; the public Jacobian is copied out of them.
         columns = tuple(
-            Array("J", t.shape) if self._public(t) and not self.many else t for t in step.targets[: step.columns]
+            Array("J", t.shape) if self.target.joint_lanes and self._public(t) else t
+            for t in step.targets[: step.columns]
         )
         targets = (*columns, *step.targets[step.columns :])
         for target in targets:
@@ -390,19 +367,18 @@ class _Body:
                     self._declare(target, "j")
             elif not self._public(target):
                 self.flat.add(target.name)
-                self._note(f"{self.number} {target.name}[{target.size}];")
+                self._note(f"{self.target.number} {target.name}[{target.size}];")
         if step.name:
             function = self.printer.shared_block(self.scope, step)
             operations = function.operations
             into = ", ".join([*map(self._passed, columns), *(target.name for target in targets[step.columns :])])
-            self.lines.append(f"{function.name}{self._suffix}({self._given(step)}, {into});")
+            self.lines.append(f"{function.name}{self.target.suffix}({self._given(step)}, {into});")
         else:
             private = {target.name for target in targets if not self._public(target)}
-            body = self.printer.block_body(
-                self.scope, step, targets, self.flat, private, self.zero_rows, self.temporaries
-            )
-            operations, self.temporaries = body.operations, body.temporaries
-            self.lines += ["", *body.lines] if self.lines else body.lines
+            block = self.printer.block(self.scope, step, targets, self.flat, private, self.zero_rows, self.temporaries)
+            operations, self.temporaries = block.operations, block.temporaries
+            self.calls |= block.calls
+            self.lines += ["", *block.lines] if self.lines else block.lines
         self.operations = self.operations + operations
         self._store(step.targets, step.arguments)
         if targets != step.targets:
@@ -415,8 +391,8 @@ class _Body:
 
     def _passed(self, target: Array) -> str:
         """C text of the array of columns that a block's function is to fill."""
-        if self.many and self._public(target):
-            return f"({self.number} (*)[{target.shape[1]}]){target.name}"
+        if not self.target.joint_lanes and self._public(target):
+            return f"({self.target.number} (*)[{target.shape[1]}]){target.name}"
         return target.name
 
     def _given(self, step: Block) -> str:
@@ -427,7 +403,7 @@ class _Body:
 
     def _declare(self, array: Array, at: str) -> None:
         """Declare a local array that is written as a whole (at ""), by joints ("j") or by pairs of joints ("ij")."""
-        if at == "j":
+        if at == "j" and self.target.joint_lanes:
             self.lane_arrays.add(array.name)
             self._note(f"lanes {array.name}[{array.shape[0]}][{self.scope.padded}];")
         else:
@@ -436,8 +412,8 @@ class _Body:
     def _declare_numbers(self, array: Array, at: str) -> None:
         flat = at == "ij" and len(array.shape) == 2  # like a public result
         extents = f"[{array.size}]" if flat else "".join(f"[{extent}]" for extent in array.shape)
-        aligned = self._aligned if at == "ij" else ""
-        self._note(f"{aligned}{self.number} {array.name}{extents};")
+        aligned = self.target.aligned if at == "ij" else ""
+        self._note(f"{aligned}{self.target.number} {array.name}{extents};")
 
     def _note(self, declaration: str) -> None:
         if declaration not in self.declarations:
@@ -479,11 +455,12 @@ class _Body:
             inputs,
             outputs,
             wide=wide,
-            wide_outputs=rows or step.over == "j" or self.many,
-            wide_number=self.wide_number,
+            target=self.target,
+            wide_outputs=rows or step.over == "j" or not self.target.joint_lanes,
             temporaries=0 if step.over else self.temporaries,
         )
         self.temporaries = self.temporaries if step.over else printed.temporaries
+        self.calls |= printed.calls
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
         if step.over and not rows and not vector:
@@ -495,11 +472,11 @@ class _Body:
 
     def _by_rows(self, step: Map) -> bool:
         """Whether a map over pairs runs over rows i, and over j in lanes."""
-        return step.over not in ("", "j", "i on the way to j") and step.target.count == 1
+        return self.target.joint_lanes and step.over not in ("", "j", "i on the way to j") and step.target.count == 1
 
     def _is_vector_row(self, step: Map) -> bool:
         """Whether a map over joints fills a vector, one number a joint, in lanes."""
-        return step.over == "j" and len(step.target.array.shape) == 1
+        return self.target.joint_lanes and step.over == "j" and len(step.target.array.shape) == 1
 
     def _vector_row(self, step: Map, printed: Printed) -> list[str]:
         name, size = step.target.array.name, self.scope.size
@@ -551,7 +528,7 @@ class _Body:
         start, condition, _, _ = (text.format(size=size) for text in _RANGES[step.over])
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
-            body = [f"{self.number} *const entry = &{position};", *body]
+            body = [f"{self.target.number} *const entry = &{position};", *body]
         return [
             f"for (int i = 0; i < {size}; ++i) {{",
             f"    for (int {start}; {condition}; ++j) {{",
@@ -564,20 +541,25 @@ class _Body:
     def _mirrored(self, step: Map) -> list[str]:
         if not step.mirror:
             return []
-        strict = {"i<=j": "i<j", "i>=j": "i>j"}[step.over]
-        start, condition, _, _ = (text.format(size=self.scope.size) for text in _RANGES[strict])
-        copied, kept = (self._pair(step.target.array, first, second) for first, second in ("ji", "ij"))
-        return [
-            f"for (int i = 0; i < {self.scope.size}; ++i) {{",
-            f"    for (int {start}; {condition}; ++j) {{",
-            f"        {copied} = {kept};",
-            "    }",
-            "}",
-        ]
+        half = {"i<=j": "upper", "i>=j": "lower"}[step.over]
+        return [self._called(f"mirror_{half}", step.target.array.name, self.scope.size)]
+
+    def _call(self, helper: str, *arguments: object) -> None:
+        self.lines.append(self._called(helper, *arguments))
+
+    def _called(self, helper: str, *arguments: object) -> str:
+        """C text of a call of a helper (templates/macros.j2)."""
+        name = helper + self.target.suffix
+        self.calls.add(name)
+        if helper == "copy_finite":
+            self.calls.add(self.target.guard)
+        if helper.startswith("sum_") and self.target.number != self.target.scalar:
+            self.calls.add(self.target.spread)
+        return f"{name}({', '.join(map(str, arguments))});"
 
     @property
     def _blocks(self) -> str:
-        return self.scope.blocks
+        return self.scope.blocks if self.target.joint_lanes else self.scope.size
 
     def _pair(self, array: Array, first: str, second: str) -> str:
         return f"{array.name}[{self.scope.size} * {first} + {second}]"
@@ -593,7 +575,7 @@ class _Body:
             declared = f"const double (*const {view}){row}"
             self._note(f"{declared} = (const double (*){row}){array.name}; /* joint by joint */")
             return f"{view}[{k}][{operand.at}]", False
-        return self._write(operand, k), False
+        return self._write(operand, k), not self.target.joint_lanes
 
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
@@ -605,66 +587,26 @@ class _Body:
             return self._pair(array, "i", "j")
         return f"entry[{k}]" if self._public(array) else f"{array.name}[i][j][{k}]"
 
-    def _gather(self, step: Gather) -> None:
+    def _sum_joints(self, step: SumJoints) -> None:
         source, target = step.source, step.target
         m, M, prefix = len(self.scope.chain.joints), self.scope.size, self.scope.prefix
         self._store([target], self.inputs)
-        self.lines += [
-            "",
-            "/* joints that move together share a coordinate */",
-            f"for (int k = 0; k < {target.size}; ++k) {{",
-            f"    {target.name}[k] = {self._zero};",
-            "}",
-        ]
-        if step.columns:
+        rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", target.name
+        self.lines += ["", "/* joints that move together share a coordinate */"]
+        if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
-            entry, _ = self._read(Operand(source, "j"), 0, rows=False)
-            self.lines += [
-                f"for (int k = 0; k < {source.shape[0]}; ++k) {{",
-                f"    for (int j = 0; j < {M}; ++j) {{",
-                f"        {target.name}[N * k + {prefix}coordinate_of[j]] += "
-                f"{prefix}multiplier_of[j] * {entry.replace('[0]', '[k]')};",
-                "    }",
-                "}",
-            ]
-            return
-        if len(source.shape) == 1:
-            self.operations = self.operations + Operations(add=source.size, multiply=source.size)
-            into, factor = f"{target.name}[{prefix}coordinate_of[j]]", f"{prefix}multiplier_of[j]"
-            self.lines += [
-                f"for (int j = 0; j < {M}; ++j) {{",
-                f"    {into} += {factor} * {source.name}[j];",
-                "}",
-            ]
+            if source.name in self.lane_arrays:
+                first = f"(const {self.target.scalar} *){source.name}", f"LANES * {self.scope.padded}"
+            else:
+                first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
+            rows = 1 if len(source.shape) == 1 else source.shape[0]
+            self._call("sum_columns", rows, *first, *rest)
             return
         depth = source.size // (m * m)
         self.operations = self.operations + Operations(add=source.size, multiply=source.size + m * m)
-        into = f"N * {prefix}coordinate_of[i] + {prefix}coordinate_of[j]"
-        if depth == 1:
-            sums = [f"        {target.name}[{into}] += factor * {self._pair(source, 'i', 'j')};"]
-        else:
-            sums = [
-                f"        double *const entry = &{target.name}[{depth} * ({into})];",
-                f"        for (int k = 0; k < {depth}; ++k) {{",
-                f"            entry[k] += factor * {source.name}[i][j][k];",
-                "        }",
-            ]
-        self.lines += [
-            f"for (int i = 0; i < {M}; ++i) {{",
-            f"    for (int j = 0; j < {M}; ++j) {{",
-            f"        const double factor = {prefix}multiplier_of[i] * {prefix}multiplier_of[j];",
-            *sums,
-            "    }",
-            "}",
-        ]
+        self._call("sum_pairs", source.name if len(source.shape) == 2 else f"{source.name}[0][0]", depth, *rest)
         if step.mirror:
-            self.lines += [
-                "for (int i = 0; i < N; ++i) {",
-                "    for (int j = 0; j < i; ++j) {",
-                f"        {target.name}[N * i + j] = {target.name}[N * j + i];",
-                "    }",
-                "}",
-            ]
+            self._call("mirror_upper", target.name, "N")
 
     def _sum(self, step: Sum) -> None:
         self._store(step.targets, self.inputs)
@@ -686,43 +628,6 @@ class _Body:
                     f"    {target.name}[k] += {part.name}[k];",
                     "}",
                 ]
-
-
-class _BatchBody(_Body):
-    """The same with lanes of configurations in place of every number; nothing runs over lanes of joints."""
-
-    many = True
-    number = "lanes"
-    guard = "finite_lanes"
-    _zero = "same(0.0)"
-    _suffix = "_lanes"
-    _guards_arguments = False  # results are guarded when they are stored
-
-    def _by_rows(self, step: Map) -> bool:
-        return False
-
-    def _is_vector_row(self, step: Map) -> bool:
-        return False
-
-    @property
-    def _blocks(self) -> str:
-        return self.scope.size
-
-    def _declare(self, array: Array, at: str) -> None:
-        self._declare_numbers(array, at)
-
-    def _read(self, operand: Operand, k: int, *, rows: bool) -> tuple[str, bool]:
-        return self._write(operand, k), True
-
-
-class _ThreadBody(_BatchBody):
-    """The same with one configuration in place of lanes of them: what a CUDA thread does."""
-
-    number = wide_number = "double"
-    guard = "finite_or_nan"
-    _zero = "0.0"
-    _suffix = ""
-    _aligned = ""
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from stiffgen.emit.target import Target
+
 _WIDTH = 100
 WIDEST = 8
 """Numbers in the widest vector of the generated code (lanes.c); rows are padded to multiples of it."""
@@ -63,13 +65,16 @@ class Named:
 class Printed:
     """C statements, one a line (long ones wrapped), with the operations they cost.
 
-    ``values`` are the C texts of the outputs where these were defined rather than assigned.
+    ``values`` are the C texts of the outputs where these were defined rather than assigned, ``reads`` the numbers of
+    the inputs that the statements read, ``calls`` the C functions that they call.
     """
 
     lines: list[str]
     operations: Operations
-    values: tuple[str, ...] = ()
-    temporaries: int = 0
+    values: tuple[str, ...]
+    reads: frozenset[int]
+    calls: frozenset[str]
+    temporaries: int
     """One past the last number of an unnamed local, t0, t1, ..."""
 
 
@@ -191,10 +196,10 @@ def print_statements(
     outputs: Sequence[tuple[str, ca.SX]],
     named: Sequence[Named] = (),
     *,
+    target: Target,
     heading: str = "",
     wide: Container[str] = (),
     wide_outputs: bool = False,
-    wide_number: str = "lanes",
     define: int = 0,
     temporaries: int = 0,
 ) -> Printed:
@@ -204,10 +209,10 @@ def print_statements(
         inputs: scalar symbols with their C text.
         outputs: C lvalues with scalar expressions, printed in this order.
         named: groups of scalar intermediates to name, in order of computation.
+        target: what the statements are for.
         heading: comment over the outputs.
-        wide: the C texts among the inputs that are lanes; what depends on them is lanes too, the rest double.
-        wide_outputs: the lvalues are lanes.
-        wide_number: C type of what is called lanes here: "lanes", or "double" for one configuration at a time.
+        wide: the C texts among the inputs that are entries of rows; what depends on them is, too, the rest is scalar.
+        wide_outputs: the lvalues are entries of rows.
         define: of so many outputs, the first ones, take the lvalues as names of new locals; what is a constant or has a
             name already gets no second one.
         temporaries: number of the first unnamed local.
@@ -220,13 +225,14 @@ def print_statements(
     named_values = [(name, value) for group in named for name, value in group.values]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
     graph, numbers = _build(ca.Function("f", [symbols], [everything]))
-    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, wide_number)
+    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, target)
     writer.temporaries = temporaries
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
     if any(kind in _CONDITIONAL for kind, _, _ in (graph.keys[number] for number in writer.uses)):
         writer.poison = "poison"
         total = " + ".join(text for _, text in inputs)
-        writer.poison_line(f"0.0 * ({total})", wide=bool(wide) and wide_number == "lanes")
+        writer.reads |= set(range(len(inputs)))
+        writer.poison_line(f"0.0{target.literal} * ({total})", wide=bool(wide))
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -240,15 +246,16 @@ def print_statements(
             values.append(writer.value(lvalue, number))
         else:
             writer.assign(lvalue, number, wide=wide_outputs)
-    return Printed(writer.lines, writer.operations, tuple(values), writer.temporaries)
+    reads, calls = frozenset(writer.reads), frozenset(writer.calls)
+    return Printed(writer.lines, writer.operations, tuple(values), reads, calls, writer.temporaries)
 
 
 class _Writer:
     def __init__(
-        self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], wide_number: str
+        self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], target: Target
     ) -> None:
         self.graph = graph
-        self.wide_number = wide_number
+        self.target = target
         self.inputs = inputs
         self.wide = self._wide_nodes(wide)
         self.lines: list[str] = []
@@ -256,6 +263,8 @@ class _Writer:
         self.text: dict[int, str] = {}  # nodes that have a C name
         self.results: dict[int, str] = {}  # sines and cosines: where the call left them
         self.temporaries = 0
+        self.reads: set[int] = set()
+        self.calls: set[str] = set()
         self.poison = ""
         self.uses = self._count_uses(outputs)
 
@@ -289,6 +298,7 @@ class _Writer:
         self._comment("sine and cosine of each joint angle")
         for angle in angles:
             self._prepare(angle)
+        self.calls.add("sine_cosine")
         values = [self._expression(angle)[0] for angle in angles]
         batch = all(angle in self.wide for angle in angles)
         if batch:
@@ -296,10 +306,10 @@ class _Writer:
         else:
             count, padded = f"{-(-len(values) // WIDEST) * WIDEST} / LANES", eights(values)
         self.lines += [
-            f"const {self.wide_number} angle[{count}] = {{",
+            f"const {self.target.row} angle[{count}] = {{",
             *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
             "};",
-            f"{self.wide_number} sine[{count}], cosine[{count}];",
+            f"{self.target.row} sine[{count}], cosine[{count}];",
             f"sine_cosine(angle, sine, cosine, {count});",
         ]
         view = {"sin": "sine", "cos": "cosine"}
@@ -326,7 +336,7 @@ class _Writer:
 
     def poison_line(self, text: str, *, wide: bool) -> None:
         """Define what is 0, or NaN if an input is NaN."""
-        self._write(f"const {'lanes' if wide else 'double'} poison = {text};")
+        self._write(f"const {self.target.row if wide else self.target.scalar} poison = {text};")
 
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
@@ -350,8 +360,7 @@ class _Writer:
         text = self._expression(number)[0]
         if self.poison and self.graph.keys[inner][0] != "const":
             text = f"{text} + {self.poison}"
-        spread = wide and number not in self.wide and self.wide_number == "lanes"
-        self._write(f"{lvalue} = {f'same({text})' if spread else text};")
+        self._write(f"{lvalue} = {self._spread(text) if wide and number not in self.wide else text};")
 
     def value(self, name: str, number: int) -> str:
         """C text of a node, which is defined under ``name`` unless it is short already."""
@@ -361,7 +370,7 @@ class _Writer:
         return self._expression(number)[0]
 
     def _type(self, number: int) -> str:
-        return f"const {self.wide_number}" if number in self.wide else "const double"
+        return f"const {self.target.row if number in self.wide else self.target.scalar}"
 
     def _is_leaf(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -403,8 +412,9 @@ class _Writer:
             return self.text[number], _ATOM
         kind, a, b = self.graph.keys[number]
         if kind == "const":
-            return c_double(float(a)), _ATOM
+            return c_double(float(a)) + self.target.literal, _ATOM
         if kind == "input":
+            self.reads.add(int(a))
             return self.inputs[int(a)], _ATOM
         if kind in ("sin", "cos"):
             return self.results[number], _ATOM
@@ -418,9 +428,11 @@ class _Writer:
             return f"{self._nested(int(a), _PRODUCT)} / {self._nested(b, _UNARY)}", _PRODUCT
         if kind not in ("add", "sub"):
             self.operations.call += 1
-            wide = number in self.wide and self.wide_number == "lanes"
+            wide = number in self.wide and self.target.row != self.target.scalar
             given = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
-            return f"{kind}_lanes({given})" if wide else f"{kind}({given})", _ATOM
+            function = f"{kind}_lanes" if wide else kind
+            self.calls.add(function)
+            return f"{function}({given})", _ATOM
         self.operations.add += 1
         sign = "+" if kind == "add" else "-"
         # The right operand of a sum keeps its parentheses: floating-point addition is not associative.
@@ -428,7 +440,14 @@ class _Writer:
 
     def _argument(self, number: int, *, wide: bool) -> str:
         text = self._expression(number)[0]
-        return f"same({text})" if wide and number not in self.wide else text
+        return self._spread(text) if wide and number not in self.wide else text
+
+    def _spread(self, text: str) -> str:
+        """An entry of a row, made of a scalar."""
+        if not self.target.spread:
+            return text
+        self.calls.add(self.target.spread)
+        return f"{self.target.spread}({text})"
 
     def _nested(self, number: int, at_least: int) -> str:
         text, precedence = self._expression(number)

@@ -112,7 +112,7 @@ class Map:
 
 
 @dataclass(frozen=True)
-class Gather:
+class SumJoints:
     """Sum joints into coordinates: joint k counts ``multiplier`` times for its coordinate, in every joint index.
 
     The source is (m), (6, m) (``columns``), (m, m) or (m, m, depth); with ``mirror``, the upper triangle of the (n, n)
@@ -152,7 +152,7 @@ class Term:
     arguments: tuple[tuple[Array, Part], ...]
 
 
-Step = Block | Map | Gather | Sum
+Step = Block | Map | SumJoints | Sum
 Program = tuple[Step, ...]
 
 
@@ -177,8 +177,8 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dic
             entries = _entries(step.expressions(chain, *given).result)
             for target in step.targets:
                 arrays[target.name], entries = entries[: target.size], entries[target.size :]
-        elif isinstance(step, Gather):
-            arrays[step.target.name] = _gather(chain, step, arrays[step.source.name])
+        elif isinstance(step, SumJoints):
+            arrays[step.target.name] = _sum_joints(chain, step, arrays[step.source.name])
         elif isinstance(step, Sum):
             _run_sum(step, arguments, arrays)
         else:
@@ -232,7 +232,7 @@ def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
                 written[step.target.entry(k, j, i)] = result[k]
 
 
-def _gather(chain: Chain, step: Gather, source: list[ca.SX]) -> list[ca.SX]:
+def _sum_joints(chain: Chain, step: SumJoints, source: list[ca.SX]) -> list[ca.SX]:
     m, n = len(chain.joints), chain.dof
     target = [ca.SX(0)] * step.target.size
     if step.columns or len(step.source.shape) == 1:

@@ -15,7 +15,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import dynamics, kinematics, springs, stiffness
 from stiffgen.symbolic.arguments import POSE, Argument, Q, posture
 from stiffgen.symbolic.connection import Representation
-from stiffgen.symbolic.program import Array, Block, Gather, Map, Operand, Over, Program
+from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, SumJoints
 from stiffgen.symbolic.springs import Spring
 
 
@@ -38,7 +38,7 @@ def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Progra
         return steps(target)
     m = len(chain.joints)
     joints = Array(f"{target.name}_of_joints", (m, m, *target.shape[2:]))
-    return (*steps(joints), Gather(joints, target, mirror=mirror))
+    return (*steps(joints), SumJoints(joints, target, mirror=mirror))
 
 
 def _pairs(left: Array, right: Array, over: Over, target: Array, comment: str, *, mirror: bool = False) -> Map:
@@ -62,7 +62,7 @@ def jacobian(chain: Chain, representation: Representation, result: Argument) -> 
     if not chain.coupled:
         return (_columns(chain, representation, target.name)[0],)
     recursion, J = _columns(chain, representation)
-    return recursion, Gather(J, target, columns=True)
+    return recursion, SumJoints(J, target, columns=True)
 
 
 def jacobian_derivative(chain: Chain, representation: Representation, result: Argument) -> Program:
@@ -266,7 +266,7 @@ def spring_joint_terms(
             ),
         )  # fmt: skip
         if chain.coupled:
-            program += (Gather(per_joint, target),)
+            program += (SumJoints(per_joint, target),)
     if joint_stiffness:
         program += _over_joints(chain, joint_stiffness, lambda target: _tangent(J, F, K, "hybrid", target), mirror=True)
     return program

@@ -25,7 +25,7 @@ static inline void transpose(lanes square[LANES])
 }
 
 /* Entry k of LANES configurations becomes lanes k; where fewer are left, the last one stands in. */
-static inline void gather(const double *from, ptrdiff_t step, size_t left, int size, lanes *to)
+static inline void load_lanes(const double *from, ptrdiff_t step, size_t left, int size, lanes *to)
 {
     const int present = left < LANES ? (int)left : LANES;
     const double *configuration[LANES];
@@ -47,7 +47,7 @@ static inline void gather(const double *from, ptrdiff_t step, size_t left, int s
 }
 
 /* Lanes k become entry k of LANES configurations, or of those that are left. */
-static inline void scatter(const lanes *from, size_t left, int size, double *to)
+static inline void store_lanes(const lanes *from, size_t left, int size, double *to)
 {
     const int present = left < LANES ? (int)left : LANES;
     const int whole = size - size % LANES;
