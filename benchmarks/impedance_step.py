@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "generated" / "iiwa14"
 SOURCES = ("iiwa14.c", "iiwa14_impedance.c")
-DESIGNS = ("modal damping (default)", "factorised damping", "projected nullspace, positive part, modal damping")
+DESIGNS = ("spring, the equilibrium moves", "spring, equilibrium and stiffness move", "the paper's law")
 
 
 def main() -> int:

@@ -224,7 +224,7 @@ print(iiwa14.LOWER, iiwa14.TIP, iiwa14.hybrid.jacobian.signature, pose, names)
 controller = iiwa14.Impedance(sample_time=0.001, record=10)
 out = controller.step(q=q, dq=np.zeros(7))
 torque: NDArray[np.float64] = out.torque
-if out.status & iiwa14.Status.NON_FINITE:
+if out.status & iiwa14.Status.MISSED:
     print(controller.config.sample_time)
 wrong: str = iiwa14.hybrid.jacobian(q)  # ERROR
 iiwa14.hybrid.joint_stifness(q, F, K)  # ERROR
@@ -233,7 +233,7 @@ iiwa14.hybrid.jacobian(q, otu=Kq)  # ERROR
 iiwa14.Impedence()  # ERROR
 iiwa14.Impedance(sample_tme=0.001)  # ERROR
 out.torqe  # ERROR
-iiwa14.Status.NON_FINIT  # ERROR
+iiwa14.Status.MISED  # ERROR
 controller.step(qq=q)  # ERROR
 """
 

@@ -1,4 +1,4 @@
-"""Run the bowl-wiping experiment, corrected and conventional, and write its report.
+"""Run the bowl-wiping experiment, paper's law corrected and conventional and the potential law.
 
 ``python -m examples.bowl_wiping`` in the repository's root, or ``make experiment``.
 """
@@ -32,7 +32,6 @@ from examples.bowl_wiping.plant import DOF, START_POSTURE, Plant
 
 ROBOT = Path("build/robots/iiwa14_plate")
 RESULTS = Path(__file__).resolve().parent / "results"
-FORMULAS = ("corrected", "conventional")
 PICTURED = (0.0, 0.26, 0.5, 0.63)
 """Shares of the trial's time at which the rendered picture shows the arm, the last one solid."""
 
@@ -69,13 +68,13 @@ def experiment(options: argparse.Namespace) -> int:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console) as progress:
-        tasks = [progress.add_task(f"{formula} trial", total=steps) for formula in FORMULAS]
+        tasks = [progress.add_task(f"{law} trial", total=steps) for law in trial.LAWS]
         work = progress.add_task("analysis and figures", total=4)
-        for formula, task in zip(FORMULAS, tasks, strict=True):
+        for law, task in zip(trial.LAWS, tasks, strict=True):
             trials.append(
                 trial.run(
                     robot,
-                    formula,
+                    law,
                     sample_time=options.sample_time,
                     seed=options.seed,
                     progress=lambda task=task: progress.advance(task),  # type: ignore[misc]

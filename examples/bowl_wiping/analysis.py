@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.bowl_wiping.trajectory import MEASURED, STATED, Comparison, recorded
-from examples.bowl_wiping.trial import TASK_STIFFNESS, Trace, faults, parts
+from examples.bowl_wiping.trial import LAWS, TASK_STIFFNESS, Trace, faults, parts
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,9 @@ def worst_per_moment(robot: ModuleType, q: Array) -> float:
 
 @dataclass(frozen=True)
 class Findings:
-    """Figures of a pair of trials (index 0 corrected, 1 conventional); units as in :data:`trial.COLUMNS`.
+    """Figures of the trials (index 0 corrected, 1 conventional, 2 potential, where a figure is about that one, too).
+
+    Units as in :data:`trial.COLUMNS`.
 
     ``antisymmetric_entry``: largest absolute entry of the antisymmetric part of the applied stiffness, per trial.
     ``closed_form_error``: largest deviation of the conventional formula's antisymmetric part from the closed form, on
@@ -75,16 +77,17 @@ class Findings:
     worst_per_moment: float
     lowest_eigenvalue: tuple[float, float]
     indefinite: tuple[float, float]
-    contact: tuple[float, float]
-    largest_moment: tuple[float, float]
-    largest_force: tuple[float, float]
+    contact: tuple[float, float, float]
+    largest_moment: tuple[float, float, float]
+    largest_force: tuple[float, float, float]
     moment_range: tuple[float, float]
     force_range: tuple[float, float]
-    faults: tuple[dict[str, int], dict[str, int]]
+    faults: tuple[dict[str, int], dict[str, int], dict[str, int]]
     joint_difference: Array
-    antisymmetric_work: tuple[float, float]
-    variation_work: tuple[float, float]
-    dissipated: tuple[float, float]
+    tip_difference: float
+    deflection: tuple[float, float, float]
+    port_work: tuple[float, float, float]
+    reference_work: float
     balance: float
 
     def failed_bars(self) -> list[str]:
@@ -98,28 +101,34 @@ class Findings:
             failed.append(f"contact: only {min(self.contact):.1%} of the wipe")
         if not all(moment >= MOMENT_BAR for moment in self.largest_moment):
             failed.append(f"moment at the tool: only {min(self.largest_moment):.2f} N m")
-        for name, counts in zip(("corrected", "conventional"), self.faults, strict=True):
+        for name, counts in zip(LAWS, self.faults, strict=True):
             failed += [f"fault in the {name} trial: {bit} in {count} steps" for bit, count in counts.items()]
         return failed
 
 
 def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
-    """Analyse the corrected and the conventional trial."""
-    applied = [parts(trace["stiffness"])[1] for trace in trials]
+    """Analyse the trials, in the order of :data:`trial.LAWS`."""
+    paper, potential = trials[:2], trials[2]
+    applied = [parts(trace["stiffness"])[1] for trace in paper]
     formula = [
         parts(robot.hybrid.joint_stiffness_uncorrected(trace["q"], trace["wrench_used"], TASK_STIFFNESS))[1]
-        for trace in trials
+        for trace in paper
     ]
-    closed = [closed_form(robot, trace["q"], trace["wrench_used"]) for trace in trials]
+    closed = [closed_form(robot, trace["q"], trace["wrench_used"]) for trace in paper]
     wipes = [trace["wiping"] for trace in trials]
     conventional, wipe = trials[1], wipes[1]
     moment = np.linalg.norm(conventional["wrench_used"][wipe, 3:], axis=1)
     per_moment = conventional["antisymmetric"][wipe] / moment
     at_tool = np.concatenate([trace["wrench_used"][w] for trace, w in zip(trials, wipes, strict=True)])
 
+    def all_three(value: Callable[[Trace, NDArray[np.bool_]], Any]) -> tuple[float, float, float]:
+        first, second, third = (float(value(trace, w)) for trace, w in zip(trials, wipes, strict=True))
+        return first, second, third
+
     def each(value: Callable[[Trace, NDArray[np.bool_]], Any]) -> tuple[float, float]:
-        first, second = (float(value(trace, w)) for trace, w in zip(trials, wipes, strict=True))
-        return first, second
+        return all_three(value)[:2]
+
+    tips = [robot.forward_kinematics(trace["q"])[wipe, :3, 3] for trace in (trials[0], potential)]
 
     return Findings(
         antisymmetric_entry=(_largest(applied[0]), _largest(applied[1])),
@@ -133,24 +142,29 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
         worst_per_moment=worst_per_moment(robot, recorded()),
         lowest_eigenvalue=each(lambda t, w: t["eigenvalues"].min()),
         indefinite=each(lambda t, w: np.mean(t["eigenvalues"][w, 0] < 0)),
-        contact=each(lambda t, w: np.mean(t["contact"][w])),
-        largest_moment=each(lambda t, w: np.linalg.norm(t["wrench_used"][w, 3:], axis=1).max()),
-        largest_force=each(lambda t, w: np.linalg.norm(t["wrench_used"][w, :3], axis=1).max()),
+        contact=all_three(lambda t, w: np.mean(t["contact"][w])),
+        largest_moment=all_three(lambda t, w: np.linalg.norm(t["wrench_used"][w, 3:], axis=1).max()),
+        largest_force=all_three(lambda t, w: np.linalg.norm(t["wrench_used"][w, :3], axis=1).max()),
         moment_range=(float(at_tool[:, 3:].min()), float(at_tool[:, 3:].max())),
         force_range=(float(at_tool[:, :3].min()), float(at_tool[:, :3].max())),
-        faults=(faults(robot, trials[0]["status"]), faults(robot, trials[1]["status"])),
-        joint_difference=np.abs(trials[0]["q"] - trials[1]["q"]).max(axis=0),
-        antisymmetric_work=each(lambda t, w: t["antisymmetric_total"][-1]),
-        variation_work=each(lambda t, w: t["variation_total"][-1]),
-        dissipated=each(lambda t, w: t["dissipated_total"][-1]),
+        faults=(
+            faults(robot, paper[0]["status"]),
+            faults(robot, paper[1]["status"]),
+            faults(robot, potential["status"]),
+        ),
+        joint_difference=np.abs(paper[0]["q"] - paper[1]["q"]).max(axis=0),
+        tip_difference=float(np.linalg.norm(tips[0] - tips[1], axis=1).max()),
+        deflection=all_three(lambda t, w: np.abs(t["error"]).max()),
+        port_work=all_three(lambda t, w: t["port_total"][-1]),
+        reference_work=float(potential["reference_total"][-1]),
         balance=_largest(np.concatenate([imbalance(trace) for trace in trials])),
     )
 
 
 def imbalance(trace: Trace) -> Array:
     """(N,) residual of the controller's energy account (docs/controller.md) [J]."""
-    put_in = sum(trace[f"{name}_total"] for name in ("variation", "sampling", "antisymmetric", "limiting", "engaged"))
-    return np.asarray(trace["port_total"] + trace["elastic_energy"] + trace["dissipated_total"] - put_in)
+    put_in = sum(trace[f"{name}_total"] for name in ("sampling", "reference", "stiffness"))
+    return np.asarray(trace["port_total"] + trace["elastic_energy"] - put_in)
 
 
 def _largest(values: Array) -> float:
@@ -210,15 +224,14 @@ def summary(found: Findings) -> list[Row]:
         Row(
             "contact during the wipe",
             unknown,
-            f"corrected {found.contact[0]:.1%}, conventional {found.contact[1]:.1%} of the samples",
+            f"corrected {found.contact[0]:.1%}, conventional {found.contact[1]:.1%}, potential "
+            f"{found.contact[2]:.1%} of the samples",
             "",
         ),
         Row(
             "faults of the controller",
             unknown,
-            "none in both trials"
-            if not any(found.faults)
-            else f"corrected {found.faults[0]}, conventional {found.faults[1]}",
+            "none in all trials" if not any(found.faults) else str(dict(zip(LAWS, found.faults, strict=True))),
             "",
         ),
         Row(
@@ -234,11 +247,18 @@ def summary(found: Findings) -> list[Row]:
             "symmetric is not positive definite: the kinematic part has negative directions",
         ),
         Row(
-            "work put in by the antisymmetric part",
+            "the potential law beside it",
             unknown,
-            f"corrected {found.antisymmetric_work[0]:.3g} J, conventional {found.antisymmetric_work[1]:.3f} J",
-            f"stiffness variation puts in {found.variation_work[0]:.2f} and {found.variation_work[1]:.2f} J, damping "
-            f"takes out {found.dissipated[0]:.2f} and {found.dissipated[1]:.2f} J; the account closes to "
+            f"tool point {1e3 * found.tip_difference:.1f} mm apart from the corrected trial's at most; joints up to "
+            f"{found.deflection[2]:.2f} rad from the zero-force ones, paper's law {found.deflection[0]:.2f} rad",
+            "the same gains; no wrench is measured for it",
+        ),
+        Row(
+            "work put out at the robot's port",
+            unknown,
+            f"corrected {found.port_work[0]:.2f} J, conventional {found.port_work[1]:.2f} J, potential "
+            f"{found.port_work[2]:.2f} J",
+            f"moving the potential law's equilibrium puts in {found.reference_work:.2f} J; the account closes to "
             f"{found.balance:.0e} J",
         ),
     ]

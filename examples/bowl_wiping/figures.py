@@ -13,26 +13,29 @@ from matplotlib.figure import Figure
 
 from examples.bowl_wiping.analysis import closed_form
 from examples.bowl_wiping.trajectory import APPROACH_TIME, SAMPLE_TIME, Comparison, recorded
-from examples.bowl_wiping.trial import Trace
+from examples.bowl_wiping.trial import LAWS, Trace
 from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, SHADES, STYLE, themed_svg
 
 Column = Callable[[Trace], Any]
 
 
 def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: Comparison) -> dict[str, str]:
-    """All figures of the corrected and the conventional trial and of the two regenerated trajectories.
+    """All figures of the trials and of the two regenerated trajectories.
+
+    Those about the joint stiffness compare the paper's law corrected and conventional; the energy is that of all.
 
     Returns:
         File name to SVG text.
 
     """
+    paper = trials[:2]
     with mpl.rc_context(STYLE):
         return {
-            "antisymmetric.svg": themed_svg(antisymmetric(robot, trials)),
-            "joints.svg": themed_svg(joints(trials)),
-            "wrench.svg": themed_svg(wrench(trials)),
-            "singular_values.svg": themed_svg(singular_values(trials)),
-            "eigenvalues.svg": themed_svg(eigenvalues(trials)),
+            "antisymmetric.svg": themed_svg(antisymmetric(robot, paper)),
+            "joints.svg": themed_svg(joints(paper)),
+            "wrench.svg": themed_svg(wrench(paper)),
+            "singular_values.svg": themed_svg(singular_values(paper)),
+            "eigenvalues.svg": themed_svg(eigenvalues(paper)),
             "energy.svg": themed_svg(energy(trials)),
             "trajectory.svg": themed_svg(trajectory(robot, stated, measured)),
         }
@@ -133,27 +136,25 @@ def eigenvalues(trials: list[Trace]) -> Figure:
 
 
 def energy(trials: list[Trace]) -> Figure:
-    """The controller's energy account of both trials."""
+    """The controller's energy account: work at the port in all trials, and all of it in the potential law's."""
     figure = Figure(figsize=(7.5, 5.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
-    large = (
-        ("elastic_energy", "elastic V", SHADES[0]),
-        ("variation_total", "put in: stiffness variation", SHADES[1]),
-        ("dissipated_total", "taken out: damping", SHADES[3]),
-        ("port_total", "put out to robot\nand reference", INK),
-    )
-    small = (
-        ("antisymmetric_total", "put in: antisymmetric part", SHADES[4]),
-        ("sampling_total", "put in: torque held\nbetween samples", SHADES[5]),
-    )
-    for axes, rows in zip(panels, (large, small), strict=True):
+    for axes in panels:
         _wipe(axes)
-        for name, label, colour in rows:
-            _both(axes, trials, _column(name), label, colour)
         axes.set(ylabel="energy [J]")
+    for trace, name, line, colour in zip(trials, LAWS, ("-", "--", "-"), (CORRECTED, CONVENTIONAL, INK), strict=True):
+        panels[0].plot(trace["time"], trace["port_total"], line, color=colour, label=name)
+    for name, label, colour in (
+        ("elastic_energy", "elastic", SHADES[0]),
+        ("reference_total", "put in: equilibrium moved", SHADES[2]),
+        ("sampling_total", "put in: torque held,\ndamping against it", SHADES[4]),
+        ("port_total", "put out at the port", INK),
+    ):
+        panels[1].plot(trials[2]["time"], trials[2][name], color=colour, label=label)
+    for axes in panels:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    panels[0].set(title="energy since the start: corrected solid, conventional dashed")
-    panels[1].set(xlabel="time [s]", title="its small entries")
+    panels[0].set(title="work put out at the robot's port")
+    panels[1].set(xlabel="time [s]", title="the potential law's account")
     return figure
 
 

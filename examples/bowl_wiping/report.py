@@ -25,15 +25,15 @@ CAPTIONS = {
     "from the zero-force trajectory is the spring's deflection, with which the arm presses on the bowl. Towards the "
     "end the arm swings: the smallest eigenvalue is small there, and the nullspace has 0.1 N m s/rad of damping alone.",
     "wrench.svg": "Forces and moments of the environment on the robot at the tool point in base axes, from the "
-    "force/torque sensor, the tool's weight and inertia taken out, after the controller's mean of three samples.",
+    "force/torque sensor, the tool's weight and inertia taken out, mean of three samples.",
     "singular_values.svg": "Largest singular values of both parts of the applied stiffness. The symmetric parts differ "
     "only as far as the motions differ.",
     "eigenvalues.svg": "Eigenvalues of the symmetric part. Symmetric is not positive definite: for some of the wipe "
     "the smallest one is below zero, with and without the correction. There the spring pushes away from its "
     "zero-force position, and damping alone slows it.",
-    "energy.svg": "Energy account of the controller (docs/controller.md). A symmetric stiffness still puts in energy "
-    "as it varies with posture and wrench; damping takes it out. The antisymmetric part's work is zero with the "
-    "correction, and small in this motion without it.",
+    "energy.svg": "Energy account of the controller (docs/controller.md). The paper's law has no energy: "
+    "what it puts out is all that is known. The potential law stores what the moving equilibrium puts in, and damping "
+    "takes it out.",
     "trajectory.svg": "The zero-force trajectory: as recorded, and by inverse kinematics from the stated and from the "
     "measured geometry.",
 }
@@ -84,8 +84,8 @@ def page(content: Content) -> str:
             f"<title>{TITLE}</title><style>{STYLE}</style></head><body>",
             f"<h1>{TITLE}</h1>",
             "<p>The experiment of Lachner, Nah and Hogan, &ldquo;A Physically Consistent Stiffness Formulation for "
-            "Contact-Rich Manipulation&rdquo; (2025), in simulation: an LBR iiwa 14 wipes a bowl twice, once with the "
-            "corrected and once with the conventional joint stiffness. "
+            "Contact-Rich Manipulation&rdquo; (2025), in simulation: an LBR iiwa 14 wipes a bowl three times: with the "
+            "paper's law, its joint stiffness corrected and conventional, and with the gradient of a spring's energy. "
             f"Controller every {1e3 * content.sample_time:g} ms, seed {content.seed}, stiffgen {stiffgen.__version__}, "
             f"MuJoCo {mujoco.__version__}. <code>docs/experiment.md</code> tells how it is made.</p>",
             f'<p class="note">{escape(verdict)}</p>',

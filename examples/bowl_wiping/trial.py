@@ -1,4 +1,8 @@
-"""One trial: the plant under the C controller with the paper's gains, recorded step by step."""
+"""One trial: the plant under the C controller with the paper's gains, recorded step by step.
+
+Three laws: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and ``potential``, the gradient
+of a spring with the same gains at the tool point.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from examples.bowl_wiping.plant import Plant
+from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
 from examples.bowl_wiping.trajectory import reference
 
 Array = NDArray[np.float64]
@@ -17,15 +21,20 @@ Trace = dict[str, NDArray[Any]]
 
 TASK_STIFFNESS: Array = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
 """K [N/m, N m/rad], hybrid frame."""
+SPRING = {"translation_stiffness": TASK_STIFFNESS[:3, :3], "rotation_stiffness": TASK_STIFFNESS[3:, 3:]}
+"""The same for the potential law; rotational axes are the tool's, which does not matter where they are equal."""
 TASK_DAMPING: Array = np.diag([40.0, 40.0, 40.0, 12.0, 12.0, 12.0])
 """B [N s/m, N m s/rad], hybrid frame."""
 FORCE_NOISE, MOMENT_NOISE = 0.05, 0.002
 """[N], [N m] standard deviation of the force/torque sensor's noise, seeded."""
-EXPECTED = ("RETURNING", "INDEFINITE")
-"""Status bits that are no fault: they tell of the trial's start and of the stiffness. All others must not show."""
+LAWS = ("corrected", "conventional", "potential")
+"""The trials, in this order."""
+EXPECTED = ("MOVING", "INDEFINITE", "JOINT_LIMIT", "DAMPING_CAPPED")
+"""Status bits that are no fault: the equilibrium moves, the stiffness may be indefinite, joints may come near their
+limits (which do not push back here), and 5 ms allow no more damping. All others must not show."""
 
 COLUMNS = {
-    "trial": "0 corrected, 1 conventional",
+    "trial": "0 corrected, 1 conventional, 2 potential",
     "time": "[s] since the trial's start",
     "wiping": "whether the zero-force trajectory runs; before it the approach",
     "q": "[rad] joint positions",
@@ -33,52 +42,51 @@ COLUMNS = {
     "q0": "[rad] zero-force joint positions",
     "dq0": "[rad/s] zero-force joint velocities",
     "wrench": "[N, N m] of the environment on the robot at the tool point, base axes, as measured",
-    "wrench_used": "[N, N m] the same after the controller's filter: what the stiffness was computed with",
+    "wrench_used": "[N, N m] the mean of its last three samples: what the paper's stiffness was computed with",
     "torque": "[N m] command of the controller, without gravity and Coriolis compensation",
     "status": "status bits of the controller (NAME_impedance.h)",
     "contact": "whether plate and bowl touch",
     "arm_contact": "whether a link of the arm touches the bowl",
     "position": "[m] of the tool point, base frame",
-    "error": "[rad] spring deflection that the controller used",
-    "stiffness": "[N m/rad] joint stiffness Kq that the controller applied, nullspace stiffness included",
+    "error": "[rad] deflection r - q from the equilibrium posture",
+    "stiffness": "[N m/rad] joint stiffness Kq, posture stiffness included: applied in the paper's law, the tangent "
+    "of the energy in the potential law",
     "symmetric": "[N m/rad] largest singular value of the symmetric part of the controller's joint stiffness",
     "antisymmetric": "[N m/rad] the same of its antisymmetric part",
     "eigenvalues": "[N m/rad] of the symmetric part, ascending",
-    "elastic_energy": "[J] V = 1/2 e^T sym(Kq) e",
-    "port_total": "[J] put out to robot and reference since the start",
-    "variation_total": "[J] put in by changing the stiffness",
-    "sampling_total": "[J] put in by holding the torque between samples",
-    "antisymmetric_total": "[J] put in by the antisymmetric part",
-    "limiting_total": "[J] put in by torque limits",
-    "dissipated_total": "[J] taken out by damping",
-    "engaged_total": "[J] elastic energy set up at the start",
+    "elastic_energy": "[J] of the springs; 0 in the paper's law, which has none",
+    "port_total": "[J] put out at the robot's port since the start",
+    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; paper's law: "
+    "all that its torque puts in",
+    "reference_total": "[J] put in by moving the equilibrium",
+    "stiffness_total": "[J] put in by changing the stiffness",
 }
 """The trace: name of an array and what it holds; the first axis is time."""
 
 
-def controller(robot: ModuleType, formula: str, sample_time: float, steps: int) -> Any:
-    """The paper's controller: no tank, no limit avoidance, no rate limits, three-sample mean of the wrench.
+def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> Any:
+    """The controller of a trial: the paper's gains, limits that do not bind, no limit avoidance.
+
+    The paper's law has the paper's task damping, the potential law its own design, from the tangent.
 
     Args:
         robot: generated module of the arm with its tool.
-        formula: ``corrected`` or ``conventional``.
+        law: one of :data:`LAWS`.
         sample_time: [s].
         steps: to be recorded.
 
     """
+    paper = {"law": "paper", "damping_design": "task", "task_damping": TASK_DAMPING}
     return robot.Impedance(
+        {} if law == "potential" else paper,
         sample_time=sample_time,
-        stiffness_formula=formula,
-        nullspace="isotropic",
-        nullspace_stiffness=1.0,
-        damping_design="task",
-        task_damping=TASK_DAMPING,
+        stiffness_formula="conventional" if law == "conventional" else "corrected",
+        posture_stiffness=1.0,
         joint_damping=0.1,
-        wrench_filter="moving_average",
-        wrench_window=3,
-        tank="off",
+        motor_inertia=MOTOR_INERTIA,
         limit_stiffness=0.0,
-        stiffness_rate_limit=1e9,
+        reference_velocity_limit=robot.VELOCITY,
+        ramp_time=0.05,
         torque_rate_limit=robot.EFFORT / sample_time,
         record=steps,
     )
@@ -86,7 +94,7 @@ def controller(robot: ModuleType, formula: str, sample_time: float, steps: int) 
 
 def run(
     robot: ModuleType,
-    formula: str,
+    law: str,
     *,
     sample_time: float = 0.005,
     seed: int = 0,
@@ -97,9 +105,9 @@ def run(
 
     Args:
         robot: generated module of the arm with its tool.
-        formula: of the stiffness, ``corrected`` or ``conventional``.
+        law: one of :data:`LAWS`.
         sample_time: [s] between two steps of the controller, the torque held.
-        seed: of the sensor's noise; the same for both trials, so that they differ by the formula alone.
+        seed: of the sensor's noise; the same for all trials, so that they differ by the law alone.
         steps: how many at most; default: the whole trajectory.
         progress: called after every step.
 
@@ -109,31 +117,31 @@ def run(
     """
     plan = reference(sample_time)
     count = len(plan.time) if steps is None else min(steps, len(plan.time))
-    impedance = controller(robot, formula, sample_time, count)
+    impedance = controller(robot, law, sample_time, count)
     plant = Plant(sample_time)
     noise = np.random.default_rng(seed).normal(scale=[FORCE_NOISE] * 3 + [MOMENT_NOISE] * 3, size=(count, 6))
     position, contact, arm_contact = np.empty((count, 3)), np.empty(count, bool), np.empty(count, bool)
+    measured, used = np.empty((count, 6)), np.empty((count, 6))
     for k in range(count):
         position[k], contact[k], arm_contact[k] = plant.pose[:3, 3], plant.in_contact, plant.arm_in_contact
-        output = impedance.step(
-            q=plant.q,
-            dq=plant.dq,
-            q0=plan.q0[k],
-            dq0=plan.dq0[k],
-            wrench=plant.wrench() + noise[k],
-            task_stiffness=TASK_STIFFNESS,
-        )
+        measured[k] = plant.wrench() + noise[k]
+        used[k] = measured[max(0, k - 2) : k + 1].mean(axis=0)
+        gains = SPRING if law == "potential" else {"task_stiffness": TASK_STIFFNESS}
+        output = impedance.step(q=plant.q, dq=plant.dq, q0=plan.q0[k], wrench=used[k], **gains)
         plant.step(output.torque)
         progress()
     inputs, outputs = impedance.trace
-    stiffness = outputs.stiffness.reshape(count, robot.DOF, robot.DOF)
+    stiffness = np.array(outputs.joint_stiffness)
     symmetric, antisymmetric = parts(stiffness)
     return {
         "time": plan.time[:count],
         "wiping": plan.wiping[:count],
-        **{name: np.array(inputs[name]) for name in ("q", "dq", "q0", "dq0", "wrench")},
-        "wrench_used": np.array(outputs.wrench),
-        **{name: np.array(outputs[name]) for name in ("torque", "status", "error")},
+        **{name: np.array(inputs[name]) for name in ("q", "dq", "q0")},
+        "dq0": plan.dq0[:count],
+        "wrench": measured,
+        "wrench_used": used,
+        **{name: np.array(outputs[name]) for name in ("torque", "status")},
+        "error": np.array(outputs.reference - outputs.position),
         "contact": contact,
         "arm_contact": arm_contact,
         "position": position,

@@ -58,7 +58,7 @@ except ImportError as _error:
         "iiwa7: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "91f55f0b2e60313b":
+if getattr(_c, "SOURCES", "") != "aa3a9f939be364b1":
     raise ImportError(
         "iiwa7: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"
@@ -155,7 +155,7 @@ spring = _Functions(
     linearization=_c.spring_linearization,
 )
 
-from .impedance import Impedance, Mode, Status
+from .impedance import Fault, Impedance, Mode, Reason, Status
 
 __all__ = [
     "DOF", "JOINTS", "BASE", "TIP", "TOOL", "LOWER", "UPPER", "VELOCITY", "EFFORT",
@@ -165,5 +165,5 @@ __all__ = [
     "spatial",
     "hybrid",
     "spring",
-    "Impedance", "Mode", "Status",
+    "Fault", "Impedance", "Mode", "Reason", "Status",
 ]

@@ -1310,7 +1310,7 @@ typedef struct {
     const char *format; /* of NumPy */
     size_t offset;
     int rank;
-    int extent[2];
+    int extent[3];
 } field;
 
 typedef struct {
@@ -1326,133 +1326,150 @@ typedef struct {
 } status;
 
 static const field fields[] = {
-    {"config", "sample_time", "f8", offsetof(med14_impedance_config, sample_time), 0, {1, 1}},
-    {"config", "representation", "i4", offsetof(med14_impedance_config, representation), 0, {1, 1}},
-    {"config", "stiffness_formula", "i4", offsetof(med14_impedance_config, stiffness_formula), 0, {1, 1}},
-    {"config", "stiffness_sign", "i4", offsetof(med14_impedance_config, stiffness_sign), 0, {1, 1}},
-    {"config", "stiffness_rate_limit", "f8", offsetof(med14_impedance_config, stiffness_rate_limit), 0, {1, 1}},
-    {"config", "nullspace", "i4", offsetof(med14_impedance_config, nullspace), 0, {1, 1}},
-    {"config", "nullspace_stiffness", "f8", offsetof(med14_impedance_config, nullspace_stiffness), 0, {1, 1}},
-    {"config", "singularity_threshold", "f8", offsetof(med14_impedance_config, singularity_threshold), 0, {1, 1}},
-    {"config", "damping_design", "i4", offsetof(med14_impedance_config, damping_design), 0, {1, 1}},
-    {"config", "damping_ratio", "f8", offsetof(med14_impedance_config, damping_ratio), 1, {7, 1}},
-    {"config", "task_damping", "f8", offsetof(med14_impedance_config, task_damping), 2, {6, 6}},
-    {"config", "joint_damping", "f8", offsetof(med14_impedance_config, joint_damping), 0, {1, 1}},
-    {"config", "wrench_filter", "i4", offsetof(med14_impedance_config, wrench_filter), 0, {1, 1}},
-    {"config", "wrench_time_constant", "f8", offsetof(med14_impedance_config, wrench_time_constant), 0, {1, 1}},
-    {"config", "wrench_window", "i4", offsetof(med14_impedance_config, wrench_window), 0, {1, 1}},
-    {"config", "lower_limit", "f8", offsetof(med14_impedance_config, lower_limit), 1, {7, 1}},
-    {"config", "upper_limit", "f8", offsetof(med14_impedance_config, upper_limit), 1, {7, 1}},
-    {"config", "position_tolerance", "f8", offsetof(med14_impedance_config, position_tolerance), 0, {1, 1}},
-    {"config", "limit_zone", "f8", offsetof(med14_impedance_config, limit_zone), 0, {1, 1}},
-    {"config", "limit_stiffness", "f8", offsetof(med14_impedance_config, limit_stiffness), 1, {7, 1}},
-    {"config", "velocity_limit", "f8", offsetof(med14_impedance_config, velocity_limit), 1, {7, 1}},
-    {"config", "force_limit", "f8", offsetof(med14_impedance_config, force_limit), 0, {1, 1}},
-    {"config", "moment_limit", "f8", offsetof(med14_impedance_config, moment_limit), 0, {1, 1}},
-    {"config", "task_stiffness_limit", "f8", offsetof(med14_impedance_config, task_stiffness_limit), 0, {1, 1}},
-    {"config", "effort_limit", "f8", offsetof(med14_impedance_config, effort_limit), 1, {7, 1}},
-    {"config", "torque_rate_limit", "f8", offsetof(med14_impedance_config, torque_rate_limit), 1, {7, 1}},
-    {"config", "missed_limit", "i4", offsetof(med14_impedance_config, missed_limit), 0, {1, 1}},
-    {"config", "velocity_decay_time", "f8", offsetof(med14_impedance_config, velocity_decay_time), 0, {1, 1}},
-    {"config", "return_time", "f8", offsetof(med14_impedance_config, return_time), 0, {1, 1}},
-    {"config", "tank", "i4", offsetof(med14_impedance_config, tank), 0, {1, 1}},
-    {"config", "tank_initial", "f8", offsetof(med14_impedance_config, tank_initial), 0, {1, 1}},
-    {"config", "tank_minimum", "f8", offsetof(med14_impedance_config, tank_minimum), 0, {1, 1}},
-    {"config", "tank_maximum", "f8", offsetof(med14_impedance_config, tank_maximum), 0, {1, 1}},
-    {"config", "tank_refill", "f8", offsetof(med14_impedance_config, tank_refill), 0, {1, 1}},
-    {"input", "sample_valid", "i4", offsetof(med14_impedance_input, sample_valid), 0, {1, 1}},
-    {"input", "q", "f8", offsetof(med14_impedance_input, q), 1, {7, 1}},
-    {"input", "dq", "f8", offsetof(med14_impedance_input, dq), 1, {7, 1}},
-    {"input", "q0", "f8", offsetof(med14_impedance_input, q0), 1, {7, 1}},
-    {"input", "dq0", "f8", offsetof(med14_impedance_input, dq0), 1, {7, 1}},
-    {"input", "wrench", "f8", offsetof(med14_impedance_input, wrench), 1, {6, 1}},
-    {"input", "task_stiffness", "f8", offsetof(med14_impedance_input, task_stiffness), 2, {6, 6}},
-    {"output", "torque", "f8", offsetof(med14_impedance_output, torque), 1, {7, 1}},
-    {"output", "status", "u4", offsetof(med14_impedance_output, status), 0, {1, 1}},
-    {"output", "mode", "i4", offsetof(med14_impedance_output, mode), 0, {1, 1}},
-    {"output", "missed", "i4", offsetof(med14_impedance_output, missed), 0, {1, 1}},
-    {"output", "unaccounted", "u4", offsetof(med14_impedance_output, unaccounted), 0, {1, 1}},
-    {"output", "position", "f8", offsetof(med14_impedance_output, position), 1, {7, 1}},
-    {"output", "velocity", "f8", offsetof(med14_impedance_output, velocity), 1, {7, 1}},
-    {"output", "reference", "f8", offsetof(med14_impedance_output, reference), 1, {7, 1}},
-    {"output", "reference_velocity", "f8", offsetof(med14_impedance_output, reference_velocity), 1, {7, 1}},
-    {"output", "error", "f8", offsetof(med14_impedance_output, error), 1, {7, 1}},
-    {"output", "elastic_torque", "f8", offsetof(med14_impedance_output, elastic_torque), 1, {7, 1}},
-    {"output", "damping_torque", "f8", offsetof(med14_impedance_output, damping_torque), 1, {7, 1}},
-    {"output", "limit_torque", "f8", offsetof(med14_impedance_output, limit_torque), 1, {7, 1}},
-    {"output", "wrench", "f8", offsetof(med14_impedance_output, wrench), 1, {6, 1}},
-    {"output", "stiffness_target", "f8", offsetof(med14_impedance_output, stiffness_target), 2, {7, 7}},
-    {"output", "stiffness", "f8", offsetof(med14_impedance_output, stiffness), 2, {7, 7}},
-    {"output", "damping", "f8", offsetof(med14_impedance_output, damping), 2, {7, 7}},
-    {"output", "mass_matrix", "f8", offsetof(med14_impedance_output, mass_matrix), 2, {7, 7}},
-    {"output", "eigenvalues", "f8", offsetof(med14_impedance_output, eigenvalues), 1, {7, 1}},
-    {"output", "antisymmetric_norm", "f8", offsetof(med14_impedance_output, antisymmetric_norm), 0, {1, 1}},
-    {"output", "singularity", "f8", offsetof(med14_impedance_output, singularity), 0, {1, 1}},
-    {"output", "stiffness_step", "f8", offsetof(med14_impedance_output, stiffness_step), 0, {1, 1}},
-    {"output", "blend", "f8", offsetof(med14_impedance_output, blend), 0, {1, 1}},
-    {"output", "elastic_energy", "f8", offsetof(med14_impedance_output, elastic_energy), 0, {1, 1}},
-    {"output", "limit_energy", "f8", offsetof(med14_impedance_output, limit_energy), 0, {1, 1}},
-    {"output", "dissipated_power", "f8", offsetof(med14_impedance_output, dissipated_power), 0, {1, 1}},
-    {"output", "variation_power", "f8", offsetof(med14_impedance_output, variation_power), 0, {1, 1}},
-    {"output", "antisymmetric_power", "f8", offsetof(med14_impedance_output, antisymmetric_power), 0, {1, 1}},
-    {"output", "tank_energy", "f8", offsetof(med14_impedance_output, tank_energy), 0, {1, 1}},
-    {"output", "tank_deficit", "f8", offsetof(med14_impedance_output, tank_deficit), 0, {1, 1}},
-    {"output", "port_total", "f8", offsetof(med14_impedance_output, port_total), 0, {1, 1}},
-    {"output", "variation_total", "f8", offsetof(med14_impedance_output, variation_total), 0, {1, 1}},
-    {"output", "sampling_total", "f8", offsetof(med14_impedance_output, sampling_total), 0, {1, 1}},
-    {"output", "antisymmetric_total", "f8", offsetof(med14_impedance_output, antisymmetric_total), 0, {1, 1}},
-    {"output", "limiting_total", "f8", offsetof(med14_impedance_output, limiting_total), 0, {1, 1}},
-    {"output", "dissipated_total", "f8", offsetof(med14_impedance_output, dissipated_total), 0, {1, 1}},
-    {"output", "released_total", "f8", offsetof(med14_impedance_output, released_total), 0, {1, 1}},
-    {"output", "engaged_total", "f8", offsetof(med14_impedance_output, engaged_total), 0, {1, 1}},
+    {"config", "sample_time", "f8", offsetof(med14_impedance_config, sample_time), 0, {1, 1, 1}},
+    {"config", "delay_samples", "i4", offsetof(med14_impedance_config, delay_samples), 0, {1, 1, 1}},
+    {"config", "law", "i4", offsetof(med14_impedance_config, law), 0, {1, 1, 1}},
+    {"config", "stiffness_formula", "i4", offsetof(med14_impedance_config, stiffness_formula), 0, {1, 1, 1}},
+    {"config", "posture_stiffness", "f8", offsetof(med14_impedance_config, posture_stiffness), 1, {7, 1, 1}},
+    {"config", "translation_stiffness_limit", "f8", offsetof(med14_impedance_config, translation_stiffness_limit), 0, {1, 1, 1}},
+    {"config", "rotation_stiffness_limit", "f8", offsetof(med14_impedance_config, rotation_stiffness_limit), 0, {1, 1, 1}},
+    {"config", "stiffness_time", "f8", offsetof(med14_impedance_config, stiffness_time), 0, {1, 1, 1}},
+    {"config", "damping_design", "i4", offsetof(med14_impedance_config, damping_design), 0, {1, 1, 1}},
+    {"config", "damping_ratio", "f8", offsetof(med14_impedance_config, damping_ratio), 1, {7, 1, 1}},
+    {"config", "task_damping", "f8", offsetof(med14_impedance_config, task_damping), 2, {6, 6, 1}},
+    {"config", "joint_damping", "f8", offsetof(med14_impedance_config, joint_damping), 0, {1, 1, 1}},
+    {"config", "motor_inertia", "f8", offsetof(med14_impedance_config, motor_inertia), 1, {7, 1, 1}},
+    {"config", "lower_limit", "f8", offsetof(med14_impedance_config, lower_limit), 1, {7, 1, 1}},
+    {"config", "upper_limit", "f8", offsetof(med14_impedance_config, upper_limit), 1, {7, 1, 1}},
+    {"config", "position_tolerance", "f8", offsetof(med14_impedance_config, position_tolerance), 0, {1, 1, 1}},
+    {"config", "limit_zone", "f8", offsetof(med14_impedance_config, limit_zone), 0, {1, 1, 1}},
+    {"config", "limit_stiffness", "f8", offsetof(med14_impedance_config, limit_stiffness), 1, {7, 1, 1}},
+    {"config", "velocity_limit", "f8", offsetof(med14_impedance_config, velocity_limit), 1, {7, 1, 1}},
+    {"config", "reference_velocity_limit", "f8", offsetof(med14_impedance_config, reference_velocity_limit), 1, {7, 1, 1}},
+    {"config", "tip_velocity_limit", "f8", offsetof(med14_impedance_config, tip_velocity_limit), 0, {1, 1, 1}},
+    {"config", "tip_rotation_limit", "f8", offsetof(med14_impedance_config, tip_rotation_limit), 0, {1, 1, 1}},
+    {"config", "ramp_time", "f8", offsetof(med14_impedance_config, ramp_time), 0, {1, 1, 1}},
+    {"config", "energy_limit", "f8", offsetof(med14_impedance_config, energy_limit), 0, {1, 1, 1}},
+    {"config", "engagement_limit", "f8", offsetof(med14_impedance_config, engagement_limit), 0, {1, 1, 1}},
+    {"config", "effort_limit", "f8", offsetof(med14_impedance_config, effort_limit), 1, {7, 1, 1}},
+    {"config", "torque_rate_limit", "f8", offsetof(med14_impedance_config, torque_rate_limit), 1, {7, 1, 1}},
+    {"config", "force_limit", "f8", offsetof(med14_impedance_config, force_limit), 0, {1, 1, 1}},
+    {"config", "moment_limit", "f8", offsetof(med14_impedance_config, moment_limit), 0, {1, 1, 1}},
+    {"config", "missed_limit", "i4", offsetof(med14_impedance_config, missed_limit), 0, {1, 1, 1}},
+    {"config", "position_quantum", "f8", offsetof(med14_impedance_config, position_quantum), 0, {1, 1, 1}},
+    {"config", "frozen_window", "i4", offsetof(med14_impedance_config, frozen_window), 0, {1, 1, 1}},
+    {"config", "automatic_reset_time", "f8", offsetof(med14_impedance_config, automatic_reset_time), 0, {1, 1, 1}},
+    {"config", "tank_initial", "f8", offsetof(med14_impedance_config, tank_initial), 0, {1, 1, 1}},
+    {"config", "tank_maximum", "f8", offsetof(med14_impedance_config, tank_maximum), 0, {1, 1, 1}},
+    {"input", "sample_valid", "i4", offsetof(med14_impedance_input, sample_valid), 0, {1, 1, 1}},
+    {"input", "command", "i4", offsetof(med14_impedance_input, command), 0, {1, 1, 1}},
+    {"input", "wrench_valid", "i4", offsetof(med14_impedance_input, wrench_valid), 0, {1, 1, 1}},
+    {"input", "counter", "u4", offsetof(med14_impedance_input, counter), 0, {1, 1, 1}},
+    {"input", "q", "f8", offsetof(med14_impedance_input, q), 1, {7, 1, 1}},
+    {"input", "dq", "f8", offsetof(med14_impedance_input, dq), 1, {7, 1, 1}},
+    {"input", "q0", "f8", offsetof(med14_impedance_input, q0), 1, {7, 1, 1}},
+    {"input", "equilibrium", "f8", offsetof(med14_impedance_input, equilibrium), 2, {4, 4, 1}},
+    {"input", "translation_stiffness", "f8", offsetof(med14_impedance_input, translation_stiffness), 2, {3, 3, 1}},
+    {"input", "rotation_stiffness", "f8", offsetof(med14_impedance_input, rotation_stiffness), 2, {3, 3, 1}},
+    {"input", "wrench", "f8", offsetof(med14_impedance_input, wrench), 1, {6, 1, 1}},
+    {"input", "task_stiffness", "f8", offsetof(med14_impedance_input, task_stiffness), 2, {6, 6, 1}},
+    {"output", "torque", "f8", offsetof(med14_impedance_output, torque), 1, {7, 1, 1}},
+    {"output", "status", "u4", offsetof(med14_impedance_output, status), 0, {1, 1, 1}},
+    {"output", "mode", "i4", offsetof(med14_impedance_output, mode), 0, {1, 1, 1}},
+    {"output", "fault", "i4", offsetof(med14_impedance_output, fault), 0, {1, 1, 1}},
+    {"output", "reason", "i4", offsetof(med14_impedance_output, reason), 0, {1, 1, 1}},
+    {"output", "missed", "i4", offsetof(med14_impedance_output, missed), 0, {1, 1, 1}},
+    {"output", "unaccounted", "u4", offsetof(med14_impedance_output, unaccounted), 0, {1, 1, 1}},
+    {"output", "fault_time", "f8", offsetof(med14_impedance_output, fault_time), 0, {1, 1, 1}},
+    {"output", "position", "f8", offsetof(med14_impedance_output, position), 1, {7, 1, 1}},
+    {"output", "velocity", "f8", offsetof(med14_impedance_output, velocity), 1, {7, 1, 1}},
+    {"output", "reference", "f8", offsetof(med14_impedance_output, reference), 1, {7, 1, 1}},
+    {"output", "reference_velocity", "f8", offsetof(med14_impedance_output, reference_velocity), 1, {7, 1, 1}},
+    {"output", "equilibrium", "f8", offsetof(med14_impedance_output, equilibrium), 2, {4, 4, 1}},
+    {"output", "translation_stiffness", "f8", offsetof(med14_impedance_output, translation_stiffness), 2, {3, 3, 1}},
+    {"output", "rotation_stiffness", "f8", offsetof(med14_impedance_output, rotation_stiffness), 2, {3, 3, 1}},
+    {"output", "scale", "f8", offsetof(med14_impedance_output, scale), 0, {1, 1, 1}},
+    {"output", "elastic_torque", "f8", offsetof(med14_impedance_output, elastic_torque), 1, {7, 1, 1}},
+    {"output", "damping_torque", "f8", offsetof(med14_impedance_output, damping_torque), 1, {7, 1, 1}},
+    {"output", "limit_torque", "f8", offsetof(med14_impedance_output, limit_torque), 1, {7, 1, 1}},
+    {"output", "spring_wrench", "f8", offsetof(med14_impedance_output, spring_wrench), 1, {6, 1, 1}},
+    {"output", "wrench", "f8", offsetof(med14_impedance_output, wrench), 1, {6, 1, 1}},
+    {"output", "joint_stiffness", "f8", offsetof(med14_impedance_output, joint_stiffness), 2, {7, 7, 1}},
+    {"output", "damping", "f8", offsetof(med14_impedance_output, damping), 2, {7, 7, 1}},
+    {"output", "mass_matrix", "f8", offsetof(med14_impedance_output, mass_matrix), 2, {7, 7, 1}},
+    {"output", "eigenvalues", "f8", offsetof(med14_impedance_output, eigenvalues), 1, {7, 1, 1}},
+    {"output", "elastic_energy", "f8", offsetof(med14_impedance_output, elastic_energy), 0, {1, 1, 1}},
+    {"output", "limit_energy", "f8", offsetof(med14_impedance_output, limit_energy), 0, {1, 1, 1}},
+    {"output", "tank_energy", "f8", offsetof(med14_impedance_output, tank_energy), 0, {1, 1, 1}},
+    {"output", "tank_reserve", "f8", offsetof(med14_impedance_output, tank_reserve), 0, {1, 1, 1}},
+    {"output", "engagement", "f8", offsetof(med14_impedance_output, engagement), 0, {1, 1, 1}},
+    {"output", "port_total", "f8", offsetof(med14_impedance_output, port_total), 0, {1, 1, 1}},
+    {"output", "sampling_total", "f8", offsetof(med14_impedance_output, sampling_total), 0, {1, 1, 1}},
+    {"output", "reference_total", "f8", offsetof(med14_impedance_output, reference_total), 0, {1, 1, 1}},
+    {"output", "stiffness_total", "f8", offsetof(med14_impedance_output, stiffness_total), 0, {1, 1, 1}},
+    {"output", "start_total", "f8", offsetof(med14_impedance_output, start_total), 0, {1, 1, 1}},
 };
 
 static const choice choices[] = {
-    {"representation", "body", MED14_REPRESENTATION_BODY},
-    {"representation", "spatial", MED14_REPRESENTATION_SPATIAL},
-    {"representation", "hybrid", MED14_REPRESENTATION_HYBRID},
+    {"law", "potential", MED14_LAW_POTENTIAL},
+    {"law", "paper", MED14_LAW_PAPER},
     {"stiffness_formula", "corrected", MED14_STIFFNESS_FORMULA_CORRECTED},
     {"stiffness_formula", "conventional", MED14_STIFFNESS_FORMULA_CONVENTIONAL},
-    {"stiffness_sign", "as_is", MED14_STIFFNESS_SIGN_AS_IS},
-    {"stiffness_sign", "positive_part", MED14_STIFFNESS_SIGN_POSITIVE_PART},
-    {"nullspace", "off", MED14_NULLSPACE_OFF},
-    {"nullspace", "isotropic", MED14_NULLSPACE_ISOTROPIC},
-    {"nullspace", "projected", MED14_NULLSPACE_PROJECTED},
     {"damping_design", "modal", MED14_DAMPING_DESIGN_MODAL},
-    {"damping_design", "factorised", MED14_DAMPING_DESIGN_FACTORISED},
     {"damping_design", "task", MED14_DAMPING_DESIGN_TASK},
-    {"wrench_filter", "off", MED14_WRENCH_FILTER_OFF},
-    {"wrench_filter", "first_order", MED14_WRENCH_FILTER_FIRST_ORDER},
-    {"wrench_filter", "moving_average", MED14_WRENCH_FILTER_MOVING_AVERAGE},
-    {"tank", "off", MED14_TANK_OFF},
-    {"tank", "on", MED14_TANK_ON},
+    {"command", "position", MED14_COMMAND_POSITION},
+    {"command", "equilibrium", MED14_COMMAND_EQUILIBRIUM},
 };
 
 static const status statuses[] = {
-    {"non_finite", MED14_STATUS_NON_FINITE, "an input is NaN or infinite"},
-    {"out_of_range", MED14_STATUS_OUT_OF_RANGE, "an input lies beyond what is believed: position, velocity, force, moment or task stiffness"},
-    {"task_stiffness", MED14_STATUS_TASK_STIFFNESS, "the task stiffness is not symmetric or not positive semidefinite"},
-    {"missed", MED14_STATUS_MISSED, "the sample was missed"},
-    {"watchdog", MED14_STATUS_WATCHDOG, "missed_limit or more consecutive samples were missed"},
-    {"fallback", MED14_STATUS_FALLBACK, "pure damping: no elastic torque"},
-    {"returning", MED14_STATUS_RETURNING, "the reference is on its way back to q0"},
+    {"fault", MED14_STATUS_FAULT, "a fault is latched: fault, reason and fault_time tell which"},
+    {"missed", MED14_STATUS_MISSED, "no sample, or none that advances the counter by one"},
+    {"bad_sample", MED14_STATUS_BAD_SAMPLE, "the sample was not believed: two of three are a fault"},
+    {"command_refused", MED14_STATUS_COMMAND_REFUSED, "wanted equilibrium or stiffness is refused: both stay where they are"},
+    {"wrench_refused", MED14_STATUS_WRENCH_REFUSED, "the given wrench is not finite or too large, and is left out"},
+    {"moving", MED14_STATUS_MOVING, "the equilibrium is on its way to the wanted one"},
+    {"governor", MED14_STATUS_GOVERNOR, "the equilibrium is held back by the energy or the engagement limit"},
+    {"stiffness_changing", MED14_STATUS_STIFFNESS_CHANGING, "the applied stiffness is on its way to the wanted one"},
+    {"tank_limited", MED14_STATUS_TANK_LIMITED, "the stiffness or the scale is held back because the tank cannot pay"},
+    {"tank_deficit", MED14_STATUS_TANK_DEFICIT, "the tank is overdrawn"},
+    {"reserve", MED14_STATUS_RESERVE, "the tank does not cover the worst next step"},
     {"joint_limit", MED14_STATUS_JOINT_LIMIT, "a position is in the limit zone or beyond"},
-    {"saturated", MED14_STATUS_SATURATED, "a torque was cut to its effort limit"},
+    {"saturated", MED14_STATUS_SATURATED, "the torque would pass its effort limit: the scale falls, or it was cut"},
     {"rate_limited", MED14_STATUS_RATE_LIMITED, "a torque was cut to its rate limit"},
-    {"stiffness_rate", MED14_STATUS_STIFFNESS_RATE, "the stiffness was held back by its rate limit"},
-    {"tank_limited", MED14_STATUS_TANK_LIMITED, "the stiffness was held back because the tank could not pay"},
-    {"tank_deficit", MED14_STATUS_TANK_DEFICIT, "more energy went out than the tank could pay"},
-    {"indefinite", MED14_STATUS_INDEFINITE, "the applied stiffness has a negative eigenvalue; its modes are not damped by the modal design"},
-    {"mass_matrix", MED14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: last damping (and nullspace stiffness) kept"},
-    {"singular", MED14_STATUS_SINGULAR, "nullspace projected: the inverse is damped near a singularity"},
-    {"config", MED14_STATUS_CONFIG, "the configuration is refused or the state not initialised; the return value says why"},
+    {"damping_capped", MED14_STATUS_DAMPING_CAPPED, "the damping is capped: M^-1 B T would be too large for the sample time"},
+    {"stiffness_capped", MED14_STATUS_STIFFNESS_CAPPED, "the scale is lowered: M^-1 L T^2 would be too large for the sample time"},
+    {"indefinite", MED14_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not"},
+    {"mass_matrix", MED14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
+    {"config", MED14_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
 };
 
-static const choice modes[] = {
+static const choice outcomes[] = {
     {"mode", "start", MED14_MODE_START},
-    {"mode", "return", MED14_MODE_RETURN},
     {"mode", "active", MED14_MODE_ACTIVE},
-    {"mode", "fallback", MED14_MODE_FALLBACK},
+    {"mode", "release", MED14_MODE_RELEASE},
+    {"mode", "follow", MED14_MODE_FOLLOW},
+    {"fault", "none", MED14_FAULT_NONE},
+    {"fault", "sensor", MED14_FAULT_SENSOR},
+    {"fault", "communication", MED14_FAULT_COMMUNICATION},
+    {"fault", "limit", MED14_FAULT_LIMIT},
+    {"fault", "energy", MED14_FAULT_ENERGY},
+    {"fault", "configuration", MED14_FAULT_CONFIGURATION},
+    {"reason", "none", MED14_REASON_NONE},
+    {"reason", "not_finite", MED14_REASON_NOT_FINITE},
+    {"reason", "jump", MED14_REASON_JUMP},
+    {"reason", "mismatch", MED14_REASON_MISMATCH},
+    {"reason", "frozen", MED14_REASON_FROZEN},
+    {"reason", "stale", MED14_REASON_STALE},
+    {"reason", "wrench", MED14_REASON_WRENCH},
+    {"reason", "missed", MED14_REASON_MISSED},
+    {"reason", "skipped", MED14_REASON_SKIPPED},
+    {"reason", "position", MED14_REASON_POSITION},
+    {"reason", "overspeed", MED14_REASON_OVERSPEED},
+    {"reason", "paper_bound", MED14_REASON_PAPER_BOUND},
+    {"reason", "reserve", MED14_REASON_RESERVE},
+    {"reason", "config", MED14_REASON_CONFIG},
+    {"reason", "changed", MED14_REASON_CHANGED},
+    {"reason", "state", MED14_REASON_STATE},
 };
 
 /* The buffer of count structs of the given size at least, or NULL with an exception. */
@@ -1480,21 +1497,56 @@ static PyObject *default_config(PyObject *module, PyObject *arguments)
     return c != NULL ? Py_NewRef(Py_None) : NULL;
 }
 
+/* initialise(config, state, torque): torque is a buffer of DOF doubles. */
 static PyObject *initialise(PyObject *module, PyObject *arguments)
 {
-    Py_buffer config, state;
+    Py_buffer config, state, torque;
     PyObject *result = NULL;
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "y*w*", &config, &state)) {
+    if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &torque)) {
         return NULL;
     }
     void *c = structs(&config, sizeof(med14_impedance_config), 1);
     void *s = c != NULL ? structs(&state, sizeof(med14_impedance_state), 1) : NULL;
-    if (s != NULL) {
-        result = PyLong_FromLong(
-            med14_impedance_init((const med14_impedance_config *)c, (med14_impedance_state *)s));
+    const void *tau = s != NULL ? structs(&torque, MED14_DOF * sizeof(double), 1) : NULL;
+    if (tau != NULL) {
+        result = PyLong_FromLong(med14_impedance_init(
+            (const med14_impedance_config *)c, (med14_impedance_state *)s, (const double *)tau));
     }
     PyBuffer_Release(&config);
+    PyBuffer_Release(&state);
+    PyBuffer_Release(&torque);
+    return result;
+}
+
+static PyObject *validate(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*", &config)) {
+        return NULL;
+    }
+    const void *c = structs(&config, sizeof(med14_impedance_config), 1);
+    if (c != NULL) {
+        result = PyLong_FromLong(med14_impedance_validate((const med14_impedance_config *)c));
+    }
+    PyBuffer_Release(&config);
+    return result;
+}
+
+static PyObject *reset(PyObject *module, PyObject *arguments)
+{
+    Py_buffer state;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*", &state)) {
+        return NULL;
+    }
+    void *s = structs(&state, sizeof(med14_impedance_state), 1);
+    if (s != NULL) {
+        result = PyLong_FromLong(med14_impedance_reset((med14_impedance_state *)s));
+    }
     PyBuffer_Release(&state);
     return result;
 }
@@ -1540,6 +1592,8 @@ static PyObject *error_text(PyObject *module, PyObject *arguments)
 static PyMethodDef controller_methods[] = {
     {"default_config", default_config, METH_VARARGS, NULL},
     {"initialise", initialise, METH_VARARGS, NULL},
+    {"validate", validate, METH_VARARGS, NULL},
+    {"reset", reset, METH_VARARGS, NULL},
     {"run", run, METH_VARARGS, NULL},
     {"error_text", error_text, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
@@ -1578,7 +1632,8 @@ static int add_controller(PyObject *module)
         const field *f = &fields[i];
         PyObject *shape = f->rank == 0 ? PyTuple_New(0)
             : f->rank == 1 ? Py_BuildValue("(i)", f->extent[0])
-                           : Py_BuildValue("(ii)", f->extent[0], f->extent[1]);
+            : f->rank == 2 ? Py_BuildValue("(ii)", f->extent[0], f->extent[1])
+                           : Py_BuildValue("(iii)", f->extent[0], f->extent[1], f->extent[2]);
         PyObject *item = shape == NULL ? NULL
             : Py_BuildValue("(sssnN)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape);
         if (append(list, item) < 0) {
@@ -1589,7 +1644,7 @@ static int add_controller(PyObject *module)
         return -1;
     }
     if (add(module, "CHOICES", words(choices, sizeof choices / sizeof *choices)) < 0 ||
-        add(module, "MODES", words(modes, sizeof modes / sizeof *modes)) < 0) {
+        add(module, "OUTCOMES", words(outcomes, sizeof outcomes / sizeof *outcomes)) < 0) {
         return -1;
     }
     list = PyList_New(0);
@@ -1650,7 +1705,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "b02b9b02a2a03cb9") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "d7222fec37bc753b") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -184,4 +184,4 @@ spatial: Final[__spatial]
 hybrid: Final[__hybrid]
 spring: Final[__spring]
 
-from .impedance import Impedance as Impedance, Mode as Mode, Status as Status
+from .impedance import Fault as Fault, Impedance as Impedance, Mode as Mode, Reason as Reason, Status as Status

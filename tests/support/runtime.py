@@ -11,23 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.ctypeslib import ndpointer
 
-from stiffgen.emit.controller import runtime_source
+from stiffgen.emit.controller import RUNTIME
 
-WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
-PARTS = ("stiffgen_error.h", "stiffgen_damping.h", "stiffgen_error.c", "stiffgen_damping.c")
-PREFIX = "arm"
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
+MAX_ROWS = 40
 IN = ndpointer(np.float64, flags="C_CONTIGUOUS")
 OUT = ndpointer(np.float64, flags=("C_CONTIGUOUS", "WRITEABLE"))
 
 SIGNATURES = {
-    "eigen_symmetric": (ctypes.c_int, IN, OUT, OUT, OUT),
-    "eigen_generalised": (ctypes.c_int, IN, IN, OUT, OUT, OUT),
-    "damping_modal": (ctypes.c_int, IN, IN, IN, OUT, OUT, OUT),
-    "damping_factorised": (ctypes.c_int, IN, IN, IN, OUT, OUT),
-    "damping_task": (ctypes.c_int, IN, IN, ctypes.c_double, OUT),
-    "positive_part": (ctypes.c_int, IN, ctypes.c_void_p, OUT, OUT, OUT),
-    "nullspace_stiffness": (ctypes.c_int, IN, IN, ctypes.c_double, ctypes.c_double, OUT, OUT, OUT),
-    "is_positive_semidefinite6": (IN,),
+    "eigen_symmetric": (ctypes.c_int, OUT, OUT, OUT),
+    "pencil": (ctypes.c_int, IN, IN, OUT, OUT, OUT, OUT, OUT),
+    "positive_part": (ctypes.c_int, IN, IN, OUT, OUT),
+    "is_positive_semidefinite": (ctypes.c_int, IN),
 }
 
 
@@ -40,75 +35,39 @@ def compile_c(output: Path, *arguments: str | Path, compiler: str = "cc") -> Pat
     return output
 
 
-def write_source(folder: Path) -> Path:
-    """The controller's linear algebra as a C file of its own, for a robot named PREFIX."""
-    source = folder / "runtime.c"
-    source.write_text(runtime_source(PARTS, PREFIX) + "\n", encoding="utf-8")
-    return source
-
-
-class Runtime:
-    """The linear algebra of the controller as a shared library; in a robot's folder its functions are static."""
+class Matrices:
+    """runtime/matrix.c as a shared library; in a robot's file its functions are static."""
 
     def __init__(self, folder: Path) -> None:
         suffix = ".dylib" if sys.platform == "darwin" else ".so"
-        source = write_source(folder)
-        flags = ("-std=c99", "-O2", "-shared", "-fPIC", "-Dstatic=")
-        path = compile_c(folder / f"runtime{suffix}", *flags, source, "-lm")
-        self.library = ctypes.CDLL(str(path))
-        self.function("impedance_error_text").restype = ctypes.c_char_p
+        head = f"#include <float.h>\n#include <math.h>\nenum {{ MAX_ROWS = {MAX_ROWS} }};\n"
+        source = folder / "matrix.c"
+        source.write_text(head + (RUNTIME / "matrix.c").read_text(encoding="utf-8"), encoding="utf-8")
+        flags = ("-std=c99", "-O2", "-shared", "-fPIC", "-Dstatic=", "-D__STDC_WANT_IEC_60559_BFP_EXT__")
+        self.library: Any = ctypes.CDLL(str(compile_c(folder / f"matrix{suffix}", *flags, source, "-lm")))
         for name, signature in SIGNATURES.items():
-            self.function(name).argtypes = signature
-
-    def function(self, name: str) -> Any:
-        return getattr(self.library, f"{PREFIX}_{name}")
-
-    def call(self, name: str, *arguments: object) -> int:
-        return int(self.function(name)(*arguments))
-
-    def text(self, code: int) -> str:
-        return str(self.function("impedance_error_text")(code).decode())
+            getattr(self.library, name).argtypes = signature
 
     def eigen_symmetric(self, A: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
         n = len(A)
-        values, vectors = np.empty(n), np.empty((n, n))
-        code = self.call("eigen_symmetric", n, A, values, vectors, np.empty(4 * n * n))
-        return code, values, vectors
+        values, rows = np.empty(n), np.empty((n, n))
+        return self.library.eigen_symmetric(n, A.copy(), values, rows), values, rows.T
 
-    def eigen_generalised(self, K: np.ndarray, M: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    def pencil(self, K: np.ndarray, M: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+        """Eigenvalues and eigenvectors V, V^T M V = I."""
         n = len(K)
-        values, vectors = np.empty(n), np.empty((n, n))
-        code = self.call("eigen_generalised", n, K, M, values, vectors, np.empty(4 * n * n))
-        return code, values, vectors
+        L, C, values, rows, scale = np.zeros((n, n)), np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(1)
+        code = self.library.pencil(n, K, M, L, C, values, rows, scale)
+        V = np.linalg.solve(np.tril(L).T, rows.T) / np.sqrt(scale) if code == 0 else rows
+        return code, values, V
 
-    def damping_modal(self, K: np.ndarray, M: np.ndarray, ratio: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-        n = len(K)
-        damping, values = np.empty((n, n)), np.empty(n)
-        code = self.call("damping_modal", n, K, M, ratio, damping, values, np.empty(4 * n * n))
-        return code, damping, values
+    def positive_part(self, D: np.ndarray, S: np.ndarray) -> tuple[int, np.ndarray]:
+        n = len(D)
+        result = np.empty((n, n))
+        return self.library.positive_part(n, D, S, result, np.empty(3 * n * n)), result
 
-    def damping_factorised(self, K: np.ndarray, M: np.ndarray, ratio: np.ndarray) -> tuple[int, np.ndarray]:
-        n = len(K)
-        damping = np.empty((n, n))
-        return self.call("damping_factorised", n, K, M, ratio, damping, np.empty(4 * n * n)), damping
-
-    def damping_task(self, J: np.ndarray, B: np.ndarray, d: float) -> tuple[int, np.ndarray]:
-        damping = np.empty((J.shape[1], J.shape[1]))
-        return self.call("damping_task", J.shape[1], J, B, d, damping), damping
-
-    def positive_part(self, A: np.ndarray, metric: np.ndarray | None = None) -> tuple[int, np.ndarray, np.ndarray]:
-        n = len(A)
-        result, values = np.empty((n, n)), np.empty(n)
-        pointer = None if metric is None else metric.ctypes.data
-        return self.call("positive_part", n, A, pointer, result, values, np.empty(4 * n * n)), result, values
-
-    def nullspace_stiffness(
-        self, J: np.ndarray, M: np.ndarray, k: float, threshold: float
-    ) -> tuple[int, np.ndarray, float]:
-        n = J.shape[1]
-        stiffness, smallest = np.empty((n, n)), np.empty(1)
-        code = self.call("nullspace_stiffness", n, J, M, k, threshold, stiffness, smallest, np.empty(4 * n * n))
-        return code, stiffness, float(smallest[0])
+    def is_positive_semidefinite(self, A: np.ndarray) -> bool:
+        return bool(self.library.is_positive_semidefinite(len(A), A))
 
 
 def symmetric(random: np.random.Generator, values: np.ndarray) -> np.ndarray:
@@ -119,10 +78,10 @@ def symmetric(random: np.random.Generator, values: np.ndarray) -> np.ndarray:
 
 
 def pencils(seed: int, count: int):
-    """(K, M) of every size up to 32: plain, clustered, repeated, singular, indefinite and graded spectra."""
+    """(K, M) of every size up to MAX_ROWS: plain, clustered, repeated, singular, indefinite and graded spectra."""
     random = np.random.default_rng(seed)
     for index in range(count):
-        n = int(random.integers(1, 33))
+        n = int(random.integers(1, MAX_ROWS + 1))
         values = random.normal(size=n) * 10 ** random.uniform(-3, 4)
         kind = index % 6
         if kind == 1:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+import math
 from pathlib import Path
 from typing import Any
 
-from stiffgen.emit.fields import CONFIG, INPUT, MAX_DOF, MODES, OUTPUT, STATUS, Field
+from stiffgen.emit.fields import (
+    CONFIG,
+    ERRORS,
+    FAULTS,
+    INPUT,
+    MAX_DOF,
+    MODES,
+    OUTPUT,
+    REASONS,
+    STATUS,
+    Field,
+)
 from stiffgen.robot.chain import Chain
 
 RUNTIME = Path(__file__).parent.parent / "runtime"
-"""C of the controller that is the same for every robot but for the prefix of its names."""
-PUBLIC_PARTS = ("stiffgen_error.h", "stiffgen_impedance.h")
-"""Files of it that become part of NAME_impedance.h."""
-PRIVATE_PARTS = ("stiffgen_damping.h", "stiffgen_error.c", "stiffgen_damping.c", "stiffgen_impedance_step.h")
-"""Files of it that become part of NAME_impedance.c; static but for the text of an error."""
+"""C that every robot's NAME_impedance.c holds, static."""
+PARTS = ("matrix.c", "controller.c")
 _FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
 _STRUCTS = (
     (
@@ -26,22 +33,12 @@ _STRUCTS = (
     ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
     ("output", "What a step did, complete enough to draw a log from it.", OUTPUT),
 )
-
-
-def spliced(text: str, name: str) -> str:
-    """C of the runtime as it stands in a robot's files: ``stiffgen_`` and ``STIFFGEN_`` become the robot's prefix."""
-    return re.sub(r"\bSTIFFGEN_", f"{name.upper()}_", re.sub(r"\bstiffgen_", f"{name}_", text))
-
-
-def runtime_source(parts: Sequence[str], name: str) -> str:
-    """Files of the runtime, one after the other, with a robot's prefix."""
-    texts = ((RUNTIME / part).read_text(encoding="utf-8") for part in parts)
-    return spliced("\n".join(texts), name).rstrip("\n")
+_FIRST_FIELD_ERROR = -20
 
 
 def has_controller(chain: Chain) -> bool:
-    """Whether the controller can be made for a robot: one wrench at one tip, masses, and few enough coordinates."""
-    return len(chain.tips) == 1 and not chain.runtime_tool and chain.masses and chain.dof <= MAX_DOF
+    """Whether the controller can be made for a robot: it needs masses, and few enough coordinates."""
+    return chain.masses and chain.dof <= MAX_DOF
 
 
 def controller_files(name: str, chain: Chain) -> dict[str, str]:
@@ -60,36 +57,75 @@ def controller_context(name: str, chain: Chain) -> dict[str, Any] | None:
     """The variable ``controller`` of the templates; None without a controller."""
     if not has_controller(chain):
         return None
-    sizes = {"n": chain.dof}
+    prefix = name.upper()
+    tips = len(chain.tips)
+    sizes = {"n": chain.dof, "tips": tips}
+    scopes = [f"{tip.name}_" if tip.name else "" for tip in chain.tips]
     return {
-        "public": runtime_source(PUBLIC_PARTS, name),
-        "private": runtime_source(PRIVATE_PARTS, name),
+        "runtime": "\n".join((RUNTIME / part).read_text(encoding="utf-8") for part in PARTS),
+        "tool": chain.runtime_tool,
+        "tips": tips,
+        "scopes": scopes,
         "status": STATUS,
         "modes": MODES,
+        "faults": FAULTS,
+        "reasons": REASONS,
+        "reason_classes": [[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
+        "errors": _errors(name),
+        "rules": [_rule(index, field) for index, field in enumerate(CONFIG)],
         "structs": [
-            {"name": struct, "summary": summary, "fields": [_field(field, sizes, name) for field in fields]}
+            {
+                "name": struct,
+                "summary": summary,
+                "fields": [
+                    _field(field, sizes, prefix) for field in fields if field.when != "tool" or chain.runtime_tool
+                ],
+            }
             for struct, summary, fields in _STRUCTS
         ],
-        "choices": [(f.name, choice, spliced(f.constant(choice), name)) for f in CONFIG for choice in f.choices],
-        "defaults": [spliced(f"config->{f.name} = {f.default};", name) for f in CONFIG if not f.shape],
+        "choice_fields": [(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
+        "defaults": [f"config->{f.name} = {_default(f, prefix)};" for f in CONFIG if not f.shape],
         "joint_defaults": [
             f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)
         ],
     }
 
 
-def _field(field: Field, sizes: dict[str, int], name: str) -> dict[str, Any]:
+def _default(field: Field, prefix: str) -> str:
+    return f"{prefix}_{field.name.upper()}_{field.default.upper()}" if field.choices else field.default
+
+
+def _errors(name: str) -> list[tuple[str, int, str]]:
+    """(name, code, text) of every error."""
+    own = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(ERRORS)]
+    return own + [
+        (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
+        for k, field in enumerate(CONFIG)
+    ]
+
+
+def _rule(index: int, field: Field) -> dict[str, Any]:
+    return {
+        "name": field.name,
+        "integer": field.type == "int",
+        "least": "-INFINITY" if math.isinf(field.least) else repr(float(field.least)),
+        "most": "INFINITY" if math.isinf(field.most) else repr(float(field.most)),
+        "code": _FIRST_FIELD_ERROR - index,
+    }
+
+
+def _field(field: Field, sizes: dict[str, int], prefix: str) -> dict[str, Any]:
     extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
-    size = 1
-    for extent in extents:
-        size *= extent
+    if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
+        extents = extents[1:]
     default = f" Default: {field.default.replace('{name}_', '')}." if field.default else ""
+    bound = f" {field.rule[0].upper()}{field.rule[1:]}." if field in CONFIG or field.choices else ""
     shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
     unit = f"[{field.unit}]{shape} " if field.unit else ""
     return {
         "name": field.name,
-        "declaration": f"{field.type} {field.name}" + (f"[{size}]" if extents else ""),
-        "comment": _comment(spliced(f"{unit}{field.meaning}.{default}", name)),
+        "declaration": f"{field.type} {field.name}" + (f"[{math.prod(extents)}]" if extents else ""),
+        "comment": _comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}{default}"),
         "format": _FORMATS[field.type],
         "extents": extents,
     }

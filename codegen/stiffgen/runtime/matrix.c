@@ -1,0 +1,378 @@
+/*
+ * Symmetric matrices of a controller: dense, row-major, n x n. Every robot's NAME_impedance.c has its own static copy.
+ *
+ * Allocation-free, reentrant, deterministic, bounded time. A function that can fail returns 0 or why not; after an error
+ * its results are unspecified. Results must overlap neither an argument nor one another.
+ * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), Householder and implicit QL (8.3).
+ */
+enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_SYMMETRIC, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
+
+enum { MAX_ITERATIONS = 60 }; /* an eigenvalue; two are usual, and the bound is what makes the time bounded */
+
+static const double SYMMETRY = 1e-9;
+
+/* The largest absolute entry, or infinity if an entry is NaN or infinite. */
+static double largest(int count, const double *A)
+{
+    double result = 0.0;
+    for (int i = 0; i < count; ++i) {
+        const double size = fabs(A[i]);
+        if (!(size <= DBL_MAX)) {
+            return HUGE_VAL;
+        }
+        result = size > result ? size : result;
+    }
+    return result;
+}
+
+static int is_symmetric(int n, const double *A, double scale)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+
+static int check(int n, const double *A, double *scale)
+{
+    *scale = largest(n * n, A);
+    if (!(*scale <= DBL_MAX)) {
+        return MATRIX_NOT_FINITE;
+    }
+    return is_symmetric(n, A, *scale) ? 0 : MATRIX_NOT_SYMMETRIC;
+}
+
+/* Symmetric part of A over its size, or over 1 if that is 0; returns which. */
+static double scaled_symmetric(int n, const double *A, double size, double *result)
+{
+    const double unit = size > 0.0 ? size : 1.0;
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            result[i * n + j] = (A[i * n + j] / unit + A[j * n + i] / unit) / 2.0;
+        }
+    }
+    return unit;
+}
+
+/* result = Y diag(d) Y^T, Y with its columns as rows; one triangle computed and mirrored. */
+static void congruence(int n, const double *rows, const double *d, double *result)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = 0.0;
+            for (int k = 0; k < n; ++k) {
+                sum += d[k] * rows[k * n + i] * rows[k * n + j];
+            }
+            result[i * n + j] = result[j * n + i] = sum;
+        }
+    }
+}
+
+/* Householder's similarity transformations: A (destroyed) to the tridiagonal (diagonal, beside), rows <- Q^T. */
+static void tridiagonalise(int n, double *A, double *diagonal, double *beside, double *rows)
+{
+    double v[MAX_ROWS], w[MAX_ROWS], p[MAX_ROWS];
+    for (int i = 0; i < n * n; ++i) {
+        rows[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
+    }
+    for (int k = 0; k < n - 2; ++k) {
+        double below = 0.0, half = 0.0;
+        for (int i = k + 2; i < n; ++i) {
+            below += A[k * n + i] * A[k * n + i];
+        }
+        if (below == 0.0) {
+            continue;
+        }
+        const double x = A[k * n + k + 1], size = sqrt(x * x + below), first = x > 0.0 ? x + size : x - size;
+        const double beta = 2.0 / (first * first + below);
+        for (int i = k + 1; i < n; ++i) {
+            v[i] = i == k + 1 ? first : A[k * n + i];
+        }
+        for (int i = 0; i < n; ++i) {
+            p[i] = 0.0;
+        }
+        for (int i = k + 1; i < n; ++i) {
+            double sum = 0.0;
+            for (int j = k + 1; j < n; ++j) {
+                sum += A[i * n + j] * v[j];
+            }
+            w[i] = beta * sum;
+            half += 0.5 * beta * w[i] * v[i];
+            for (int j = 0; j < n; ++j) {
+                p[j] += beta * v[i] * rows[i * n + j];
+            }
+        }
+        for (int i = k + 1; i < n; ++i) {
+            w[i] -= half * v[i];
+        }
+        for (int i = k + 1; i < n; ++i) {
+            for (int j = k + 1; j < n; ++j) {
+                A[i * n + j] -= v[i] * w[j] + w[i] * v[j];
+            }
+            for (int j = 0; j < n; ++j) {
+                rows[i * n + j] -= v[i] * p[j];
+            }
+        }
+        A[k * n + k + 1] = x > 0.0 ? -size : size;
+    }
+    for (int i = 0; i < n; ++i) {
+        diagonal[i] = A[i * n + i];
+        beside[i] = i < n - 1 ? A[i * n + i + 1] : 0.0;
+    }
+}
+
+/* Eigenvalues ascending and eigenvectors, as ROWS of rows, of a symmetric A (destroyed): implicit QL iterations. */
+static int eigen_symmetric(int n, double *A, double *d, double *rows)
+{
+    double e[MAX_ROWS], size = 0.0;
+    for (int i = 0; i < n * n; ++i) {
+        size += A[i] * A[i];
+    }
+    const double negligible = 0.25 * DBL_EPSILON * sqrt(size) / n;
+    tridiagonalise(n, A, d, e, rows);
+    for (int l = 0; l < n; ++l) {
+        for (int iteration = 0;; ++iteration) {
+            int m = l;
+            while (m < n - 1 && fabs(e[m]) > negligible) {
+                ++m;
+            }
+            if (m == l) {
+                break;
+            }
+            if (iteration == MAX_ITERATIONS) {
+                return MATRIX_NOT_CONVERGED;
+            }
+            /* Wilkinson's shift, then a chase from m up to l */
+            const double half = 0.5 * (d[l + 1] - d[l]) / e[l], root = sqrt(half * half + 1.0);
+            double g = d[m] - d[l] + e[l] / (half < 0.0 ? half - root : half + root);
+            double s = 1.0, c = 1.0, p = 0.0;
+            int i = m - 1;
+            for (; i >= l; --i) {
+                const double f = s * e[i], b = c * e[i], r = sqrt(f * f + g * g);
+                e[i + 1] = r;
+                if (r == 0.0) {
+                    d[i + 1] -= p;
+                    break;
+                }
+                s = f / r;
+                c = g / r;
+                g = d[i + 1] - p;
+                const double t = (d[i] - g) * s + 2.0 * c * b;
+                p = s * t;
+                d[i + 1] = g + p;
+                g = c * t - b;
+                double *const low = rows + i * n, *const high = low + n;
+                for (int k = 0; k < n; ++k) {
+                    const double x = low[k], y = high[k];
+                    low[k] = c * x - s * y;
+                    high[k] = s * x + c * y;
+                }
+            }
+            if (i < l) {
+                d[l] -= p;
+                e[l] = g;
+            }
+            e[m] = 0.0;
+        }
+    }
+    for (int i = 0; i < n - 1; ++i) {
+        int least = i;
+        for (int j = i + 1; j < n; ++j) {
+            least = d[j] < d[least] ? j : least;
+        }
+        if (least != i) {
+            const double value = d[i];
+            d[i] = d[least];
+            d[least] = value;
+            for (int k = 0; k < n; ++k) {
+                const double x = rows[i * n + k];
+                rows[i * n + k] = rows[least * n + k];
+                rows[least * n + k] = x;
+            }
+        }
+    }
+    return 0;
+}
+
+/* Lower Cholesky factor L of A / scale. */
+static int cholesky(int n, const double *A, double scale, double *L)
+{
+    if (!(scale > 0.0)) {
+        return MATRIX_NOT_POSITIVE;
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            const double a = A[i * n + j] / scale;
+            double sum = a;
+            for (int k = 0; k < j; ++k) {
+                sum -= L[i * n + k] * L[j * n + k];
+            }
+            if (i > j) {
+                L[i * n + j] = sum / L[j * n + j];
+            } else if (sum > n * DBL_EPSILON * a && a > 0.0) {
+                L[i * n + i] = sqrt(sum);
+            } else {
+                return MATRIX_NOT_POSITIVE;
+            }
+        }
+    }
+    return 0;
+}
+
+/* X <- L^-1 X for n columns at once. */
+static void solve_rows(int n, const double *L, double *X)
+{
+    for (int i = 0; i < n; ++i) {
+        double *const row = X + i * n;
+        const double inverse = 1.0 / L[i * (n + 1)];
+        for (int k = 0; k < i; ++k) {
+            for (int j = 0; j < n; ++j) {
+                row[j] -= L[i * n + k] * X[k * n + j];
+            }
+        }
+        for (int j = 0; j < n; ++j) {
+            row[j] *= inverse;
+        }
+    }
+}
+
+static void transpose(int n, double *A)
+{
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            const double a = A[i * n + j];
+            A[i * n + j] = A[j * n + i];
+            A[j * n + i] = a;
+        }
+    }
+}
+
+/* x <- L^-1 x. */
+static void solve_lower(int n, const double *L, double *x)
+{
+    for (int i = 0; i < n; ++i) {
+        double sum = x[i];
+        for (int k = 0; k < i; ++k) {
+            sum -= L[i * n + k] * x[k];
+        }
+        x[i] = sum / L[i * (n + 1)];
+    }
+}
+
+/* x <- L^-T x. */
+static void solve_upper(int n, const double *L, double *x)
+{
+    for (int i = n - 1; i >= 0; --i) {
+        double sum = x[i];
+        for (int k = i + 1; k < n; ++k) {
+            sum -= L[k * n + i] * x[k];
+        }
+        x[i] = sum / L[i * n + i];
+    }
+}
+
+/* K = scale_K scale_M-scaled pencil: L with L L^T = M / *scale, eigenvalues lambda, W^T as rows with V = L^-T W. */
+static int pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
+                  double *scale)
+{
+    double size;
+    int error = check(n, K, &size);
+    if (error == 0) {
+        error = check(n, M, scale);
+    }
+    if (error == 0) {
+        error = cholesky(n, M, *scale, L);
+    }
+    if (error != 0) {
+        return error;
+    }
+    const double unit = scaled_symmetric(n, K, size, C);
+    solve_rows(n, L, C);
+    transpose(n, C);
+    solve_rows(n, L, C);
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < i; ++j) {
+            C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
+        }
+    }
+    if (!(largest(n * n, C) <= 1e140)) {
+        return MATRIX_NOT_FINITE;
+    }
+    error = eigen_symmetric(n, C, eigenvalues, rows);
+    for (int i = 0; i < n; ++i) {
+        eigenvalues[i] *= unit / *scale;
+        if (!(fabs(eigenvalues[i]) <= DBL_MAX)) {
+            return MATRIX_NOT_FINITE;
+        }
+    }
+    return error;
+}
+
+/* Rows w_k -> rows L w_k: the columns of M V over sqrt(scale). */
+static void times_lower(int n, const double *L, double *rows)
+{
+    for (int k = 0; k < n; ++k) {
+        double *const w = rows + k * n;
+        for (int i = n - 1; i >= 0; --i) {
+            double sum = 0.0;
+            for (int j = 0; j <= i; ++j) {
+                sum += L[i * n + j] * w[j];
+            }
+            w[i] = sum;
+        }
+    }
+}
+
+/*
+ * The part of a symmetric D with positive eigenvalues against a metric S: D V = S V diag(l), V^T S V = I, result
+ * S V diag(max(l, 0)) V^T S. largest_eigenvalue: of the pencil. work: 3 n n doubles.
+ */
+static int positive_part(int n, const double *D, const double *S, double *result, double *work)
+{
+    double scale, values[MAX_ROWS];
+    double *const L = work, *const C = work + n * n, *const rows = work + 2 * n * n;
+    const int error = pencil(n, D, S, L, C, values, rows, &scale);
+    if (error != 0) {
+        return error;
+    }
+    times_lower(n, L, rows);
+    for (int k = 0; k < n; ++k) {
+        values[k] = values[k] > 0.0 ? values[k] * scale : 0.0;
+    }
+    congruence(n, rows, values, result);
+    return 0;
+}
+
+/* Whether A (n x n, n at most 6) is finite, symmetric to 1e-9 of its largest entry, and positive semidefinite to the same. */
+static int is_positive_semidefinite(int n, const double *A)
+{
+    double L[36];
+    const double scale = largest(n * n, A);
+    if (!(scale <= DBL_MAX) || !is_symmetric(n, A, scale)) {
+        return 0;
+    }
+    if (scale == 0.0) {
+        return 1;
+    }
+    /* Cholesky of A / scale + tolerance I exists exactly if no eigenvalue lies below the tolerance. */
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = A[n * i + j] / scale + (i == j ? SYMMETRY : 0.0);
+            for (int k = 0; k < j; ++k) {
+                sum -= L[n * i + k] * L[n * j + k];
+            }
+            if (i > j) {
+                L[n * i + j] = sum / L[(n + 1) * j];
+            } else if (sum > 0.0) {
+                L[(n + 1) * i] = sqrt(sum);
+            } else {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}

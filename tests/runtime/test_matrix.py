@@ -1,0 +1,98 @@
+"""The controller's linear algebra against SciPy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from support.runtime import Matrices, pencils, residual, symmetric
+
+
+@pytest.fixture(scope="module")
+def matrices(tmp_path_factory: pytest.TempPathFactory) -> Matrices:
+    return Matrices(tmp_path_factory.mktemp("matrix"))
+
+
+def test_pencils(matrices: Matrices) -> None:
+    """Plain, clustered, repeated, singular, indefinite and graded spectra of every size."""
+    worst = 0.0
+    for K, M in pencils(1, 600):
+        code, values, V = matrices.pencil(K, M)
+        assert code == 0
+        assert np.all(np.diff(values) >= 0)
+        worst = max(worst, residual(K, M, values, V), np.abs(V.T @ M @ V - np.eye(len(K))).max())
+        exact = scipy.linalg.eigvalsh(K, M)
+        assert np.abs(values - exact).max() <= 1e-10 * max(np.abs(exact).max(), 1e-300)
+    print(f"worst relative residual {worst:.1e}")
+    assert worst <= 1e-11
+
+
+def test_eigenvectors_of_special_matrices(matrices: Matrices) -> None:
+    random = np.random.default_rng(2)
+    tridiagonal = np.diag([2.0] * 6) + np.diag([-1.0] * 5, 1) + np.diag([-1.0] * 5, -1)
+    nearly_zero = symmetric(random, np.array([1.0, 1.0, 1.0, 1e-12, -1e-12]))
+    cases = [np.zeros((4, 4)), np.eye(5), np.diag([3.0, -1, 2]), np.ones((6, 6)), tridiagonal, np.array([[2.5]])]
+    for A in [*cases, nearly_zero, np.ascontiguousarray(np.eye(3)[::-1])]:
+        code, values, V = matrices.eigen_symmetric(A)
+        assert code == 0
+        np.testing.assert_allclose(V @ np.diag(values) @ V.T, A, atol=1e-14 * max(1, np.abs(A).max()))
+        np.testing.assert_allclose(V.T @ V, np.eye(len(A)), atol=1e-14)
+        np.testing.assert_allclose(values, np.linalg.eigvalsh(A), atol=1e-14 * max(1, np.abs(A).max()))
+
+
+def test_what_is_refused(matrices: Matrices) -> None:
+    good = np.diag([2.0, 3.0, 4.0])
+    for spoiled, code in (
+        (np.where(np.eye(3), np.nan, good), 1),
+        (np.where(np.eye(3), np.inf, good), 1),
+        (good + np.triu(np.ones((3, 3)), 1), 2),
+    ):
+        assert matrices.pencil(spoiled, good)[0] == code
+        assert matrices.pencil(good, spoiled)[0] == code
+    for mass in (np.diag([1.0, 1.0, 0.0]), np.diag([1.0, -1.0, 1.0]), np.zeros((3, 3))):
+        assert matrices.pencil(good, mass)[0] == 3
+
+
+def test_positive_part_splits_a_change_of_stiffness(matrices: Matrices) -> None:
+    """K' - K into what costs and what releases, in the basis that makes both diagonal: K + the rest stays positive."""
+    random = np.random.default_rng(3)
+    worst = np.inf
+    for _ in range(500):
+        K, wanted = (symmetric(random, 10 ** random.uniform(0, 4, 3)) for _ in range(2))
+        code, cost = matrices.positive_part(wanted - K, wanted + K)
+        assert code == 0
+        rest = K + (wanted - K - cost)
+        values, W = scipy.linalg.eigh(wanted, K)  # W^T K W = I, W^T K' W = diag(values)
+        inverse = np.linalg.inv(W)
+        np.testing.assert_allclose(rest, inverse.T @ np.diag(np.minimum(values, 1)) @ inverse, rtol=0, atol=1e-8)
+        worst = min(worst, np.linalg.eigvalsh(rest).min() / np.linalg.eigvalsh(K).min())
+        assert np.linalg.eigvalsh(cost).min() >= -1e-9
+        assert np.linalg.eigvalsh(wanted - rest).min() >= -1e-8
+        assert np.linalg.eigvalsh(K - rest).min() >= -1e-8  # rest <= K: it only releases
+    assert worst > 0
+
+
+def test_semidefinite(matrices: Matrices) -> None:
+    random = np.random.default_rng(4)
+    for n in (1, 3, 6):
+        for _ in range(100):
+            values = np.abs(random.normal(size=n)) + 1e-3
+            assert matrices.is_positive_semidefinite(symmetric(random, values))
+            values[0] = 0.0
+            assert matrices.is_positive_semidefinite(symmetric(random, values))
+            values[0] = -1e-3
+            assert not matrices.is_positive_semidefinite(symmetric(random, values))
+    assert matrices.is_positive_semidefinite(np.zeros((3, 3)))
+    assert not matrices.is_positive_semidefinite(np.array([[1.0, 0.1], [0.0, 1.0]]))
+    assert not matrices.is_positive_semidefinite(np.array([[np.nan]]))
+
+
+def test_the_files_stand_alone() -> None:
+    """No name of the generator in what robots get."""
+    from stiffgen.emit.controller import PARTS, RUNTIME
+
+    for part in PARTS:
+        assert "stiffgen" not in (Path(RUNTIME) / part).read_text().lower()
