@@ -103,7 +103,8 @@ enum {
     IIWA14_STATUS_STIFFNESS_CAPPED = 1 << 15, /* the scale is lowered: M^-1 L T^2 would be too large for the sample time */
     IIWA14_STATUS_INDEFINITE = 1 << 16, /* the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not */
     IIWA14_STATUS_MASS_MATRIX = 1 << 17, /* the mass matrix is not positive definite: damping is joint_damping only */
-    IIWA14_STATUS_CONFIG = 1 << 18 /* the configuration is refused or the state is not initialised; the return value says why */
+    IIWA14_STATUS_LIMITS_KEPT = 1 << 18, /* a changed limit avoidance waits: it would store more energy at the present position than the tank can pay */
+    IIWA14_STATUS_CONFIG = 1 << 19 /* the configuration is refused or the state is not initialised; the return value says why */
 };
 
 /* Modes of a step. */
@@ -133,7 +134,7 @@ enum {
     IIWA14_REASON_FROZEN = 4, /* [sensor] q or dq stands still while the other moves */
     IIWA14_REASON_STALE = 5, /* [sensor] the sample counter does not advance */
     IIWA14_REASON_WRENCH = 6, /* [sensor] paper's law: no wrench, or one that is not believed */
-    IIWA14_REASON_MISSED = 7, /* [communication] missed_limit samples were missed */
+    IIWA14_REASON_MISSED = 7, /* [communication] missed_limit samples were missed, or more than one of three for long */
     IIWA14_REASON_SKIPPED = 8, /* [communication] the sample counter says that calls are missing */
     IIWA14_REASON_POSITION = 9, /* [limit] a position is beyond its limit and tolerance */
     IIWA14_REASON_OVERSPEED = 10, /* [limit] a velocity is beyond its limit */
@@ -217,7 +218,8 @@ typedef struct {
     double force_limit;
     /* [N m] largest given moment (norm) that is believed. Must lie between 0.001 and 1e+06. Default: 100.0. */
     double moment_limit;
-    /* [samples] consecutive missed samples that are a fault. Must lie between 1 and 1000. Default: 3. */
+    /* [samples] missed, skipped or bad samples that are a fault; each good one takes half of one back. Must lie
+     * between 1 and 1000. Default: 3. */
     int missed_limit;
     /* [rad or m] resolution of the positions that velocities are differenced from; with it, the damping's
      * velocity is the mean of as many samples (up to 8) as the torque's rate limit needs. Must lie between 0
@@ -350,6 +352,8 @@ typedef struct {
         double feed[3];
         double gap_torque[7];
         double rate[7];
+        double velocity_limit[7];
+        double avoidance[28];
         double recent[56];
         double q[7];
         double dq[7];
@@ -377,6 +381,7 @@ typedef struct {
         double engagement;
         double gap_work;
         double gap_feed;
+        double gap_release;
         double totals[5];
         double fault_time;
         double good_time;
@@ -397,7 +402,7 @@ typedef struct {
         uint32_t counter;
         uint32_t unaccounted;
         uint32_t seen_counter;
-        uint32_t unused;
+        int32_t absent;
     } memory;
     double scratch[147];
 } iiwa14_impedance_state;

@@ -1440,6 +1440,7 @@ static const status statuses[] = {
     {"stiffness_capped", MED7_STATUS_STIFFNESS_CAPPED, "the scale is lowered: M^-1 L T^2 would be too large for the sample time"},
     {"indefinite", MED7_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not"},
     {"mass_matrix", MED7_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
+    {"limits_kept", MED7_STATUS_LIMITS_KEPT, "a changed limit avoidance waits: it would store more energy at the present position than the tank can pay"},
     {"config", MED7_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
 };
 
@@ -1705,7 +1706,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "1d23d3764469cac1") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "739f956f92e389e2") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -404,14 +404,12 @@ def test_lowered_limits_come_down_at_the_rate_limit(loop: Loop) -> None:
             assert np.abs(rows["acted"][-1]).max() <= 5
 
 
-NOT_YET = pytest.mark.xfail(reason="a changed limit acts at once: up to 252 J of 0.5", raises=AssertionError)
-"""Known gap of the controller, strict: whoever closes it takes the mark away."""
 LIMIT_CHANGES = (
-    pytest.param({"limit_zone": 0.6}, marks=NOT_YET),
-    pytest.param({"limit_zone": 0.6, "limit_stiffness": 3e3}, marks=NOT_YET),
+    {"limit_zone": 0.6},
+    {"limit_zone": 0.6, "limit_stiffness": 3e3},
     {"limit_stiffness": 5e4},
-    pytest.param({"lower_limit": None}, marks=NOT_YET),
-    pytest.param({"velocity_limit": 0.05}, marks=NOT_YET),
+    {"lower_limit": None},
+    {"velocity_limit": 0.05},
     {"delay_samples": 2},
     {"posture_stiffness": 500.0, "stiffness_time": 1e-4},
     {"tank_initial": 5.0},

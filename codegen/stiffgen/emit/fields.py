@@ -163,7 +163,16 @@ CONFIG: tuple[Field, ...] = (
     Field("torque_rate_limit", _N, "N m/s or N/s", "of the torque", "10.0 * {name}_effort[i]", 1e-6, 1e8),
     Field("force_limit", _SCALAR, "N", "largest given force (norm) that is believed", "500.0", 1e-3, 1e6),
     Field("moment_limit", _SCALAR, "N m", "largest given moment (norm) that is believed", "100.0", 1e-3, 1e6),
-    Field("missed_limit", _SCALAR, "samples", "consecutive missed samples that are a fault", "3", 1, 1000, "int"),
+    Field(
+        "missed_limit",
+        _SCALAR,
+        "samples",
+        "missed, skipped or bad samples that are a fault; each good one takes half of one back",
+        "3",
+        1,
+        1000,
+        "int",
+    ),
     Field(
         "position_quantum",
         _SCALAR,
@@ -306,6 +315,10 @@ STATUS: tuple[tuple[str, str], ...] = (
         "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not",
     ),
     ("mass_matrix", "the mass matrix is not positive definite: damping is joint_damping only"),
+    (
+        "limits_kept",
+        "a changed limit avoidance waits: it would store more energy at the present position than the tank can pay",
+    ),
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
 )
 """Bits of the status in their order: NAME_STATUS_<NAME> and their meaning."""
@@ -336,7 +349,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("frozen", "sensor", "q or dq stands still while the other moves"),
     ("stale", "sensor", "the sample counter does not advance"),
     ("wrench", "sensor", "paper's law: no wrench, or one that is not believed"),
-    ("missed", "communication", "missed_limit samples were missed"),
+    ("missed", "communication", "missed_limit samples were missed, or more than one of three for long"),
     ("skipped", "communication", "the sample counter says that calls are missing"),
     ("position", "limit", "a position is beyond its limit and tolerance"),
     ("overspeed", "limit", "a velocity is beyond its limit"),

@@ -156,6 +156,7 @@ static void begin(const config_t *c, state_t *state)
         state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
     keep(state->rate, state->memory.rate);
+    memcpy(state->memory.velocity_limit, c->velocity_limit, sizeof state->memory.velocity_limit);
     state->memory.tank = c->tank_initial;
     state->memory.ready = READY;
 }
@@ -284,20 +285,28 @@ static void add_joint_torque(const double *J, const double *wrench, double *resu
     }
 }
 
-/* Energy of the limit avoidance: k d^2 / 2 at depth d, straight from where the torque is the effort limit. */
+/*
+ * A joint's limit avoidance a = (lower edge, upper edge, k, largest torque): energy k d^2 / 2 at depth d beyond an edge,
+ * straight from where the torque is the largest. pull: the energy's slope; stiffness: the slope's.
+ */
+static double avoidance(const double *a, double q, double *pull, double *stiffness)
+{
+    const double depth = q > a[1] ? q - a[1] : q < a[0] ? q - a[0] : 0.0, k = a[2];
+    *pull = clamp(k * depth, -a[3], a[3]);
+    *stiffness = depth != 0.0 && *pull == k * depth ? k : 0.0;
+    return *pull == k * depth ? 0.5 * k * depth * depth : fabs(*pull) * (fabs(depth) - 0.5 * fabs(*pull) / k);
+}
+
+/* Energy of the limit avoidance of all joints. */
 static double avoid_limits(frame *f, const double *q)
 {
-    const config_t *const c = f->c;
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double above = q[i] - (c->upper_limit[i] - c->limit_zone);
-        const double below = q[i] - (c->lower_limit[i] + c->limit_zone);
-        const double depth = above > 0.0 ? above : below < 0.0 ? below : 0.0;
-        const double k = c->limit_stiffness[i], pull = clamp(k * depth, -c->effort_limit[i], c->effort_limit[i]);
+        const double *const a = f->state->memory.avoidance + 4 * i;
+        double pull;
+        energy += avoidance(a, q[i], &pull, &f->limit_slope[i]);
         f->out->limit_torque[i] = 0.0 - pull;
-        f->limit_slope[i] = depth != 0.0 && pull == k * depth ? k : 0.0;
-        energy += pull == k * depth ? 0.5 * k * depth * depth : fabs(pull) * (fabs(depth) - 0.5 * fabs(pull) / k);
-        f->status |= depth != 0.0 ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
+        f->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
     }
     return energy;
 }
@@ -321,7 +330,11 @@ static void book_stiffness(frame *f, double v)
     f->state->memory.totals[STIFFNESS] += v;
     f->state->memory.elastic_energy += v;
     f->budget -= v;
-    tank_income(f, -v);
+    if (f->state->memory.gap > 0) {
+        f->state->memory.gap_release -= v; /* blind: no income before it is known what the torque did meanwhile */
+    } else {
+        tank_income(f, -v);
+    }
 }
 
 static void book_reference(frame *f, double p)
@@ -339,7 +352,42 @@ static const double *acting(const frame *f, const double *last)
 /* Fastest that a joint is taken to be in the next interval. */
 static double fastest(const frame *f, int i)
 {
-    return fmax(f->c->velocity_limit[i], 1.25 * fabs(f->velocity[i]));
+    return fmax(f->state->memory.velocity_limit[i], 1.25 * fabs(f->velocity[i]));
+}
+
+/*
+ * Take on the configured limit avoidance of each joint whose change stores no more at q than the tank's budget pays, what
+ * the change of torque may cost on its way at the rate limit included; else the old one stays. A first sample is free.
+ */
+static void adopt_limits(frame *f, const double *q)
+{
+    const config_t *const c = f->c;
+    state_t *const s = f->state;
+    for (int i = 0; i < N; ++i) {
+        double *const a = s->memory.avoidance + 4 * i;
+        const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
+                                  c->limit_stiffness[i], c->effort_limit[i]};
+        if (memcmp(a, wanted, sizeof wanted) == 0) {
+            continue;
+        }
+        if (s->memory.known) {
+            double before, after, slope;
+            const double old = avoidance(a, q[i], &before, &slope);
+            const double v = avoidance(wanted, q[i], &after, &slope) - old, way = fastest(f, i) * c->sample_time;
+            const double jump = fabs(after - before);
+            const double cost = fmax(v, 0.0) + jump * way * (c->missed_limit + 0.5 * jump / s->memory.rate[i]);
+            if (!(cost <= fmax(f->budget, 0.0))) {
+                f->status |= ID(STATUS_LIMITS_KEPT);
+                continue;
+            }
+            s->memory.totals[STIFFNESS] += v;
+            s->memory.limit_energy += v;
+            tank_income(f, -v);
+            f->budget -= cost;
+        }
+        memcpy(a, wanted, sizeof wanted);
+    }
+    avoid_limits(f, q);
 }
 
 /*
@@ -353,9 +401,10 @@ static void bridge(frame *f, const double *last, int periods)
     if (s->memory.gap == 0) {
         s->memory.gap_work = 0.0;
         s->memory.gap_feed = 0.0;
+        s->memory.gap_release = 0.0;
     } else {
         for (int i = 0; i < N; ++i) {
-            s->memory.gap_work += fabs(torque[i] - s->memory.gap_torque[i]) * f->c->velocity_limit[i] *
+            s->memory.gap_work += fabs(torque[i] - s->memory.gap_torque[i]) * s->memory.velocity_limit[i] *
                                   f->c->sample_time * s->memory.gap;
         }
     }
@@ -372,12 +421,13 @@ static void account(frame *f, const double *last, const double *q)
 {
     state_t *const s = f->state;
     const double *torque = acting(f, last);
-    double work = 0.0, feed = s->memory.feed[f->c->delay_samples];
+    double work = 0.0, released = 0.0, feed = s->memory.feed[f->c->delay_samples];
     if (s->memory.gap > 0) {
         bridge(f, last, 1);
         torque = s->memory.gap_torque;
         work = s->memory.gap_work;
         feed = s->memory.gap_feed;
+        released = s->memory.gap_release;
     }
     for (int i = 0; i < N; ++i) {
         work += torque[i] * (q[i] - s->memory.q[i]);
@@ -390,11 +440,25 @@ static void account(frame *f, const double *last, const double *q)
     s->memory.totals[SAMPLING] += sampling;
     s->memory.elastic_energy = elastic;
     s->memory.limit_energy = limit;
-    tank_income(f, -sampling);
+    tank_income(f, released - sampling);
     book_reference(f, feed);
 }
 
 /* ---- is the sample believed? ---- */
+
+/*
+ * Count samples that are missing, and half a one back for each that is there (periods 0): missed_limit in a row are a
+ * fault, and so are more than one of three for long.
+ */
+static void absent(frame *f, int periods, int reason)
+{
+    state_t *const s = f->state;
+    const int count = s->memory.absent + (periods > 0 ? 2 * periods : -1), limit = 2 * f->c->missed_limit;
+    s->memory.absent = count < 0 ? 0 : count < limit ? count : limit;
+    if (count >= limit && s->memory.known) {
+        latch(f, reason);
+    }
+}
 
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 
@@ -403,7 +467,7 @@ static int frozen(const config_t *c, state_t *s, const double *q, const double *
 {
     const int first = !s->memory.known;
     const double window = c->frozen_window, T = c->sample_time, elapsed = T * (1 + s->memory.gap);
-    const double way = fmax(4.0 * c->position_quantum, 0.02 * c->velocity_limit[i] * window * T);
+    const double way = fmax(4.0 * c->position_quantum, 0.02 * s->memory.velocity_limit[i] * window * T);
     if (first || q[i] != s->memory.still_q[i]) {
         s->memory.still_q[i] = q[i];
         s->memory.travelled[i] = s->memory.q_age[i] = 0.0;
@@ -435,7 +499,7 @@ static int doubt(frame *f, const double *last)
     const input_t *const in = f->input;
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
-        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * c->velocity_limit[i])) {
+        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * s->memory.velocity_limit[i])) {
             return ID(REASON_NOT_FINITE);
         }
     }
@@ -450,18 +514,17 @@ static int doubt(frame *f, const double *last)
         if (ahead > 0) {
             f->status |= ID(STATUS_MISSED);
             bridge(f, last, ahead < 1000000 ? ahead : 1000000);
-            if (ahead >= c->missed_limit) {
-                latch(f, ID(REASON_SKIPPED));
-            }
+            absent(f, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
         }
     }
     const double elapsed = c->sample_time * (1 + s->memory.gap);
-    const double speeds = s->memory.fault == ID(FAULT_NONE) ? 2.0 : 10.0; /* an arm that is too fast must be braked */
+    /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
+    const int fault = s->memory.fault != ID(FAULT_NONE);
     f->located = 1;
     f->jumped = 0;
     for (int i = 0; i < N; ++i) {
         const double way = s->memory.known ? in->q[i] - s->memory.q[i] : in->dq[i] * elapsed;
-        const double far = c->velocity_limit[i] * elapsed, measured = way / elapsed;
+        const double far = s->memory.velocity_limit[i] * elapsed, measured = way / elapsed;
         const int still = frozen(c, s, in->q, in->dq, i);
         const int differ =
             fabs(in->dq[i] * elapsed - way) > fmax(0.5 * far, 0.3 * fabs(way)) + 2.0 * c->position_quantum;
@@ -477,7 +540,7 @@ static int doubt(frame *f, const double *last)
             f->velocity[i] = measured * in->dq[i] <= 0.0 ? 0.0 : fabs(measured) < fabs(in->dq[i]) ? measured : in->dq[i];
             reason = ID(REASON_MISMATCH);
         }
-        if (fabs(way) > speeds * far + 2.0 * c->position_quantum) {
+        if ((differ || !fault) && fabs(way) > (fault ? 10.0 : 2.0) * far + 2.0 * c->position_quantum) {
             f->located = 0;
         }
     }
@@ -1128,14 +1191,14 @@ static double reserve(const frame *f, const double *last, const double *gradient
     }
     for (int i = 0; i < N; ++i) {
         const double v = fastest(f, i) * T, excess = fabs(f->out->torque[i] + gradient[i]);
-        linear += excess * v * (f->c->missed_limit + 0.5 * excess / s->memory.rate[i]);
-        linear += delay > 0 ? fabs(last[i] + gradient[i]) * v : 0.0;
-        linear += delay > 1 ? fabs(s->memory.older[i] + gradient[i]) * v : 0.0;
-        D[i] = (delay + f->c->missed_limit) * v;
+        const double fall = excess / s->memory.rate[i], change = fabs(f->out->torque[i] - last[i]);
+        linear += excess * v * (delay + f->c->missed_limit + 0.5 * fall) + change * v * delay;
+        linear += delay > 1 ? fabs(last[i] - s->memory.older[i]) * v : 0.0;
+        D[i] = (delay + f->c->missed_limit + fall) * v;
     }
     for (int i = 0; i < N; ++i) {
-        const double near = fmin(f->c->upper_limit[i] - s->memory.q[i], s->memory.q[i] - f->c->lower_limit[i]);
-        const double zone = near < f->c->limit_zone + D[i] ? f->c->limit_stiffness[i] : 0.0;
+        const double *const a = s->memory.avoidance + 4 * i;
+        const double zone = s->memory.q[i] > a[1] - D[i] || s->memory.q[i] < a[0] + D[i] ? a[2] : 0.0;
         *quadratic += 0.5 * zone * D[i] * D[i];
         for (int j = 0; j < N; ++j) {
             const double l = f->out->joint_stiffness[i * N + j] - (i == j ? f->limit_slope[i] : 0.0);
@@ -1238,7 +1301,9 @@ static void act(frame *f, const double *last, int moved)
         for (int i = 0; i < N; ++i) {
             const double conservative = out->elastic_torque[i] + out->limit_torque[i];
             gradient[i] = -conservative;
-            out->damping_torque[i] *= damped;
+            if (attempt > 0) {
+                out->damping_torque[i] = damped * (out->torque[i] - conservative); /* of what the rate limit let through */
+            }
             out->torque[i] = conservative + out->damping_torque[i];
         }
         feed *= damped;
@@ -1271,6 +1336,9 @@ static void sighted(frame *f, const double *last)
     const input_t *const in = f->input;
     int moved = 0;
     robot_poses(in->q, s->memory.commanded || robot_tool(in) == NULL ? s->memory.tool_pose : robot_tool(in), f->pose);
+    if (!s->memory.known) {
+        adopt_limits(f, in->q);
+    }
     if (s->memory.known && !f->jumped) {
         account(f, last, in->q);
     } else {
@@ -1298,6 +1366,10 @@ static void sighted(frame *f, const double *last)
         if (fabs(f->velocity[i]) > c->velocity_limit[i]) {
             latch(f, ID(REASON_OVERSPEED));
         }
+        /* a lowered limit is what is possible only once the arm is below it */
+        if (fmin(fabs(f->velocity[i]), s->memory.velocity_limit[i]) <= c->velocity_limit[i]) {
+            s->memory.velocity_limit[i] = c->velocity_limit[i];
+        }
         if (in->q[i] < c->lower_limit[i] - c->position_tolerance || in->q[i] > c->upper_limit[i] + c->position_tolerance) {
             latch(f, ID(REASON_POSITION));
         }
@@ -1309,7 +1381,9 @@ static void sighted(frame *f, const double *last)
     }
     /* what may be spent on stiffness leaves enough for the reserve to grow */
     f->budget = s->memory.tank - 2.0 * s->memory.reserve - TANK_FLOOR * c->tank_maximum;
-    if (s->memory.fault != ID(FAULT_NONE) && s->memory.engaged && s->memory.scale == 0.0) {
+    if (s->memory.fault == ID(FAULT_NONE)) {
+        adopt_limits(f, in->q);
+    } else if (s->memory.engaged && s->memory.scale == 0.0) {
         s->memory.engaged = 0;
     }
     if (!s->memory.engaged) {
@@ -1439,6 +1513,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         f.believed = reason == ID(REASON_NONE);
         if (f.believed) {
             state->memory.bad = (state->memory.bad << 1) & 7;
+            absent(&f, 0, reason);
         } else {
             f.status |= valid ? (uint32_t)ID(STATUS_BAD_SAMPLE) : (uint32_t)ID(STATUS_MISSED);
             if (valid) {
@@ -1446,9 +1521,8 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
                 if ((state->memory.bad & (state->memory.bad - 1)) != 0) {
                     latch(&f, reason);
                 }
-            } else if (state->memory.missed + 1 >= c->missed_limit && state->memory.known) {
-                latch(&f, reason);
             }
+            absent(&f, 1, reason);
         }
         if (f.believed || (f.located && state->memory.known && state->memory.fault != ID(FAULT_NONE))) {
             sighted(&f, last);
