@@ -1706,7 +1706,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "cf293c00e6a23fb4") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "5d3709b67f06d622") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

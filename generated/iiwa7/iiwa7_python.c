@@ -1706,7 +1706,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "ac69c61f7899488b") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "07a2806081fd3129") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

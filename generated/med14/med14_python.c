@@ -1706,7 +1706,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8d26e57e1448b5ce") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "50edd6732370c34f") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

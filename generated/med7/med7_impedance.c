@@ -1679,10 +1679,10 @@ static double reserve(const frame *f, const double *last, const double *gradient
     }
     for (int i = 0; i < N; ++i) {
         const double v = fastest(f, i) * T, excess = fabs(f->out->torque[i] + gradient[i]);
-        linear += excess * v * (f->c->missed_limit + 0.5 * excess / s->memory.rate[i]);
-        linear += delay > 0 ? fabs(last[i] + gradient[i]) * v : 0.0;
-        linear += delay > 1 ? fabs(s->memory.older[i] + gradient[i]) * v : 0.0;
-        D[i] = (delay + f->c->missed_limit) * v;
+        const double fall = excess / s->memory.rate[i], change = fabs(f->out->torque[i] - last[i]);
+        linear += excess * v * (delay + f->c->missed_limit + 0.5 * fall) + change * v * delay;
+        linear += delay > 1 ? fabs(last[i] - s->memory.older[i]) * v : 0.0;
+        D[i] = (delay + f->c->missed_limit + fall) * v;
     }
     for (int i = 0; i < N; ++i) {
         const double *const a = s->memory.avoidance + 4 * i;
@@ -1789,7 +1789,9 @@ static void act(frame *f, const double *last, int moved)
         for (int i = 0; i < N; ++i) {
             const double conservative = out->elastic_torque[i] + out->limit_torque[i];
             gradient[i] = -conservative;
-            out->damping_torque[i] *= damped;
+            if (attempt > 0) {
+                out->damping_torque[i] = damped * (out->torque[i] - conservative); /* of what the rate limit let through */
+            }
             out->torque[i] = conservative + out->damping_torque[i];
         }
         feed *= damped;

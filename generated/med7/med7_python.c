@@ -1706,7 +1706,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "739f956f92e389e2") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "472d68585049f320") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -284,8 +284,12 @@ def test_one_bad_sample_of_three_is_no_fault(robot: ModuleType) -> None:
     outs = spoil(robot, lambda k, s: s.update(q=np.full(7, np.nan)) if k % 3 == 0 else None)
     assert not any(out.fault for out in outs)
     assert all(bool(out.status & robot.Status.BAD_SAMPLE) == (k % 3 == 0) for k, out in enumerate(outs))
-    outs = spoil(robot, lambda k, s: s.update(valid=k % 3 == 2))  # two missed in a row, limit three
+    outs = spoil(robot, lambda k, s: s.update(valid=k % 3 == 2 or k > 2))  # two missed in a row, limit three
     assert not any(out.fault for out in outs)
+    outs = spoil(robot, lambda k, s: s.update(valid=k % 3 != 0))
+    assert not any(out.fault for out in outs)
+    outs = spoil(robot, lambda k, s: s.update(valid=k % 3 == 2))
+    assert outs[-1].fault, "two of three missed for long: a first version held its torque for most of 0.4 s, 68 J"
     outs = spoil(robot, lambda k, s: s.update(q=np.full(7, np.nan)) if k % 2 == 0 else None)
     assert outs[2].fault == robot.Fault.SENSOR
 
