@@ -113,7 +113,7 @@ def singular_values(trials: list[Trace]) -> Figure:
     for axes, name in zip(panels, ("symmetric", "antisymmetric"), strict=True):
         _wipe(axes)
         _all(axes, trials, _column(name))
-        axes.set(ylabel="[N m/rad]", title=f"{name} part, largest singular value")
+        axes.set(ylabel="singular value [N m/rad]", title=f"{name} part, largest singular value")
     panels[1].set(xlabel="time [s]")
     _legend(figure, panels[0])
     return figure
@@ -130,7 +130,6 @@ def eigenvalues(trials: list[Trace]) -> Figure:
         axes.axhline(0, color=INK, linewidth=0.8)
         axes.set(ylabel="eigenvalue [N m/rad]")
     panels[0].set_yscale("symlog", linthresh=1.0, linscale=0.6)
-    panels[0].set_ylim(-10, 2000)
     panels[0].set_yticks([-10, -1, 0, 1, 10, 100, 1000], labels=["-10", "-1", "0", "1", "10", "100", "1000"])
     panels[0].minorticks_off()
     panels[0].set(title="all seven; linear between -1 and 1, logarithmic outside")
@@ -151,7 +150,7 @@ def energy(trials: list[Trace]) -> Figure:
     for name, label, colour in (
         ("elastic_energy", "elastic", SHADES[0]),
         ("reference_total", "put in: equilibrium moved", SHADES[2]),
-        ("sampling_total", "put in: torque held,\ndamping against it", SHADES[4]),
+        ("sampling_total", "put in: torque held,\ndamping against it", SHADES[3]),
         ("port_total", "put out at the port", POTENTIAL),
     ):
         panels[1].plot(trials[2]["time"], trials[2][name], color=colour, label=label)
@@ -178,7 +177,7 @@ def trajectory(robot: ModuleType, stated: Comparison, measured: Comparison) -> F
     for joint, colour in enumerate(SHADES):
         deviation = np.degrees(measured.q[:, joint] - record[:, joint])
         right.plot(SAMPLE_TIME * np.arange(len(record)), deviation, color=colour, linewidth=0.9, label=f"A{joint + 1}")
-    right.set(xlabel="time [s]", ylabel="[deg]", title="measured geometry minus recorded")
+    right.set(xlabel="time [s]", ylabel="difference [deg]", title="measured geometry minus recorded")
     right.legend(ncols=2, fontsize=7)
     _legend(figure, left)
     return figure

@@ -56,9 +56,9 @@ COLUMNS = {
     "eigenvalues": "[N m/rad] of the symmetric part, ascending",
     "elastic_energy": "[J] of the springs; 0 in the paper's law, which has none",
     "port_total": "[J] put out at the robot's port since the start",
-    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; paper's law: "
-    "all that its torque puts in",
-    "reference_total": "[J] put in by moving the equilibrium",
+    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; in the paper's "
+    "law, which has no energy, all of the port's work but reference_total",
+    "reference_total": "[J] put in by moving the equilibrium; in the paper's law the damper's share alone",
     "stiffness_total": "[J] put in by changing the stiffness",
 }
 """The trace: name of an array and what it holds; the first axis is time."""
