@@ -116,7 +116,7 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
     controller_ = Fields{
         {"sample_time", number(config.sample_time)},
         {"law", config.law == robot::LAW_PAPER ? quoted("paper") : quoted("potential")},
-        {"stiffness", list(options.settings.task_stiffness, 6)},
+        {"task_stiffness", list(options.settings.task_stiffness, 6)},
         {"stiffness_formula", options.settings.conventional ? quoted("conventional") : quoted("corrected")},
         {"posture_stiffness", number(config.posture_stiffness[0])},
         {"motor_inertia", number(config.motor_inertia[0])},

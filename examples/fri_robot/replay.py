@@ -61,7 +61,7 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     """
     torque = np.full((len(log), JOINTS), np.nan)
     told = log.summary["controller"]
-    stiffness = np.diag(told["stiffness"])
+    stiffness = np.diag(told["task_stiffness"])
     springs = (
         {"task_stiffness": stiffness}
         if told["law"] == "paper"
