@@ -23,7 +23,7 @@ from stiffgen.check.verify import verify
 from stiffgen.emit import build
 from support.project import URDF
 
-C, PYTHON_C, PYTHON = "iiwa14.c", "iiwa14_python.c", "__init__.py"
+C, PYTHON_C, PYTHON, CONTROLLER = "iiwa14.c", "iiwa14_python.c", "__init__.py", "iiwa14_impedance.c"
 
 
 class Fault(NamedTuple):
@@ -85,8 +85,33 @@ FAULTS = [
     Fault("another representation", PYTHON_C, "iiwa14_body_jacobian", "iiwa14_hybrid_jacobian", "evaluate_body_jacobian("),
     Fault("step of another argument", PYTHON_C, r"steps\[1\]", "steps[0]", "evaluate_hybrid_joint_stiffness_batch("),
     Fault("rows taken as planes", PYTHON_C, r"a \* steps\[0\]", "a * steps[1]", "static void copy_block("),
-    Fault("columns taken as rows", PYTHON_C, r"block \+ c \* steps\[[^]]*\]", "block + c * (npy_intp)sizeof(double)", "static void copy_block("),
+    Fault("columns taken as rows", PYTHON_C, r"c \* steps\[rank - 1\]", "c * (npy_intp)sizeof(double)", "static void copy_block("),
     Fault("every chunk is the first", PYTHON_C, r"steps\[o\] \* \(done \+ n\)", "steps[o] * n", "static void batch_loop("),
+    Fault("a spring's moment", CONTROLLER, r"A\[7\] - A\[5\]", "A[5] - A[7]"),
+    Fault("a spring's stiffness", CONTROLLER, r"\? half : 0\.0\) - Ko", "? half : 0.0) + Ko", "static double tip_spring("),
+    Fault("sign of the posture's potential", CONTROLLER, r"\* slip\[i\] - pull", "* -slip[i] - pull"),
+    Fault("sign of the damping", CONTROLLER, r"reference_velocity\[i\] - f->velocity", "reference_velocity[i] + f->velocity"),
+    Fault("damping against the base", CONTROLLER, r"out->reference_velocity\[i\] - f->velocity", "0.0 - f->velocity"),
+    Fault("design of the damping", CONTROLLER, r"2\.0 \* zeta \* zeta - 1\.0", "2.0 * zeta * zeta"),
+    Fault("damping without the rotors", CONTROLLER, r"\+= c->motor_inertia\[i\]", "+= 0.0 * c->motor_inertia[i]"),
+    Fault("tangent without the limits", CONTROLLER, r"posture_stiffness\[i\] \+ f->limit_slope\[i\]", "posture_stiffness[i]"),
+    Fault("sign of the limit torque", CONTROLLER, r"0\.0 - pull", "pull", "static double avoid_limits("),
+    Fault("the lower limit pushes the other way", CONTROLLER, r"below < 0\.0 \? below", "below < 0.0 ? -below"),
+    Fault("rate limit dropped", CONTROLLER, r"clamp\(possible, [^)]*\)", "possible"),
+    Fault("effort limit dropped", CONTROLLER, r"clamp\(wanted, -effort, effort\)", "wanted", "static void limit_torque("),
+    Fault("NaN of q accepted", CONTROLLER, r"!\(fabs\(in->q\[i\]\) <= FARTHEST && fabs\(in->dq\[i\]\) <=", "(fabs(in->q[i]) > FARTHEST || fabs(in->dq[i]) >"),
+    Fault("NaN of a command accepted", CONTROLLER, r"fabs\(in->q0\[i\]\) <= FARTHEST", "!(fabs(in->q0[i]) > FARTHEST)"),
+    Fault("a velocity that contradicts accepted", CONTROLLER, r"reason = ID\(REASON_MISMATCH\)", "reason = ID(REASON_NONE)"),
+    Fault("governor's speed dropped", CONTROLLER, r"GOVERNOR \* c->reference_velocity_limit\[i\]", "1e3"),
+    Fault("governor's speed of the tip dropped", CONTROLLER, r"speed > 1\.0", "speed > 1e9", "static void govern("),
+    Fault("fault not latched", CONTROLLER, r"fault = CLASS\[reason\]", "fault = 0 * CLASS[reason]", "static void latch("),
+    Fault("fault clears itself", CONTROLLER, r"s->memory\.reset \|\| automatic", "1 || automatic"),
+    Fault("reset does nothing", CONTROLLER, r"memory\.reset = 1", "memory.reset = 0", "static int reset("),
+    Fault("springs on in a fault", CONTROLLER, r"fmax\(s->memory\.scale - fastest_fall, 0\.0\)", "s->memory.scale + 0.0 * fastest_fall"),
+    Fault("missed samples forgotten", CONTROLLER, r"missed \+ 1 >= c->missed_limit", "missed < 0"),
+    Fault("overspeed allowed", CONTROLLER, r"> c->velocity_limit\[i\]\) \{\s*latch", "< 0.0) {\n            latch"),
+    Fault("beyond the upper limit allowed", CONTROLLER, r" \|\| in->q\[i\] > c->upper_limit\[i\] \+ c->position_tolerance", ""),
+    Fault("governor's energy limit dropped", CONTROLLER, r"rise <= allowed", "1", "static void govern("),
     Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),
     Fault("effort in Python", PYTHON, r"320\.0", "300.0", "EFFORT ="),
     Fault("tip in Python", PYTHON, "'link_ee'|\"link_ee\"", "'link_7'", "\nTIP"),
@@ -185,9 +210,7 @@ def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], 
 def test_a_folder_of_another_urdf_needs_the_urdf(tmp_path):
     """Chain, code and digests agree with each other; only the robot's file shows it."""
     other = tmp_path / "iiwa14.urdf"
-    text, count = re.subn(r'xyz="0 0\.42 0"', 'xyz="0 0.43 0"', URDF.read_text(), count=1)
-    if not count:
-        text, count = re.subn(r"0\.42\b", "0.43", URDF.read_text(), count=1)
+    text, count = re.subn(r'xyz="0 0 0\.1475" rpy', 'xyz="0 0 0.1575" rpy', URDF.read_text(), count=1)
     assert count
     other.write_text(text)
     folder = stiffgen.generate(other, output=tmp_path / "generated", name="iiwa14")

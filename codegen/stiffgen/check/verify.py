@@ -27,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.check.batches import LONG, check_c_batches, check_stacks
+from stiffgen.check.controller import check_controller
 from stiffgen.check.files import check_files, check_tables, check_urdf
 from stiffgen.check.not_finite import check_not_finite
 from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
@@ -573,6 +574,7 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, pool)),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool)),
+        ("stepping the controller", lambda: check_controller(robot, seed)),
     ]
     if library is not None:
         loaded = library
