@@ -104,27 +104,22 @@ def test_contact_moments_and_faults(plate: ModuleType, traces: dict[str, np.ndar
 
 
 @pytest.mark.slow  # the whole experiment
-def test_the_potential_law_is_the_gradient_and_damps(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
-    """Tangent: the spring's own and the posture's. Torque: the gradient, and damping that takes out power only."""
+def test_the_potential_law_is_the_gradient(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
+    """Torque less damping, tangent and energy are those of the tip's spring and the posture's, 1 N m/rad a joint."""
     paper, potential = ({name: values[traces["trial"] == k] for name, values in traces.items()} for k in (0, 2))
+    q, error = potential["q"], potential["error"]
+    spring = (plate.forward_kinematics(q + error), trial.TASK_STIFFNESS[:3, :3], trial.TASK_STIFFNESS[3:, 3:])
+    energy, torque, tangent = plate.spring.linearization(q, *spring)
+    np.testing.assert_allclose(potential["torque"] - potential["damping_torque"], torque + error, atol=1e-9)
+    np.testing.assert_allclose(potential["stiffness"], tangent + np.eye(7), atol=1e-9)
+    np.testing.assert_allclose(potential["elastic_energy"], energy + np.sum(error**2, axis=1) / 2, atol=1e-10)
+    assert energy.max() > 1
     assert potential["antisymmetric"].max() == 0
-    stored = []
-    for k in range(0, len(potential["time"]), 199):
-        q, reference = potential["q"][k], potential["q"][k] + potential["error"][k]
-        spring = (plate.forward_kinematics(reference), trial.TASK_STIFFNESS[:3, :3], trial.TASK_STIFFNESS[3:, 3:])
-        energy, torque, tangent = plate.spring.linearization(q, *spring)
-        np.testing.assert_allclose(potential["stiffness"][k], tangent + np.eye(7), atol=1e-9)
-        stored.append(energy + potential["error"][k] @ potential["error"][k] / 2)
-        assert potential["elastic_energy"][k] == pytest.approx(stored[-1], rel=1e-9, abs=1e-12)
-        rest = potential["dq"][k] @ (potential["torque"][k] - torque - potential["error"][k])
-        if potential["time"][k] < 1.4:  # nothing touched: the arm follows, and the damper pushes it along
-            assert np.abs(potential["error"][k]).max() < 0.05
-        assert np.isfinite(rest)
-    assert max(stored) > 1
-    # A bowl and a spring of the same gains: the same force, within the redundancy's reach.
-    for name in ("wrench_used",):
-        means = [np.linalg.norm(each[name][each["wiping"], :3], axis=1).mean() for each in (paper, potential)]
-        assert means[1] == pytest.approx(means[0], rel=0.1)
+    # The tangent is no law: where it is indefinite the arm stays as near as under the paper's.
+    assert potential["eigenvalues"].min() < -1
+    assert np.abs(error).max() < 1.1 * np.abs(paper["error"]).max()
+    means = [np.linalg.norm(each["wrench_used"][each["wiping"], :3], axis=1).mean() for each in (paper, potential)]
+    assert means[1] == pytest.approx(means[0], rel=0.1)
 
 
 @pytest.mark.slow  # the whole experiment
