@@ -48,6 +48,7 @@ FAULTS = [
     Fault("gather: steps without sign", C, r"from \+ step \*", "from + (step < 0 ? -step : step) *", GATHER),
     Fault("gather: steps taken as sizes", C, r"from \+ step \*", "from + size *", GATHER),
     Fault("gather: the last one stands in everywhere", C, r"c < present \?", "c + 1 < present ?", GATHER + "!"),
+    Fault("gather: reads one configuration too many", C, r"c < present \?", "c <= present ?", GATHER + "!"),
     Fault("scatter: a tail of whole lanes beyond the end", C, r"c < present", "c < LANES", SCATTER),
     Fault("scatter: the last entries beyond the end", C, r"c < present", "c < LANES", LAST),
     Fault("scatter: the last configuration is forgotten", C, r"c < present", "c + 1 < present", SCATTER),
