@@ -126,6 +126,8 @@ def with_switches(source, left_out):
         before = match.string[: match.start()]
         if before.count("[") > before.count("]"):
             return match[0]  # of an index
+        if match.string.startswith("poison", match.end()):
+            return match[0]  # 0 or NaN whatever its sign
         places.append(f"{body}: {section} {match.string.strip()}")
         return f"{match[0]}flip[{len(places) - 1}] * "
 
@@ -139,9 +141,9 @@ def with_switches(source, left_out):
         elif line.lstrip().startswith("/*"):
             section = line.strip()
         elif body and not line.lstrip().startswith("for"):
-            poison = "const double poison = 0.0 * (" in line or (poison and not closed)
+            poison = " poison = 0.0 * (" in line or (poison and not closed)
             closed = line.endswith(";")
-            if not poison:  # its value is 0 or NaN whatever the signs
+            if not poison:
                 line = SIGN.sub(switch, line)
         lines.append(line)
     return "\n".join([f"double flip[{len(places)}];", *lines, ""]), places
@@ -187,7 +189,7 @@ def expected_values(references):
 def single_call(function):
     def call(arguments, outs):
         for c in range(len(outs[0])):
-            function(*(pointer(a[c]) for a in arguments), *(pointer(out[c : c + 1]) for out in outs))
+            function(*(pointer(a[c : c + 1]) for a in arguments), *(pointer(out[c : c + 1]) for out in outs))
 
     return call
 

@@ -75,9 +75,13 @@ class Samples:
         upper = [max(a, b) for a, b in zip(lower, upper, strict=True)]
         general = random.normal(size=(count, 6, 6)) * 100 + np.diag([700.0, 700, 800, 30, 30, 30])
         q = random.uniform(lower, upper, (count, chain.dof))
-        # Beyond a limit, in its zone and away from it; drawn last, so that everything else is what it was.
+        # Every joint at or beyond its lower and its upper limit in turn, now and then at both or none of them.
         joints = np.random.default_rng([seed, 1])
-        low = q - joints.uniform(-0.2, 1.0, q.shape)
+        turn = (np.arange(count)[:, None] + np.arange(chain.dof)) % 2 == 0
+        odd = np.arange(count)[:, None] % 4 == 3
+        at_lower = np.where(odd, joints.random(q.shape) < 0.5, turn)
+        at_upper = np.where(odd, joints.random(q.shape) < 0.5, ~turn)
+        near, away = joints.uniform(-0.2, 0.15, (2, *q.shape)), joints.uniform(0.5, 1.5, (2, *q.shape))
         return Samples(
             q=q,
             wrench=random.normal(size=(count, 6)) * np.array([30.0, 30, 30, 10, 10, 10]),
@@ -90,8 +94,8 @@ class Samples:
             stiffness=_random_positive(random, count, 6, 30.0),
             posture=joints.uniform(-2.0, 2.0, q.shape),
             posture_stiffness=joints.uniform(0.5, 20.0, q.shape),
-            lower=low,
-            upper=np.maximum(q, low) + joints.uniform(0.05, 1.0, q.shape) - 0.2 * (low < q),
+            lower=q - np.where(at_lower, near[0], away[0]),
+            upper=q + np.where(at_upper, near[1], away[1]),
             zone=joints.uniform(0.2, 0.4, count),
             limit_stiffness=joints.uniform(50.0, 500.0, q.shape),
         )
