@@ -179,6 +179,21 @@ void six(int argc, char **argv, double *values)
     }
 }
 
+/* getopt_long takes any beginning of a name: a misspelt option must not set another one. */
+void refuse_unknown(int argc, char **argv)
+{
+    for (int i = 1; i < argc; ++i) {
+        const std::string given = argv[i], name = given.substr(0, given.find('='));
+        bool known = name.compare(0, 2, "--") != 0;
+        for (const option *each = LONG; !known && each->name != NULL; ++each) {
+            known = name == std::string("--") + each->name;
+        }
+        if (!known) {
+            throw std::runtime_error(name + ": no such option; see fri_wiping --help");
+        }
+    }
+}
+
 } // namespace
 
 Options::Options()
@@ -188,6 +203,7 @@ Options::Options()
 
 bool Options::parse(int argc, char **argv)
 {
+    refuse_unknown(argc, argv);
     opterr = 0;
     for (int name; (name = getopt_long(argc, argv, ":", LONG, NULL)) != -1;) {
         const std::string text = optarg != NULL ? optarg : "";

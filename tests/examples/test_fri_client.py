@@ -998,6 +998,7 @@ def test_trajectory_with_a_column_a_joint_is_the_same(one: Programs, robot: Modu
         (["--external-torque-sign", "0"], "it takes 1 or -1"),
         (["--effort-share", "nan"], "--effort-share nan"),
         (["--velocity", "3"], "--velocity: no such option"),
+        (["--effort=0.5"], "--effort: no such option"),
         (["extra"], "extra: not an option"),
         (["--trajectory", TRAJECTORY, "--log", "/nowhere/log.csv"], "log /nowhere/log.csv"),
         (["--trajectory", TRAJECTORY, "--host", "robot.example"], "host robot.example"),
