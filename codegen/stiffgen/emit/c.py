@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
-from stiffgen.emit.target import Target
+from stiffgen.emit.target import SCALAR, Target
 from stiffgen.names import c_comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
@@ -534,7 +534,7 @@ class _KernelPrinter:
         self.calls.add(name)
         if helper == "copy_finite":
             self.calls.add(self.target.guard)
-        if helper.startswith("sum_") and self.target.number != self.target.scalar:
+        if helper.startswith("sum_") and self.target.number != SCALAR:
             self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
@@ -576,7 +576,7 @@ class _KernelPrinter:
         if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             if source.name in self.lane_arrays:
-                first = f"(const {self.target.scalar} *){source.name}", f"LANES * {self.scope.padded}"
+                first = f"(const {SCALAR} *){source.name}", f"LANES * {self.scope.padded}"
             else:
                 first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
             rows = 1 if len(source.shape) == 1 else source.shape[0]
