@@ -58,7 +58,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "bb020f2c6df403ed":
+if getattr(_c, "SOURCES", "") != "50b3ba7b2245eb18":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

@@ -1705,7 +1705,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "bb020f2c6df403ed") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "50b3ba7b2245eb18") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1705,7 +1705,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "28be681fe17314ee") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "fbcbd176845fc014") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

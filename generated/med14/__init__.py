@@ -58,7 +58,7 @@ except ImportError as _error:
         "med14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "b6d4819c8438e83c":
+if getattr(_c, "SOURCES", "") != "876e2248d9ed55f7":
     raise ImportError(
         "med14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

@@ -1705,7 +1705,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "b6d4819c8438e83c") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "876e2248d9ed55f7") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1705,7 +1705,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "237a6892c46e241b") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "a3c59ad4089fe014") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

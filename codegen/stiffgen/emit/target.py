@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-
 SCALAR = "double"
 """C type of a number that all configurations and joints share, on every target: constants are printed to its digits."""
 
