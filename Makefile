@@ -11,6 +11,8 @@
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make random-warnings  gcc at every level on random robots
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
+# make closed-loop  the controller on a simulated arm: 500 random situations, 100 000 adversarial energy schedules, 10^7
+#                   hostile steps with 10^5 bit flips under sanitizers; each part also alone: settle, energy, hostile
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -23,7 +25,7 @@ FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings soak clean
+.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings soak closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -111,6 +113,11 @@ random-warnings: $(VENV)/installed-test
 
 soak: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/soak.py
+
+closed-loop: settle energy hostile
+
+settle energy hostile: $(VENV)/installed-test
+	PYTHONPATH=tests:. $(BIN)/python tests/long/$@.py $(OPTIONS)
 
 clean:
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis

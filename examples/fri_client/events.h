@@ -21,7 +21,7 @@ enum Event {
     EVENT_SLOWED = 1 << 13,
     EVENT_PERIOD = 1 << 14,
     EVENT_STOPPED = 1 << 15,
-    EVENT_FALLBACK = 1 << 16,
+    EVENT_CONTROLLER_FAULT = 1 << 16,
     EVENT_LET_GO = 1 << 17,
     EVENT_OTHER_VERSION = 1 << 18
 };
@@ -34,7 +34,7 @@ struct EventText {
 
 const EventText EVENT_TEXTS[] = {
     {EVENT_LOST_CYCLES, "lost cycles", "the robot's counter shows messages that never came, or came too late",
-     "missed samples: the torque is held, from three on damping alone"},
+     "missed samples: the torque is held, three are a fault of the controller"},
     {EVENT_MISSING_FIELD, "missing field", "the message lacked a value that is needed", "a missed sample"},
     {EVENT_BAD_TIMESTAMP, "bad time stamp", "the robot's clock was left out, or set",
      "the counter of the messages tells the time"},
@@ -50,11 +50,12 @@ const EventText EVENT_TEXTS[] = {
     {EVENT_IMPLAUSIBLE, "implausible position", "a position far beyond the joint limits", "a missed sample"},
     {EVENT_NO_TIME, "no time passed", "the robot's clock does not follow the counter of its messages",
      "a missed sample"},
-    {EVENT_SLOWED, "slowed", "reference error, stored energy or contact force near its limit",
+    {EVENT_SLOWED, "slowed", "tip's distance, governor's lag, stored energy or contact force near its limit",
      "the trajectory is slowed down, at the limit it stands still"},
     {EVENT_PERIOD, "send period", "the robot reports another send period", "the old one is kept; for long: let go"},
     {EVENT_STOPPED, "robot stopped", "safety stop, drives off, or another operation mode", "let go"},
-    {EVENT_FALLBACK, "fallback", "the controller does not believe its input, or has none", "damping alone"},
+    {EVENT_CONTROLLER_FAULT, "controller fault", "the controller latched a fault",
+     "spring released, damping; reset if messages were lost, else: let go"},
     {EVENT_LET_GO, "let go", "the client gives up, see the last line",
      "torque to zero within 0.25 s, still answering"},
     {EVENT_OTHER_VERSION, "other version", "the messages have not the fields of this FRI version",

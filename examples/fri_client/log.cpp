@@ -60,7 +60,7 @@ Log::Log(Records &records, const std::string &path, Question &question)
     }
     names(file_, "wrench", 6);
     names(file_, "torque", JOINTS);
-    std::fprintf(file_, ",status,mode,sample_valid,start,antisymmetric,tank_energy,elastic_energy");
+    std::fprintf(file_, ",status,mode,sample_valid,start,reset,antisymmetric,tank_energy,elastic_energy");
     for (const char *name : AFTER) {
         names(file_, name, JOINTS);
     }
@@ -171,8 +171,8 @@ void Log::write(const Record &record)
     values(file_, record.dq0, JOINTS);
     values(file_, record.wrench, 6);
     values(file_, record.torque, JOINTS);
-    std::fprintf(file_, ",%lu,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode, record.sample_valid,
-                 record.start);
+    std::fprintf(file_, ",%lu,%d,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode, record.sample_valid,
+                 record.start, record.reset);
     values(file_, &record.antisymmetric, 1);
     values(file_, &record.tank_energy, 1);
     values(file_, &record.elastic_energy, 1);

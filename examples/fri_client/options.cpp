@@ -24,16 +24,18 @@ const char HELP[] =
     "  --summary FILE           closing figures, JSON\n"
     "  --sample-time S          refuse a robot with another send period [s] (take the robot's)\n"
     "  --stiffness SIX          task stiffness, diagonal [N/m, N m/rad] (700,700,800,30,30,30)\n"
-    "  --conventional           stiffness without the correction, for comparison\n"
+    "  --law NAME               potential; or, for comparison, paper, or conventional (without the correction)\n"
     "  --damping-ratio X        of every mode (0.7)\n"
     "  --joint-damping X        added to every joint [N m s/rad] (0.1)\n"
-    "  --nullspace-stiffness X  added to every joint [N m/rad] (1)\n"
+    "  --posture-stiffness X    of every joint towards the reference [N m/rad] (10)\n"
+    "  --motor-inertia X        of every joint's rotor, seen at the joint [kg m^2] (0.1)\n"
     "  --effort-share X         of the robot's effort limits, 0 to 1 (0.25; all of them: 1)\n"
     "  --torque-rise S          least time from zero to that limit [s] (0.25; the least: 0.1)\n"
     "  --speed-share X          of the robot's velocity limits: faster, and the client lets go (0.9)\n"
-    "  --error-limit RAD        of a joint from its reference: there the trajectory stands still (1; 0: none)\n"
-    "  --energy-limit J         stored in the spring: likewise (6; 0: none)\n"
-    "  --force-limit N          of contact: likewise (120; 0: none)\n"
+    "  --error-limit M          of the tip from where the trajectory wants it: there it stands still (0.2; 0: none)\n"
+    "  --lag-limit RAD          of the governor's posture from the wanted one: likewise (0.3; 0: none)\n"
+    "  --energy-limit J         stored in the spring: likewise, and the governor's limit (6; 0: none, the governor's 5)\n"
+    "  --force-limit N          of contact: likewise (150; 0: none)\n"
     "  --hold-time S            that it may stand still, then the client lets go (3)\n"
     "  --approach S             least time of the move to the trajectory [s] (5)\n"
     "  --approach-limit RAD     longest way of a joint to the trajectory that is not asked about (0.8)\n"
@@ -62,14 +64,16 @@ enum Name {
     SUMMARY,
     SAMPLE_TIME,
     STIFFNESS,
-    CONVENTIONAL,
+    LAW,
     DAMPING_RATIO,
     JOINT_DAMPING,
-    NULLSPACE_STIFFNESS,
+    POSTURE_STIFFNESS,
+    MOTOR_INERTIA,
     EFFORT_SHARE,
     TORQUE_RISE,
     SPEED_SHARE,
     ERROR_LIMIT,
+    LAG_LIMIT,
     ENERGY_LIMIT,
     FORCE_LIMIT,
     HOLD_TIME,
@@ -97,14 +101,16 @@ const struct option LONG[] = {{"trajectory", required_argument, NULL, TRAJECTORY
                               {"summary", required_argument, NULL, SUMMARY},
                               {"sample-time", required_argument, NULL, SAMPLE_TIME},
                               {"stiffness", required_argument, NULL, STIFFNESS},
-                              {"conventional", no_argument, NULL, CONVENTIONAL},
+                              {"law", required_argument, NULL, LAW},
                               {"damping-ratio", required_argument, NULL, DAMPING_RATIO},
                               {"joint-damping", required_argument, NULL, JOINT_DAMPING},
-                              {"nullspace-stiffness", required_argument, NULL, NULLSPACE_STIFFNESS},
+                              {"posture-stiffness", required_argument, NULL, POSTURE_STIFFNESS},
+                              {"motor-inertia", required_argument, NULL, MOTOR_INERTIA},
                               {"effort-share", required_argument, NULL, EFFORT_SHARE},
                               {"torque-rise", required_argument, NULL, TORQUE_RISE},
                               {"speed-share", required_argument, NULL, SPEED_SHARE},
                               {"error-limit", required_argument, NULL, ERROR_LIMIT},
+                              {"lag-limit", required_argument, NULL, LAG_LIMIT},
                               {"energy-limit", required_argument, NULL, ENERGY_LIMIT},
                               {"force-limit", required_argument, NULL, FORCE_LIMIT},
                               {"hold-time", required_argument, NULL, HOLD_TIME},
@@ -168,8 +174,23 @@ void six(int argc, char **argv, double *values)
         if ((comma == std::string::npos) != (i == 5)) {
             refuse(STIFFNESS, given, "six numbers");
         }
-        values[i] = number(STIFFNESS, text.substr(0, comma), 0.0, 1e4);
+        values[i] = number(STIFFNESS, text.substr(0, comma), 0.0, i < 3 ? 5e3 : 500.0);
         text = i < 5 ? text.substr(comma + 1) : "";
+    }
+}
+
+/* getopt_long takes any beginning of a name: a misspelt option must not set another one. */
+void refuse_unknown(int argc, char **argv)
+{
+    for (int i = 1; i < argc; ++i) {
+        const std::string given = argv[i], name = given.substr(0, given.find('='));
+        bool known = name.compare(0, 2, "--") != 0;
+        for (const option *each = LONG; !known && each->name != NULL; ++each) {
+            known = name == std::string("--") + each->name;
+        }
+        if (!known) {
+            throw std::runtime_error(name + ": no such option; see fri_wiping --help");
+        }
     }
 }
 
@@ -182,6 +203,7 @@ Options::Options()
 
 bool Options::parse(int argc, char **argv)
 {
+    refuse_unknown(argc, argv);
     opterr = 0;
     for (int name; (name = getopt_long(argc, argv, ":", LONG, NULL)) != -1;) {
         const std::string text = optarg != NULL ? optarg : "";
@@ -196,14 +218,22 @@ bool Options::parse(int argc, char **argv)
         case SUMMARY: summary = text; break;
         case SAMPLE_TIME: settings.sample_time = number(name, text, 0.001, 0.010); break;
         case STIFFNESS: six(argc, argv, settings.task_stiffness); break;
-        case CONVENTIONAL: settings.conventional = true; break;
+        case LAW:
+            if (text != "potential" && text != "paper" && text != "conventional") {
+                refuse(name, text, "potential, paper or conventional");
+            }
+            settings.paper = text != "potential";
+            settings.conventional = text == "conventional";
+            break;
         case DAMPING_RATIO: settings.damping_ratio = number(name, text, 0.0, 100.0); break;
         case JOINT_DAMPING: settings.joint_damping = number(name, text, 0.0, 1000.0); break;
-        case NULLSPACE_STIFFNESS: settings.nullspace_stiffness = number(name, text, 0.0, 1e4); break;
+        case POSTURE_STIFFNESS: settings.posture_stiffness = number(name, text, 0.0, 1e4); break;
+        case MOTOR_INERTIA: settings.motor_inertia = number(name, text, 0.0, 100.0); break;
         case EFFORT_SHARE: settings.effort_share = number(name, text, 0.001, 1.0); break;
         case TORQUE_RISE: settings.torque_rise = number(name, text, 0.1, 0.25); break;
         case SPEED_SHARE: settings.speed_share = number(name, text, 0.01, 1.0); break;
         case ERROR_LIMIT: settings.pace.error = number(name, text, 0.0, 10.0); break;
+        case LAG_LIMIT: settings.pace.lag = number(name, text, 0.0, 10.0); break;
         case ENERGY_LIMIT: settings.pace.energy = number(name, text, 0.0, 1e3); break;
         case FORCE_LIMIT: settings.pace.force = number(name, text, 0.0, 1e3); break;
         case HOLD_TIME: settings.pace.patience = number(name, text, 0.1, 1e3); break;

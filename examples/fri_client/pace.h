@@ -5,7 +5,8 @@
 
 /* What the trajectory waits for; 0 of a limit turns that one off. */
 struct PaceLimits {
-    double error;    /* [rad] of a joint from its reference */
+    double error;    /* [m] of the tip from where the trajectory wants it */
+    double lag;      /* [rad] of the posture that the governor lets the springs pull to, from the wanted one */
     double energy;   /* [J] stored in the spring */
     double force;    /* [N] of contact */
     double patience; /* [s] that it may stand still for one of these */
@@ -17,7 +18,7 @@ struct PaceLimits {
  */
 class Pace {
 public:
-    enum Reason { FREE, ERROR, ENERGY, FORCE };
+    enum Reason { FREE, ERROR, LAG, ENERGY, FORCE };
 
     explicit Pace(const PaceLimits &limits) : limits_(limits), pace_(1.0), reason_(FREE), standing_(0.0) {}
 
@@ -29,11 +30,12 @@ public:
     }
 
     /* What the last step met, and whether somebody holds the trajectory back on purpose. */
-    void update(double error, double energy, double force, bool hold, double seconds)
+    void update(double error, double lag, double energy, double force, bool hold, double seconds)
     {
         double wanted = 1.0;
         reason_ = FREE;
         consider(error, limits_.error, ERROR, &wanted);
+        consider(lag, limits_.lag, LAG, &wanted);
         consider(energy, limits_.energy, ENERGY, &wanted);
         consider(force, limits_.force, FORCE, &wanted);
         standing_ = wanted < STANDING && !hold ? standing_ + seconds : 0.0;

@@ -15,6 +15,7 @@ struct Record {
     int from, to; /* session states */
 
     int start; /* 1: the controller was initialised just before this step */
+    int reset; /* 1: a latched fault was reset just before this step */
     int sample_valid;
     double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6]; /* into the step */
     double torque[JOINTS];                                            /* out of it */

@@ -80,14 +80,24 @@ std::string diagnosis(const Options &options, const WipingClient &client, const 
     return "messages arrive, but none of use: " + (refused.empty() ? "no time passes in them" : refused);
 }
 
+const char *fault_text(int fault)
+{
+    switch (fault) {
+    case robot::FAULT_SENSOR: return "the measured positions are not believed";
+    case robot::FAULT_LIMIT: return "the arm is beyond a limit";
+    case robot::FAULT_ENERGY: return "the tank does not cover the worst next step";
+    default: return "configuration";
+    }
+}
+
 std::string let_go_text(const WipingClient &client)
 {
-    const double limit[] = {0.0, client.settings().pace.error, client.settings().pace.energy,
-                            client.settings().pace.force};
-    static const char *const what[] = {"", "the arm's distance from its reference", "the energy stored in the spring",
-                                       "the contact force"};
-    static const char *const option[] = {"", "--error-limit", "--energy-limit", "--force-limit"};
-    static const char *const unit[] = {"", " rad", " J", " N"};
+    const double limit[] = {0.0, client.settings().pace.error, client.settings().pace.lag,
+                            client.settings().pace.energy, client.settings().pace.force};
+    static const char *const what[] = {"", "the tip's distance from where the trajectory wants it",
+                                       "the governor's lag", "the energy stored in the spring", "the contact force"};
+    static const char *const option[] = {"", "--error-limit", "--lag-limit", "--energy-limit", "--force-limit"};
+    static const char *const unit[] = {"", " m", " rad", " J", " N"};
     const Pace::Reason held = client.held_by();
     switch (client.gone()) {
     case LET_GO_INTERRUPTED: return "interrupted";
@@ -106,6 +116,9 @@ std::string let_go_text(const WipingClient &client)
     case LET_GO_PERIOD:
         return "the robot's send period changed from " + text("%g", 1e3 * client.sample_time()) + " to " +
                text("%g", 1e3 * client.reported_period()) + " ms while commanding";
+    case LET_GO_CONTROLLER:
+        return std::string("the controller latched a fault: ") + fault_text(client.controller_fault()) + ", reason " +
+               std::to_string(client.controller_reason()) + " of " + robot::name() + "_impedance.h";
     default: return "";
     }
 }

@@ -96,7 +96,7 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
         {"no_torque_mode", count(c.no_torque_mode)},
         {"sensor_silent", count(c.sensor_silent)},
         {"exceptions", count(c.exceptions)},
-        {"fallbacks", count(c.fallbacks)},
+        {"controller_faults", count(c.controller_faults)},
         {"saturated", count(c.saturated)},
         {"rate_limited", count(c.rate_limited)},
         {"guarded", count(c.guarded)},
@@ -115,15 +115,20 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
     const robot::Config &config = client.config();
     controller_ = Fields{
         {"sample_time", number(config.sample_time)},
+        {"law", config.law == robot::LAW_PAPER ? quoted("paper") : quoted("potential")},
         {"task_stiffness", list(options.settings.task_stiffness, 6)},
         {"stiffness_formula", options.settings.conventional ? quoted("conventional") : quoted("corrected")},
         {"posture_stiffness", number(config.posture_stiffness[0])},
+        {"motor_inertia", number(config.motor_inertia[0])},
+        {"reference_velocity_limit", list(config.reference_velocity_limit, JOINTS)},
+        {"ramp_time", number(config.ramp_time)},
+        {"tip_velocity_limit", number(config.tip_velocity_limit)},
+        {"tip_rotation_limit", number(config.tip_rotation_limit)},
+        {"energy_limit", number(config.energy_limit)},
         {"damping_ratio", number(options.settings.damping_ratio)},
         {"joint_damping", number(config.joint_damping)},
         {"effort_limit", list(config.effort_limit, JOINTS)},
         {"torque_rate_limit", list(config.torque_rate_limit, JOINTS)},
-        {"automatic_reset_time", number(config.automatic_reset_time)},
-        {"law", quoted("paper")},
     };
 }
 

@@ -12,6 +12,9 @@ namespace {
 /* Messages in a row that are at odds with the session, after which the client acts: one may be at fault, ten not. */
 const int PATIENCE = 10;
 
+/* [s] of good samples after which a fault of the communication is reset. */
+const double RESET_TIME = 0.2;
+
 /* Periods that torque can be commanded at, in seconds. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
 
@@ -25,11 +28,6 @@ void copy(const double *from, double *to, int count)
 void fill(double *x, double value, int count)
 {
     std::fill(x, x + count, value);
-}
-
-double clamp(double x, double least, double most)
-{
-    return std::min(std::max(x, least), most);
 }
 
 /* Frobenius norm of the antisymmetric part. */
@@ -46,7 +44,7 @@ double antisymmetric_norm(const double *matrix)
 }
 
 /* [J] e^T Kq e / 2 of the paper's law, e from the position to the reference. */
-double elastic_energy(const robot::Output &output)
+double quadratic_energy(const robot::Output &output)
 {
     double sum = 0.0;
     for (int i = 0; i < JOINTS; ++i) {
@@ -58,10 +56,16 @@ double elastic_energy(const robot::Output &output)
     return sum;
 }
 
+double clamp(double x, double least, double most)
+{
+    return std::min(std::max(x, least), most);
+}
+
 } // namespace
 
 Settings::Settings()
-    : conventional(false), damping_ratio(0.7), joint_damping(0.1), nullspace_stiffness(1.0), effort_share(0.25),
+    : paper(false), conventional(false), damping_ratio(0.7), joint_damping(0.1), posture_stiffness(10.0),
+      motor_inertia(0.1), effort_share(0.25),
       torque_rise(0.25), speed_share(0.9), sample_time(0.0), approach_time(5.0), approach_limit(0.8),
       approach_anyway(false), may_ask(false), velocity_filter(0.004), wrench_damping(0.01), external_torque_sign(1.0),
       pace(), dry_run(false), simulated_time(false)
@@ -69,10 +73,11 @@ Settings::Settings()
     /* The paper's. */
     const double stiffness[6] = {700.0, 700.0, 800.0, 30.0, 30.0, 30.0};
     copy(stiffness, task_stiffness, 6);
-    /* The bowl wiping has 0.6 rad, 3.6 J and 69 N. */
-    pace.error = 1.0;
+    /* The bowl wiping has 0.1 m, 3.7 J and 85 N. */
+    pace.error = 0.2;
+    pace.lag = 0.3;
     pace.energy = 6.0;
-    pace.force = 120.0;
+    pace.force = 150.0;
     pace.patience = 3.0;
 }
 
@@ -82,7 +87,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
       velocity_(settings.velocity_filter), wrench_(sensor, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
       other_period_(0), since_position_(0.0), valid_(false), button_(false), quality_(0), operation_mode_(0),
-      without_torque_mode_(0), without_drives_(0), controlling_(false), start_(0), fallen_back_(false), events_(0),
+      without_torque_mode_(0), without_drives_(0), controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE), events_(0),
       last_command_(0.0), last_callback_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE),
       ended_(false), refusal_(REFUSAL_NONE), controller_error_(0)
 {
@@ -92,14 +97,18 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     std::memset(&counters_, 0, sizeof counters_);
     std::memset(&record_, 0, sizeof record_);
     fill(q_, 0.0, JOINTS);
-    fill(dq0_, 0.0, JOINTS);
     robot::default_config(&config_);
     config_.joint_damping = settings.joint_damping;
-    /* Faults of single samples and of the communication pass: the governor brings the equilibrium back by itself. */
-    config_.law = robot::LAW_PAPER;
-    config_.automatic_reset_time = 0.1;
+    config_.law = settings.paper ? robot::LAW_PAPER : robot::LAW_POTENTIAL;
+    /* The governor is for jumps; the trajectory itself it is to follow as it stands. */
+    config_.ramp_time = 0.05;
+    config_.tip_velocity_limit = 2.0; /* [m/s] */
+    config_.tip_rotation_limit = 6.0; /* [rad/s] */
+    config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : config_.energy_limit;
     for (int i = 0; i < JOINTS; ++i) {
-        config_.posture_stiffness[i] = settings.nullspace_stiffness;
+        config_.posture_stiffness[i] = settings.posture_stiffness;
+        config_.motor_inertia[i] = settings.motor_inertia;
+        config_.reference_velocity_limit[i] = robot::velocity(i); /* the file has been checked for it */
         config_.damping_ratio[i] = settings.damping_ratio;
         config_.effort_limit[i] *= settings.effort_share;
         config_.torque_rate_limit[i] = config_.effort_limit[i] / settings.torque_rise;
@@ -107,11 +116,14 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     if (settings.conventional) {
         config_.stiffness_formula = robot::STIFFNESS_FORMULA_CONVENTIONAL;
     }
-    input_.command = robot::COMMAND_POSITION;
-    input_.wrench_valid = 1;
     for (int i = 0; i < 6; ++i) {
         input_.task_stiffness[7 * i] = settings.task_stiffness[i];
     }
+    for (int i = 0; i < 3; ++i) {
+        input_.translation_stiffness[4 * i] = settings.task_stiffness[i];
+        input_.rotation_stiffness[4 * i] = settings.task_stiffness[3 + i];
+    }
+    input_.command = robot::COMMAND_POSITION;
     controller_error_ = robot::init(&config_, &state_);
     refusal_ = controller_error_ == 0 ? REFUSAL_NONE : REFUSAL_CONTROLLER;
 }
@@ -382,7 +394,7 @@ void WipingClient::command()
 bool WipingClient::may_begin()
 {
     int joint = 0;
-    if (!valid_ || reference_.distance(q_, &joint) <= settings_.approach_limit || settings_.approach_anyway) {
+    if (!valid_ || reference_.done() || reference_.distance(q_, &joint) <= settings_.approach_limit || settings_.approach_anyway) {
         return true;
     }
     if (question_.state() == Question::NONE) {
@@ -400,7 +412,7 @@ void WipingClient::begin_commanding()
 {
     reference_.begin(q_);
     pace_.reset(may_begin() ? 1.0 : 0.0);
-    fallen_back_ = false;
+    faulted_ = false;
     controlling_ = true;
     start_ = 1;
     robot::init(&config_, &state_);
@@ -417,19 +429,22 @@ void WipingClient::missed_and_advance()
         record_step(clock_.time() - (lost - k) * sample_time_);
     }
     const double seconds = (lost < config_.missed_limit ? clock_.periods() : 1) * sample_time_;
-    double error = 0.0, force = 0.0;
-    for (int i = 0; i < JOINTS; ++i) {
-        error = std::max(error, std::fabs(input_.q0[i] - q_[i]));
-    }
+    double wanted[16], there[16], error = 0.0, lag = 0.0, force = 0.0;
+    robot::pose(input_.q0, wanted);
+    robot::pose(q_, there);
     for (int i = 0; i < 3; ++i) {
+        error += (wanted[4 * i + 3] - there[4 * i + 3]) * (wanted[4 * i + 3] - there[4 * i + 3]);
         force += output_.wrench[i] * output_.wrench[i];
+    }
+    for (int i = 0; i < JOINTS; ++i) {
+        lag = std::max(lag, std::fabs(input_.q0[i] - output_.reference[i]));
     }
     if (question_.state() == Question::NO) {
         let_go(LET_GO_DECLINED);
     }
     const bool waits = button_ || question_.state() == Question::ASKED || let_go_ != LET_GO_NONE;
-    if ((output_.status & robot::STATUS_FAULT) == 0) {
-        pace_.update(start_ ? 0.0 : error, elastic_energy(output_), std::sqrt(force), waits, seconds);
+    if (!faulted_) {
+        pace_.update(std::sqrt(error), lag, record_.elastic_energy, std::sqrt(force), waits, seconds);
         reference_.advance(pace_.value() * seconds);
     }
     if (pace_.reason() != Pace::FREE) {
@@ -453,7 +468,26 @@ bool WipingClient::fill_input()
     copy(q_, input_.q, JOINTS);
     copy(velocity_.velocity(), input_.dq, JOINTS);
     reference_.at(pace_.value(), input_.q0, dq0_);
+    input_.wrench_valid = 1;
     return true;
+}
+
+/* A fault stays until it is reset. One of the communication is, when messages come again; others are not. */
+void WipingClient::watch_controller()
+{
+    record_.reset = 0;
+    good_time_ = faulted_ && valid_ ? good_time_ + clock_.periods() * sample_time_ : 0.0;
+    if (!faulted_ || let_go_ != LET_GO_NONE) {
+        return;
+    }
+    if (output_.fault != robot::FAULT_COMMUNICATION) {
+        controller_fault_ = output_.fault;
+        let_go(LET_GO_CONTROLLER);
+    } else if (good_time_ >= RESET_TIME) {
+        robot::reset(&state_);
+        record_.reset = 1;
+        good_time_ = 0.0;
+    }
 }
 
 /* One step of the controller, on input_ or on nothing. */
@@ -481,14 +515,14 @@ void WipingClient::step_controller(bool valid)
     record_.mode = output_.mode;
     record_.antisymmetric = antisymmetric_norm(output_.joint_stiffness);
     record_.tank_energy = output_.tank_energy;
-    record_.elastic_energy = elastic_energy(output_);
-    const bool fallback = (output_.status & robot::STATUS_FAULT) != 0;
-    counters_.fallbacks += fallback && !fallen_back_ ? 1 : 0;
-    events_ |= fallback ? EVENT_FALLBACK : 0;
+    record_.elastic_energy = settings_.paper ? quadratic_energy(output_) : output_.elastic_energy;
+    const bool fault = (output_.status & robot::STATUS_FAULT) != 0;
+    counters_.controller_faults += fault && !faulted_ ? 1 : 0;
+    events_ |= fault ? EVENT_CONTROLLER_FAULT : 0;
     counters_.saturated += (output_.status & robot::STATUS_SATURATED) != 0 ? 1 : 0;
     counters_.rate_limited += (output_.status & robot::STATUS_RATE_LIMITED) != 0 ? 1 : 0;
     counters_.antisymmetric = std::max(counters_.antisymmetric, record_.antisymmetric);
-    fallen_back_ = fallback;
+    faulted_ = fault;
 }
 
 /* The step's row in the log. */
@@ -507,6 +541,7 @@ void WipingClient::record_step(double time)
     record_.events = events_;
     records_.push(record_);
     events_ = 0;
+    record_.reset = 0;
     start_ = 0;
 }
 
@@ -528,6 +563,7 @@ void WipingClient::control()
         note();
         return;
     }
+    watch_controller();
     step_controller(valid_ && torque_mode && fill_input());
     events_ |= reference_.done() && !was_done ? EVENT_DONE : 0;
     if (torque_mode) {

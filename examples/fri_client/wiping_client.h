@@ -22,10 +22,12 @@
 /* What the client is told at the start. */
 struct Settings {
     double task_stiffness[6];    /* [N/m, N m/rad] diagonal, hybrid frame */
-    bool conventional;           /* the stiffness without the correction, for comparison */
+    bool paper;                  /* the paper's law instead of the exact spring, for comparison */
+    bool conventional;           /* that one without the correction */
     double damping_ratio;        /* [1] of every mode */
     double joint_damping;        /* [N m s/rad] */
-    double nullspace_stiffness;  /* [N m/rad] */
+    double posture_stiffness;    /* [N m/rad] */
+    double motor_inertia;        /* [kg m^2] */
     double effort_share;         /* of the robot's effort limits */
     double torque_rise;          /* [s] least time from zero torque to the effort limit */
     double speed_share;          /* of the robot's velocity limits, at which the client lets go */
@@ -64,7 +66,7 @@ struct Counters {
     unsigned long long slowed;  /* cycles in which the trajectory ran slower for a limit */
     unsigned long long sensor_silent;
     unsigned long long exceptions;              /* the FRI library refused a call */
-    unsigned long long fallbacks;               /* the controller went to pure damping, so often */
+    unsigned long long controller_faults;       /* the controller latched a fault, so often */
     unsigned long long saturated, rate_limited; /* cycles with these bits of the controller's status */
     double antisymmetric; /* [N m/rad] largest Frobenius norm of the applied stiffness' antisymmetric part */
 };
@@ -81,6 +83,7 @@ enum LetGo {
     LET_GO_DRIVES,
     LET_GO_OPERATION_MODE,
     LET_GO_PERIOD,
+    LET_GO_CONTROLLER, /* it latched a fault that is not of the communication */
     LET_GO_USELESS /* the robot's messages are of no use any more */
 };
 
@@ -110,6 +113,8 @@ public:
     LetGo gone() const { return let_go_; }
     Pace::Reason held_by() const { return held_by_; }
     int fast_joint() const { return fast_joint_; }
+    int controller_fault() const { return controller_fault_; }
+    int controller_reason() const { return output_.reason; }
     const Question &question() const { return question_; }
     bool trajectory_done() const { return reference_.done(); }
     double progress() const { return reference_.progress(); } /* [s] in the trajectory */
@@ -137,6 +142,7 @@ private:
     void control();
     void missed_and_advance();
     bool fill_input();
+    void watch_controller();
     void step_controller(bool valid);
     void record_step(double time);
     void send(const double *position, const double *torque);
@@ -167,13 +173,15 @@ private:
     double since_position_;                /* [s] since the last position; negative: nobody knows */
     bool valid_;                           /* this message is a sample */
     double q_[JOINTS];                     /* [rad] last measured position */
-    double dq0_[JOINTS];                   /* [rad/s] of the wanted motion, for the log */
     bool button_;
     int quality_, operation_mode_;
     int without_torque_mode_, without_drives_; /* messages in a row */
     bool controlling_;                         /* the controller runs since COMMANDING_ACTIVE began */
     int start_;                                /* the next step is the controller's first */
-    bool fallen_back_;
+    bool faulted_;
+    double good_time_; /* [s] of good samples since the controller latched a fault */
+    int controller_fault_;
+    double dq0_[JOINTS]; /* [rad/s] of the reference, for the log */
     std::uint32_t events_;
     double last_command_, last_callback_; /* [s] monotonic time; duration */
     Pace::Reason held_by_;

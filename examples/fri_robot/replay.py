@@ -48,25 +48,35 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
 def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     """The controller of a generated robot, configured as a client's summary says."""
     told = summary["controller"]
-    names = ("sample_time", "law", "stiffness_formula", "posture_stiffness", "damping_ratio", "joint_damping",
-             "effort_limit", "torque_rate_limit", "automatic_reset_time")  # fmt: skip
+    names = ("sample_time", "law", "stiffness_formula", "posture_stiffness", "motor_inertia", "damping_ratio",
+             "joint_damping", "effort_limit", "torque_rate_limit", "reference_velocity_limit", "ramp_time",
+             "tip_velocity_limit", "tip_rotation_limit", "energy_limit")  # fmt: skip
     return robot.Impedance({name: told[name] for name in names})
 
 
 def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     """Torque (steps, 7) [N m] of the controller, stepped in Python on the inputs in the log.
 
-    It begins anew where the client's did, and misses the samples that the client's missed.
+    It begins anew, and is reset, where the client's did and was, and misses the samples that the client's missed.
     """
     torque = np.full((len(log), JOINTS), np.nan)
-    starts = np.flatnonzero(log["start"])
-    K = np.diag(log.summary["controller"]["task_stiffness"])
-    for begin, end in pairwise([*starts, len(log)]):
+    told = log.summary["controller"]
+    stiffness = np.diag(told["task_stiffness"])
+    springs = (
+        {"task_stiffness": stiffness}
+        if told["law"] == "paper"
+        else {"translation_stiffness": stiffness[:3, :3], "rotation_stiffness": stiffness[3:, 3:]}
+    )
+    steps = np.flatnonzero((log["start"] != 0) | (log["reset"] != 0))
+    for begin, end in pairwise([*steps, len(log)]):
+        if log["start"][begin]:
+            impedance = controller(robot, log.summary)
+        else:
+            impedance.reset()
         part = slice(begin, end)
         valid = log["sample_valid"][part].astype(int)
         inputs = {name: log[name][part] for name in ("q", "dq", "q0", "wrench")}
-        steps = controller(robot, log.summary).run(task_stiffness=K, sample_valid=valid, **inputs)
-        torque[part] = steps.torque
+        torque[part] = impedance.run(sample_valid=valid, **springs, **inputs).torque
     return torque
 
 

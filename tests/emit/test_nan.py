@@ -6,11 +6,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import stiffgen
 from stiffgen import open_robot
+from stiffgen.check.not_finite import STACK, check_not_finite
 from stiffgen.check.result import as_results
-from stiffgen.check.verify import Samples
+from stiffgen.check.verify import Samples, argument_samples
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
+from stiffgen.symbolic.potentials import SpringOptions
+from support.chains import chain_urdf, replaced
 from support.project import kernels_of
 
 
@@ -61,8 +65,6 @@ def test_zeros_do_not_hide_a_nan(robot):
 
 def test_an_infinite_slide_is_nan(tmp_path):
     """A prismatic coordinate enters linearly, where an infinity would otherwise stay one."""
-    import stiffgen
-
     urdf = tmp_path / "slide.urdf"
     urdf.write_text(
         '<robot name="slide"><link name="a"/><link name="b"/><link name="c"/>'
@@ -74,3 +76,32 @@ def test_an_infinite_slide_is_nan(tmp_path):
         assert np.isnan(slide.forward_kinematics([np.inf, 0])[0, 3])
         assert np.isnan(slide.spatial.jacobian([-np.inf, 0])[1, 1])
     assert slide.forward_kinematics([2.0, 0])[0, 3] == 2.0
+
+
+SPRINGS = SpringOptions(kinds=("rotation_vector", "quaternion", "coupled"))
+
+
+@pytest.mark.parametrize("types", ["rpr", *(pytest.param(each, marks=pytest.mark.slow) for each in ("prpm", "rrm"))])
+def test_what_overflows_is_nan(types, tmp_path):
+    """Of slides, joints that mimic and springs: no result is infinite however large the arguments are."""
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(chain_urdf(types))
+    opened = open_robot(stiffgen.generate(urdf, output=tmp_path, springs=SPRINGS))
+    pool = argument_samples(opened.chain, STACK, 4, opened.springs)
+    failed = [check for check in check_not_finite(opened.kernels, opened.table, pool) if not check.passed]
+    assert failed == []
+
+
+def test_what_overflows_is_nan_with_two_tips(tmp_path):
+    """Sums over tips, and a tool given at run time."""
+    branch = (
+        '<link name="side"/><joint name="aside" type="prismatic"><parent link="upper"/><child link="side"/>'
+        '<axis xyz="0 1 0"/><limit lower="0" upper="1" effort="5" velocity="1"/></joint></robot>'
+    )
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(replaced(("</robot>", branch)))
+    folder = stiffgen.generate(urdf, tip=["finger", "side"], runtime_tool=True, output=tmp_path)
+    opened = open_robot(folder)
+    pool = argument_samples(opened.chain, STACK, 4, opened.springs)
+    failed = [check for check in check_not_finite(opened.kernels, opened.table, pool) if not check.passed]
+    assert failed == []

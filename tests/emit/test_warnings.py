@@ -1,4 +1,4 @@
-"""gcc finds nothing to warn of in the C of random robots, whatever it optimises: more in tests/long/compiler_warnings.py."""
+"""gcc finds nothing to warn of in the C of random robots, at any level; more in tests/long/compiler_warnings.py."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,7 @@ def test_the_trajectory_takes_as_long_as_ever_whatever_the_clock_does(
     assert run.client is not None
     assert abs(trajectory_time(run) - 1.1) <= period / 1000 + 1e-9
     assert run.client["sample_valid"].all()
-    assert run.faults["lost_cycles"] == run.faults["fallbacks"] == 0
+    assert run.faults["lost_cycles"] == run.faults["controller_faults"] == 0
     assert np.abs(run.client["dq"]).max() < 0.6  # 0.2 rad in 1 s: 0.375 rad/s
 
 
@@ -137,17 +138,43 @@ def test_losses_cost_no_time_and_no_velocity(scenario: Scenario, version: str) -
 
 
 @versions
-def test_a_held_arm_stops_the_trajectory_and_is_let_go(scenario: Scenario, version: str) -> None:
-    limits = ("--error-limit", 0.05, "--hold-time", 0.3)
-    run = scenario(version, "held@1.4-9", client=limits)
+@pytest.mark.parametrize(
+    ("option", "limit", "what"),
+    [
+        ("--error-limit", 0.03, "the tip's distance from where the trajectory wants it stayed at its limit of 0.03 m"),
+        ("--energy-limit", 0.3, "the energy stored in the spring stayed at its limit of 0.3 J"),
+        ("--force-limit", 15, "the contact force stayed at its limit of 15 N"),
+    ],
+)
+def test_a_held_arm_stops_the_trajectory_and_is_let_go(
+    scenario: Scenario, plate: ModuleType, version: str, option: str, limit: float, what: str
+) -> None:
+    run = scenario(version, "held@1.4-9", client=(option, limit, "--hold-time", 0.3))
     assert run.code == FAULT
-    assert "the arm is held: the arm's distance from its reference stayed at its limit of 0.05 rad" in last_line(run)
+    assert f"the arm is held: {what}" in last_line(run)
     assert run.client is not None
-    distance = np.abs(run.client["q0"] - run.client["q"])
-    assert np.nanmax(distance) < 0.1  # the limit, and what is covered while it slows down
+    if option == "--error-limit":
+        wanted, there = (plate.forward_kinematics(run.client[name])[:, :3, 3] for name in ("q0", "q"))
+        assert np.nanmax(np.linalg.norm(wanted - there, axis=1)) < limit + 0.1  # and what it covers in 0.25 s
+    elif option == "--energy-limit":
+        assert run.client["elastic_energy"].max() < 1.05 * limit  # the governor's own limit
     assert run.client["pace"][-1] < 0.02
     assert release_time(run) <= RELEASE
     assert "slowed: " in run.output and "let go: " in run.output
+
+
+@versions
+def test_an_arm_that_is_held_for_a_while_goes_on(scenario: Scenario, version: str) -> None:
+    run = scenario(
+        version,
+        "held@1.0-1.6",
+        "--duration",
+        3,
+        client=("--energy-limit", 0.3, "--hold-time", 1.0, "--effort-share", 1, "--torque-rise", 0.1),
+    )
+    assert run.code == DONE, last_line(run)
+    assert run.faults["slowed"] > 20
+    assert 1.3 < trajectory_time(run) < 2.6
 
 
 def test_the_defaults_for_commissioning_are_low(scenario: Scenario) -> None:

@@ -571,9 +571,12 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
     cycles = 1500  # the move, and half a second into the trajectory
     wiped = Wiped(programs, moving_script(programs, robot, cycles), tmp_path)
     trajectory = np.loadtxt(TRAJECTORY, delimiter=",").T
-    controller = robot.Impedance(sample_time=0.005, law="paper", automatic_reset_time=0.1)
+    controller = robot.Impedance(
+        sample_time=0.005, posture_stiffness=10.0, motor_inertia=0.1, ramp_time=0.05, tip_velocity_limit=2.0,
+        tip_rotation_limit=6.0, reference_velocity_limit=robot.VELOCITY,
+    )  # fmt: skip
     velocity, last = np.zeros(7), None
-    K = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+    springs = {"translation_stiffness": np.diag([700.0, 700.0, 800.0]), "rotation_stiffness": 30.0 * np.eye(3)}
     weight = 1 - np.exp(-0.005 / 0.004)
     worst = 0.0
     for k in range(cycles):
@@ -589,7 +592,7 @@ def test_torque_is_that_of_the_controller_stepped_in_python_on_what_the_robot_sa
             q0, _ = minimum_jerk(t, 5.0, moving(robot, 0.0)[0], trajectory[0])
         else:
             q0 = trajectory[round((t - 5.0) / 0.005)]
-        out = controller.step(q=q, dq=velocity, q0=q0, wrench=measured, task_stiffness=K)
+        out = controller.step(q=q, dq=velocity, q0=q0, wrench=measured, **springs)
         command = wiped.commands[9 + k]
         assert command is not None
         worst = np.maximum(worst, np.abs(command.torque - out.torque).max())  # max() would lose a NaN
@@ -637,7 +640,7 @@ def test_position_lags_by_8_ms_at_every_period_and_after_a_gap(period: int, one:
 
 
 def test_conventional_stiffness_is_asymmetric(open_programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
-    wiped = Wiped(open_programs, moving_script(open_programs, robot, 100), tmp_path, "--conventional")
+    wiped = Wiped(open_programs, moving_script(open_programs, robot, 100), tmp_path, "--law", "conventional")
     assert wiped.summary["antisymmetric_norm"] > 1.0
     np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=REPLAYED)
 
@@ -660,7 +663,7 @@ def test_lost_messages_are_missed_samples(programs: Programs, robot: ModuleType,
     script = moving_script(programs, robot, 100)
     del script.datagrams[40:42]
     wiped = Wiped(programs, script, tmp_path)
-    assert wiped.faults["lost_cycles"] == 2 and wiped.faults["fallbacks"] == 0
+    assert wiped.faults["lost_cycles"] == 2 and wiped.faults["controller_faults"] == 0
     assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [31, 32]
     dq, weight = wiped.log["dq"], 1 - np.exp(-0.015 / 0.004)
     mean = (moving(robot, 33 * 0.005)[0] - moving(robot, 30 * 0.005)[0]) / 0.015
@@ -674,11 +677,12 @@ def test_silence_leads_to_the_fallback_and_back(programs: Programs, robot: Modul
     del script.datagrams[109:149]  # 200 ms in the middle
     wiped = Wiped(programs, script, tmp_path)
     assert wiped.faults["lost_cycles"] == wiped.faults["lost_cycles_commanding"] == 40
-    assert wiped.faults["fallbacks"] == 1
+    assert wiped.faults["controller_faults"] == 1
     status = wiped.log["status"].astype(int)
     missed = np.flatnonzero(wiped.log["sample_valid"] == 0)
     assert list(missed) == [100, 101, 102]  # the watchdog's limit; the rest changes nothing
     assert status[102] & robot.Status.FAULT and not status[-1] & robot.Status.FAULT
+    assert wiped.log["reset"].sum() == 1
     assert_safe(wiped, robot)
     np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=REPLAYED)
 
@@ -723,7 +727,7 @@ def test_hostile_session_never_makes_an_unsafe_torque(
     assert wiped.faults["bad_datagrams"] == put["garbage"] + put["duplicate"]
     assert wiped.faults["no_torque_mode"] == put["mode"]
     assert wiped.faults["state_drops"] == 3
-    assert wiped.faults["fallbacks"] > 10
+    assert wiped.faults["controller_faults"] > 10
     np.testing.assert_allclose(replayed_torque(robot, wiped.log), wiped.log["torque"], rtol=0, atol=REPLAYED)
 
 
@@ -746,7 +750,7 @@ def test_missing_field_is_counted_and_holds_the_torque(
         assert wiped.faults["missing_fields"] == 1
         assert np.array_equal(before.torque, at.torque)
         assert list(np.flatnonzero(wiped.log["sample_valid"] == 0)) == [60]
-    assert wiped.faults["lost_cycles"] == wiped.faults["fallbacks"] == 0
+    assert wiped.faults["lost_cycles"] == wiped.faults["controller_faults"] == 0
 
 
 @pytest.mark.parametrize("value", [1e308, -4.0])
@@ -761,7 +765,7 @@ def test_wild_position_does_not_stay_in_the_filters(
             q = q + value * np.eye(7)[2]
         script.add(COMMANDING_ACTIVE, position=q, external_torque=torque)
     wiped = Wiped(open_programs, script, tmp_path)
-    assert wiped.faults["implausible_positions"] == 1 and wiped.faults["fallbacks"] == 0
+    assert wiped.faults["implausible_positions"] == 1 and wiped.faults["controller_faults"] == 0
     for k in range(60, 100):
         command = wiped.commands[9 + k]
         assert command is not None
@@ -994,6 +998,7 @@ def test_trajectory_with_a_column_a_joint_is_the_same(one: Programs, robot: Modu
         (["--external-torque-sign", "0"], "it takes 1 or -1"),
         (["--effort-share", "nan"], "--effort-share nan"),
         (["--velocity", "3"], "--velocity: no such option"),
+        (["--effort=0.5"], "--effort: no such option"),
         (["extra"], "extra: not an option"),
         (["--trajectory", TRAJECTORY, "--log", "/nowhere/log.csv"], "log /nowhere/log.csv"),
         (["--trajectory", TRAJECTORY, "--host", "robot.example"], "host robot.example"),

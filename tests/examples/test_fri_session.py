@@ -49,7 +49,7 @@ def test_repeated_sessions_are_equal_and_the_torque_is_the_controllers(
 
 
 def test_the_stiffness_without_correction_is_another_session(session: Callable[..., Run], plate: ModuleType) -> None:
-    run = session("2.7", *LOCKSTEP, "--duration", 1.0, client=("--approach", 0.5, "--conventional"))
+    run = session("2.7", *LOCKSTEP, "--duration", 1.0, client=("--approach", 0.5, "--law", "conventional"))
     assert run.code == EARLY
     run.check(plate)
 

@@ -49,11 +49,11 @@ def soak(name: str, folder: Path, robot: Path, steps: int, seed: int = 1) -> sub
 
 def worst_residual(count: int, folder: Path) -> float:
     """Of generalised eigenproblems of the C runtime, |K v - lambda M v| over (|K| + |lambda| |M|) |v|."""
-    from support.runtime import Runtime, pencils, residual
+    from support.runtime import Matrices, pencils, residual
 
-    runtime, worst = Runtime(folder), 0.0
+    matrices, worst = Matrices(folder), 0.0
     for K, M in pencils(2025, count):
-        code, values, vectors = runtime.eigen_generalised(K, M)
+        code, values, vectors = matrices.pencil(K, M)
         worst = float(np.maximum(worst, residual(K, M, values, vectors))) if code == 0 else np.inf
     return worst
 

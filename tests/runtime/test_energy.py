@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stiffgen.check.controller import energy
 from support.controller_inputs import KO, KT, SPRING, Arm, Q, hostile, walk
-from support.controller_reference import energy
 
 
 def residual(out: Any) -> np.ndarray:

@@ -14,10 +14,10 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
+from stiffgen.check.controller import elastic_torque, joint_hessian, modal_damping
+from stiffgen.check.controller import wrench as spring_wrench
 from stiffgen.emit.fields import CONFIG, FAULTS, INPUT, OUTPUT, REASONS, STATUS
 from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
-from support.controller_reference import elastic_torque, joint_hessian, modal_damping
-from support.controller_reference import wrench as spring_wrench
 from support.project import ROOT
 from support.runtime import WARNINGS, compile_c
 
@@ -44,10 +44,10 @@ def test_torque_is_the_gradient_of_the_springs_energy(robot: ModuleType) -> None
         q = Q + random.uniform(-0.2, 0.2, 7)
         _, out = settled(robot, q, posture_stiffness=2.5)
         assert not out.fault, repr(out)
-        expected = elastic_torque(robot, q, robot.forward_kinematics(Q), Q, KT, KO, 2.5)
+        expected = elastic_torque(robot.forward_kinematics, q, robot.forward_kinematics(Q), Q, KT, KO, 2.5)
         np.testing.assert_allclose(out.elastic_torque, expected, atol=1e-7)
         np.testing.assert_allclose(out.torque, expected, atol=1e-7)  # at rest
-        H = joint_hessian(robot, q, robot.forward_kinematics(Q), KT, KO) + 2.5 * np.eye(7)
+        H = joint_hessian(robot.forward_kinematics, q, robot.forward_kinematics(Q), Q, KT, KO, 2.5)
         np.testing.assert_allclose(out.joint_stiffness, H, atol=2e-4)
         assert np.array_equal(out.joint_stiffness, out.joint_stiffness.T)
         J = robot.hybrid.jacobian(q)
@@ -366,7 +366,7 @@ def test_the_release_is_as_fast_as_the_rate_limit(robot: ModuleType) -> None:
         out = controller.step(q=np.full(7, np.nan), **STILL)
     while out.scale > 0:
         out = controller.step(q=q, **STILL)
-        expected = out.scale * elastic_torque(robot, q, robot.forward_kinematics(Q), Q, KT, KO, 1.0)
+        expected = out.scale * elastic_torque(robot.forward_kinematics, q, robot.forward_kinematics(Q), Q, KT, KO, 1.0)
         np.testing.assert_allclose(out.elastic_torque, expected, atol=1e-6)
         np.testing.assert_allclose(out.torque, out.elastic_torque, atol=1e-6)  # nothing is cut
         steps += 1
@@ -736,7 +736,7 @@ def test_controller_of_40_joints_and_none_beyond(tmp_path: Path) -> None:
     )
     out = controller.run(q=q, dq=np.gradient(q, 1e-3, axis=0), q0=q0, **SPRING)
     assert not out.fault.any(), arm.Reason(out.reason[-1])
-    expected = elastic_torque(arm, q[-1], out.equilibrium[-1], out.reference[-1], KT, KO, 1.0)
+    expected = elastic_torque(arm.forward_kinematics, q[-1], out.equilibrium[-1], out.reference[-1], KT, KO, 1.0)
     np.testing.assert_allclose(out.elastic_torque[-1], out.scale[-1] * expected, atol=1e-7)
     beyond = stiffgen.generate(chain_of(41, tmp_path), output=tmp_path, build=False)
     assert not list(beyond.glob("*impedance*"))

@@ -36,7 +36,9 @@ class Run:
         assert commands.worst_rate <= 1 + 1e-9
         found = compare(robot, self.client, self.robot.log)
         assert found.compared > 0
-        assert max(found.worst, found.worst_step, found.worst_guarded) <= 1e-12
+        assert (
+            max(found.worst, found.worst_step, found.worst_guarded) <= 1e-10
+        )  # the governor differentiates q0: 1e-16 rad are 1e-12 N m
 
     def check_sent(self) -> None:
         """What was sent is finite, and within limits and rate of the robot's time."""

@@ -39,6 +39,8 @@ FULL = (
     "0.1",
     "--error-limit",
     "0",
+    "--lag-limit",
+    "0",
     "--energy-limit",
     "0",
     "--force-limit",

@@ -1,4 +1,7 @@
-"""NaN or infinity in: NaN in every entry that depends on it, the clean number or NaN elsewhere, and never infinity."""
+"""NaN or infinity in: NaN in every entry that depends on it, the clean number or NaN elsewhere, and never infinity.
+
+Nor does infinity come of numbers so large that a result overflows.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,8 @@ from stiffgen.symbolic.kernels import Kernel
 STACK = 11
 """Configurations of a stack: neither a block of lanes nor several."""
 _DEPENDS = 1e-9
+LARGE = (1e155, 1e200, 1e306, 1.7e308)
+"""What overflows in a product of two, of two at all, in a sum of a hundred, in a sum of two."""
 
 
 def check_not_finite(kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array]) -> list[Check]:
@@ -25,6 +30,11 @@ def check_not_finite(kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[
         return [
             faultless(
                 kernel.qualified_name, "NaN and infinity in", _faults(kernels[kernel.qualified_name], kernel, pool)
+            )
+            for kernel in table
+        ] + [
+            faultless(
+                kernel.qualified_name, "large numbers in", _overflows(kernels[kernel.qualified_name], kernel, pool)
             )
             for kernel in table
         ]
@@ -61,6 +71,26 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[s
                 if np.isinf(mine).any() or not (np.isnan(mine) | ~depends).all() or not _unchanged(mine, own):
                     faults.append(f"{value} in {argument.name}{list(index)}, in a stack")
             array[index] = kept
+    return faults
+
+
+def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[str]:
+    """Infinite results, single and in a stack, of large numbers in one entry, in one argument and in all of them."""
+    stacks = [pool[argument][:STACK] for argument in kernel.arguments]
+    faults = []
+    for large in LARGE:
+        whole = [np.copysign(large, stack) for stack in stacks]
+        plans = [("everywhere", whole)]
+        for k, (argument, stack) in enumerate(zip(kernel.arguments, stacks, strict=True)):
+            plans.append((f"in {argument.name}", [*stacks[:k], whole[k], *stacks[k + 1 :]]))
+            for index in np.ndindex(stack.shape[1:]):
+                one = stack.copy()
+                one[(..., *index)] = whole[k][(..., *index)]
+                plans.append((f"in {argument.name}{list(index)}", [*stacks[:k], one, *stacks[k + 1 :]]))
+        for title, given in plans:
+            single = (_flat(call(*each)) for each in zip(*given, strict=True))
+            if np.isinf(_flat(call(*given))).any() or any(np.isinf(each).any() for each in single):
+                faults.append(f"{large:g} {title}")
     return faults
 
 

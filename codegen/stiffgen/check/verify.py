@@ -27,6 +27,8 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.check.batches import LONG, check_c_batches, check_stacks
+from stiffgen.check.bounds import check_bounds
+from stiffgen.check.controller import check_controller
 from stiffgen.check.files import check_files, check_tables, check_urdf
 from stiffgen.check.not_finite import check_not_finite
 from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
@@ -513,7 +515,8 @@ def verify(
 
     Files against the digests in the manifest; the manifest's chain against the URDF, if it is given; names and limits
     against the chain; every function against independent oracles and against the CasADi function it was printed from;
-    stacks and C batches of every length, with steps of every kind, against single calls; NaN and infinity.
+    stacks and C batches of every length, with steps of every kind, against single calls; NaN, infinity and numbers that
+    overflow; no memory but the arguments'; the controller against its law, its limits and its reaction to faults.
 
     Args:
         folder: what ``stiffgen generate`` wrote.
@@ -573,10 +576,12 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, pool)),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool)),
+        ("stepping the controller", lambda: check_controller(robot, seed)),
     ]
     if library is not None:
         loaded = library
         steps.append(("batches in C", lambda: check_c_batches(loaded, robot.name, single, table, chain, pool)))
+        steps.append(("bounds of memory", lambda: check_bounds(loaded, robot.name, table, chain, pool)))
     if urdf is not None:
         file = urdf
         steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))

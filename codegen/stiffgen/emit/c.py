@@ -9,7 +9,7 @@ asked for, with plain numbers: one configuration a thread.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -293,6 +293,7 @@ class _KernelPrinter:
         self.filled: set[str] = set()
         self.lane_arrays: set[str] = set()
         self.flat: set[str] = set()
+        self.unguarded: set[str] = set()  # results that may overflow, not stored through put_row or put_entries
         self.temporaries = 0
 
     def arguments(self, program: Program) -> None:
@@ -326,9 +327,24 @@ class _KernelPrinter:
             self.declarations.append(f"{declared} = (const {self.target.number} (*){row}){array.name};")
 
     def function(self) -> CFunction:
+        self._guard_results()
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
         name, calls = self.kernel.qualified_name, frozenset(self.calls)
         return CFunction(name, self.inputs, self.results, lines, self.operations, calls)
+
+    def _guard_results(self) -> None:
+        """Make NaN of what overflowed; the stores of lanes do that themselves."""
+        for array in self.results if self.target.joint_lanes else ():
+            if array.name in self.unguarded:
+                self.operations = self.operations + Operations(add=array.size, multiply=array.size)
+                self.lines += ["", "/* NaN in place of infinity */"]
+                self._call("copy_finite", array.name, array.size, array.name)
+
+    def _store(self, targets: Iterable[Array], arguments: Iterable[Array]) -> None:
+        """Note results that are to be guarded. Sines of q are bounded, and so is what depends on them alone."""
+        slides = any(joint.prismatic for joint in self.scope.chain.joints)
+        if slides or any(array.name != "q" for array in arguments):
+            self.unguarded |= {target.name for target in targets if self._public(target)}
 
     def step(self, step: Step) -> None:
         """Print one step of the kernel's program."""
@@ -369,6 +385,7 @@ class _KernelPrinter:
             self.calls |= block.calls
             self.lines += ["", *block.lines] if self.lines else block.lines
         self.operations = self.operations + operations
+        self._store(step.targets, step.arguments)
         if targets != step.targets:
             public = step.targets[0]
             self.lines += [
@@ -498,6 +515,8 @@ class _KernelPrinter:
         self.calls |= printed.calls
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
+        if step.over and not rows and not vector:
+            self._store([target.array], self.inputs)
         if vector:
             self.lines += self._vector_row(step, printed)
         else:
@@ -623,6 +642,7 @@ class _KernelPrinter:
     def _sum_joints(self, step: SumJoints) -> None:
         source, target = step.source, step.target
         m, M, prefix = len(self.scope.chain.joints), self.scope.size, self.scope.prefix
+        self._store([target], self.inputs)
         rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", target.name
         self.lines += ["", "/* joints that move together share a coordinate */"]
         if step.columns or len(source.shape) == 1:
@@ -641,6 +661,7 @@ class _KernelPrinter:
             self._call("mirror_upper", target.name, "N")
 
     def _sum(self, step: Sum) -> None:
+        self._store(step.targets, self.inputs)
         parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.targets, strict=True)]
         for part in parts if len(step.terms) > 1 else ():
             self._declare_numbers(part, "")

@@ -1,0 +1,93 @@
+"""Nothing is read or written outside of arguments and results: they end, or begin, at memory that cannot be touched.
+
+Each function runs in a process of its own, which ends by a signal where it goes too far, whether it uses what it reads
+or not.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import mmap
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from stiffgen.check.result import Array, Check, faultless
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel
+
+COUNTS = (*range(1, 10), 17)
+_KEPT: list[ctypes.c_char] = []
+"""Memory that a child process uses up to its end; the parent has none."""
+
+
+def check_bounds(
+    library: ctypes.CDLL, name: str, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
+) -> list[Check]:
+    """Every C function and batch with guard pages before and behind what it is given; nothing without ``fork``."""
+    if not hasattr(os, "fork"):
+        return []
+    checks = []
+    for kernel in table:
+        stacks = [pool[argument][: COUNTS[-1]] for argument in kernel.arguments]
+        sizes = [result.array(chain).size for result in kernel.results]
+        public = f"{name}_{kernel.qualified_name}"
+        faults = []
+        for side in ("before", "behind"):
+            for suffix, work in (("", _single), ("_batch", _batch))[: 2 if kernel.batch else 1]:
+                call = library[public + suffix]
+                if not _survives(partial(work, call, stacks, sizes, behind=side == "behind")):
+                    faults.append(f"{public}{suffix} goes {side} its arguments or results")
+        checks.append(faultless(kernel.qualified_name, "C: guard pages", faults))
+    return checks
+
+
+def _survives(work: Callable[[], None]) -> bool:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child calls C alone
+        child = os.fork()
+    if child == 0:
+        try:
+            faulthandler.disable()
+            work()
+            os._exit(0)
+        finally:
+            os._exit(1)
+    return os.waitpid(child, 0)[1] == 0
+
+
+def _guarded(size: int, *, behind: bool) -> int:
+    """Address of ``size`` doubles between pages that cannot be touched, close to the one behind or before them."""
+    length = -(-8 * size // mmap.PAGESIZE) * mmap.PAGESIZE
+    memory = ctypes.c_char.from_buffer(mmap.mmap(-1, length + 2 * mmap.PAGESIZE))
+    _KEPT.append(memory)
+    start = ctypes.addressof(memory)
+    protect = ctypes.CDLL(None).mprotect
+    for page in (start, start + mmap.PAGESIZE + length):
+        if protect(ctypes.c_void_p(page), ctypes.c_size_t(mmap.PAGESIZE), 0) != 0:
+            raise OSError("mprotect")
+    return start + mmap.PAGESIZE + (length - 8 * size if behind else 0)
+
+
+def _filled(values: Array, *, behind: bool) -> int:
+    address = _guarded(values.size, behind=behind)
+    ctypes.memmove(address, values.tobytes(), 8 * values.size)
+    return address
+
+
+def _single(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) -> None:
+    given = [_filled(stack[0], behind=behind) for stack in stacks]
+    call(*(ctypes.c_void_p(each) for each in (*given, *(_guarded(size, behind=behind) for size in sizes))))
+
+
+def _batch(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) -> None:
+    for count in COUNTS:
+        arguments: list[Any] = [ctypes.c_size_t(count)]
+        for stack in stacks:
+            address = _filled(stack[:count], behind=behind)
+            arguments += [ctypes.c_void_p(address), ctypes.c_ssize_t(stack[0].size)]
+        call(*arguments, *(ctypes.c_void_p(_guarded(count * size, behind=behind)) for size in sizes))

@@ -1,0 +1,365 @@
+"""The controller's law again, from its equations, and the compiled controller stepped against it.
+
+The energy of the springs is written with the angle of the error rotation and differentiated by q along the tips' poses;
+the controller has closed forms of gradient and tangent. Damping is designed by bisection of the damping ratio's
+definition instead of its solved form. Of the limits (torque, rate, velocity of the equilibrium) and of the faults it is
+checked that they hold, in steps that reach them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from stiffgen.check.result import Array, Check, faultless
+from stiffgen.opened import GeneratedRobot
+
+Poses = Callable[[Array], Any]
+"""Poses of the tips at q, (4, 4) or (tips, 4, 4)."""
+
+PERIOD = 1e-3
+_LARGEST_DAMPING = 0.25 / PERIOD
+_BOUND = 1e-8
+"""Of values that differences of the energy are held against; they lose some digits."""
+
+
+def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> float:
+    """U = (p - p0)^T Kt (p - p0) / 2 + (1 - cos a) u^T Ko u, u and a the axis and angle of R0^T R [J]; of one tip."""
+    e = pose[:3, 3] - equilibrium[:3, 3]
+    R = equilibrium[:3, :3].T @ pose[:3, :3]
+    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    cosine = (np.trace(R) - 1) / 2
+    # (1 - cos a) u^T Ko u = w^T Ko w / (1 + cos a), without dividing by a small sine
+    return float(e @ Kt @ e / 2 + w @ Ko @ w / (1 + cosine))
+
+
+def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> Array:
+    """Gradient of U of one tip in hybrid axes [N, N m], by differences of the energy along the six unit twists."""
+    h, result = 1e-3, np.empty(6)
+    for k in range(6):
+        values = []
+        for step in (h, -h, 2 * h, -2 * h):
+            moved = np.array(pose, dtype=float)
+            if k < 3:
+                moved[k, 3] += step
+            else:
+                i, j = [(1, 2), (2, 0), (0, 1)][k - 3]
+                turn = np.eye(3)
+                turn[i, i] = turn[j, j] = np.cos(step)
+                turn[j, i], turn[i, j] = np.sin(step), -np.sin(step)
+                moved[:3, :3] = turn @ moved[:3, :3]
+            values.append(energy(moved, equilibrium, Kt, Ko))
+        result[k] = (8 * (values[0] - values[1]) - (values[2] - values[3])) / (12 * h)
+    return result
+
+
+def potential(poses: Poses, q: Array, equilibrium: Any, posture: Any, Kt: Any, Ko: Any, k: Any) -> float:
+    """Energy [J] of the springs of all tips and of the posture potential k (q - posture)^2 / 2."""
+    tips = (np.reshape(poses(q), (-1, 4, 4)), np.reshape(equilibrium, (-1, 4, 4)))
+    stiffness = (np.reshape(Kt, (-1, 3, 3)), np.reshape(Ko, (-1, 3, 3)))
+    springs = sum(energy(*each) for each in zip(*tips, *stiffness, strict=True))
+    return springs + float(np.sum(k * (q - posture) ** 2) / 2)
+
+
+def elastic_torque(poses: Poses, q: Array, *spring: Any) -> Array:
+    """- dU/dq [N m], (n), of :func:`potential` by differences; ``spring`` is what follows q there."""
+    h = 1e-3
+    rows = []
+    for step in h * np.eye(len(q)):
+        near, far = (potential(poses, q + s * step, *spring) - potential(poses, q - s * step, *spring) for s in (1, 2))
+        rows.append(-(8 * near - far) / (12 * h))
+    return np.array(rows)
+
+
+def joint_hessian(poses: Poses, q: Array, *spring: Any) -> Array:
+    """d2U/dq2 [N m/rad], (n, n), by differences of the torque."""
+    h = 1e-3
+    columns = []
+    for step in h * np.eye(len(q)):
+        near, far = (
+            elastic_torque(poses, q - s * step, *spring) - elastic_torque(poses, q + s * step, *spring) for s in (1, 2)
+        )
+        columns.append((8 * near - far) / (12 * h))
+    return np.array(columns).T
+
+
+def modal_damping(K: Array, M: Array, ratio: Any, late: float, most: float, d: float) -> Array:
+    """Damping (n, n) that gives every mode its ratio where stiffness and damping act late by ``late`` [s], capped.
+
+    Args:
+        K: tangent (n, n), symmetric.
+        M: mass matrix (n, n).
+        ratio: of the modes, softest first.
+        late: delay [s].
+        most: largest eigenvalue [1/s] of M^-1 B.
+        d: damping [N m s/rad] added to every joint.
+
+    """
+    root = np.linalg.inv(np.linalg.cholesky(M))
+    values, vectors = np.linalg.eigh(root @ K @ root.T)
+    V = root.T @ vectors  # V^T M V = I
+    b = np.empty(len(values))
+    for k, (value, zeta) in enumerate(zip(np.abs(values), np.broadcast_to(ratio, len(values)), strict=True)):
+        # zeta = (b - l h) / (2 sqrt(l (1 - b h))), solved by bisection
+        low, high = value * late, min(1 / late, 1e9) if late else 2 * zeta * np.sqrt(value) + 1e-12
+        for _ in range(200):
+            middle = (low + high) / 2
+            realised = (middle - value * late) - 2 * zeta * np.sqrt(value * max(1 - middle * late, 0))
+            low, high = (middle, high) if realised < 0 else (low, middle)
+        b[k] = min(low, most - d * np.trace(np.linalg.inv(M)))
+    return np.asarray(M @ V @ np.diag(b) @ V.T @ M + d * np.eye(len(M)))
+
+
+def limit_torque(q: Array, lower: Any, upper: Any, zone: float, k: Any, effort: Any) -> Array:
+    """Joint limit avoidance (n) [N m]: the slope k over the depth in the zone, up to the effort limit, inwards."""
+    depth = np.maximum(q - (upper - zone), 0) - np.maximum(lower + zone - q, 0)
+    return np.asarray(-np.clip(k * depth, -effort, effort))
+
+
+class _Bench:
+    """A robot's controller with samples around one posture, where all of its limits are laid."""
+
+    def __init__(self, robot: GeneratedRobot, seed: int) -> None:
+        self.robot, chain = robot, robot.chain
+        self.random = np.random.default_rng(seed)
+        span = np.array([min(c.upper, 1.5) - max(c.lower, -1.5) for c in chain.coordinates])
+        lower = np.array([max(c.lower, -1.5) for c in chain.coordinates])
+        self.q = lower + span * self.random.uniform(0.35, 0.65, chain.dof)
+        self.reach = float(min(0.1, 0.2 * np.abs(span).min()))
+        tips = len(chain.tips)
+        self.tools = np.broadcast_to(np.eye(4), (tips, 4, 4)).copy()
+        self.tools[:, :3, 3] = (0.02, -0.03, 0.1)
+        roots = self.random.normal(size=(2, tips, 3, 3))
+        Kt, Ko = (roots @ np.swapaxes(roots, 2, 3) / 3 + 0.3 * np.eye(3)) * np.array([300.0, 20.0])[:, None, None, None]
+        if tips == 1:
+            self.tools, Kt, Ko = self.tools[0], Kt[0], Ko[0]
+        self.spring = {"translation_stiffness": Kt, "rotation_stiffness": Ko}
+        self.given = {**self.spring, **({"tool_pose": self.tools} if chain.runtime_tool else {})}
+
+    def poses(self, q: Array) -> Array:
+        """Poses of all tips, from the kernels."""
+        chain, kernels = self.robot.chain, self.robot.kernels
+        names = [""] if len(chain.tips) == 1 else [f"{tip.name}_" for tip in chain.tips]
+        tools = np.reshape(self.tools, (-1, 4, 4))
+        arguments = [(q, tool) if chain.runtime_tool else (q,) for tool in tools]
+        rows = [kernels[f"{name}forward_kinematics"](*each) for name, each in zip(names, arguments, strict=True)]
+        return np.array(rows)
+
+    def controller(self, **config: Any) -> Any:
+        """With limits just beyond the reach, slack in everything that is not asked for, and engaged at rest at q."""
+        room = {
+            "motor_inertia": 0.5, "frozen_window": 1000000, "limit_stiffness": 0.0, "limit_zone": self.reach,
+            "lower_limit": self.q - 4 * self.reach, "upper_limit": self.q + 4 * self.reach,
+            "velocity_limit": 10.0, "reference_velocity_limit": 5.0, "effort_limit": 1e4, "torque_rate_limit": 1e8,
+            "tank_initial": 1e4, "tank_maximum": 1e4, "energy_limit": 1e4, "engagement_limit": 1e5,
+            "translation_stiffness_limit": 1e5, "rotation_stiffness_limit": 1e4,
+        }  # fmt: skip
+        controller = self.robot.module.Impedance({**room, **config})
+        for _ in range(5):
+            self.rest(controller)
+        return controller
+
+    def rest(self, controller: Any, **changed: Any) -> Any:
+        """One step at q, standing still."""
+        still = {"q": self.q, "dq": np.zeros(len(self.q)), "q0": self.q, **self.given}
+        return controller.step(**{**still, **changed})
+
+    def status(self, out: Any, *names: str) -> bool:
+        """Whether any of the bits is set."""
+        return any(out.status & self.robot.module.Status[name] for name in names)
+
+
+def check_controller(robot: GeneratedRobot, seed: int) -> list[Check]:
+    """Step the compiled controller through a motion, its limits and its faults.
+
+    Returns nothing for a robot without a controller.
+    """
+    if not hasattr(robot.module, "Impedance"):
+        return []
+    bench = _Bench(robot, seed)
+    return [
+        *_law(bench),
+        faultless("controller: limits", "bounds of the configuration", _limits(bench)),
+        faultless("controller: governor", "bounds of the configuration", _governor(bench)),
+        faultless("controller: faults", "reaction to bad samples", _faults(bench)),
+    ]
+
+
+def _law(bench: _Bench) -> list[Check]:
+    """A slow motion of arm and equilibrium into the limit zones: every term of the torque, and their sum."""
+    errors: dict[str, float] = {}
+
+    def hold(name: str, value: Any, reference: Any) -> None:
+        # relative to the largest entry, or to 1 of its unit where all are smaller
+        scale = max(1.0, float(np.abs(reference).max()))
+        error = float(np.abs(np.ravel(value) - np.ravel(reference)).max()) / scale
+        errors[name] = max(errors.get(name, 0.0), error if np.isfinite(error) else np.inf)
+
+    q, n, reach = bench.q, len(bench.q), bench.reach
+    way, aim = (bench.random.choice([-1.0, 1.0], n) * reach for _ in range(2))
+    stiff, k = np.linspace(20.0, 200.0, n), 2.5
+    for delay in (0, 1):
+        controller = bench.controller(
+            limit_stiffness=stiff, lower_limit=q - 1.5 * reach, upper_limit=q + 1.5 * reach, effort_limit=1e4,
+            posture_stiffness=k, delay_samples=delay, joint_damping=0.05,
+        )  # fmt: skip
+        config = controller.config
+        for step in range(401):
+            phase = np.pi * step / 400
+            at, rate = q + way * (0.5 - 0.5 * np.cos(phase)), way * np.pi / 0.8 * np.sin(phase)
+            out = controller.step(q=at, dq=rate, q0=q + 0.5 * aim * min(1.0, step / 200), **bench.given)
+            if step % 40:
+                continue
+            spring = (out.equilibrium, out.reference, out.translation_stiffness, out.rotation_stiffness, k)
+            pushed = limit_torque(
+                at, config.lower_limit, config.upper_limit, config.limit_zone, stiff, config.effort_limit
+            )
+            hold("stiffness", out.translation_stiffness, bench.spring["translation_stiffness"])
+            hold("stiffness", out.rotation_stiffness, bench.spring["rotation_stiffness"])
+            hold("equilibrium", out.equilibrium, bench.poses(out.reference))
+            hold("elastic torque", out.elastic_torque, out.scale * elastic_torque(bench.poses, at, *spring))
+            hold("energy", out.elastic_energy, out.scale * potential(bench.poses, at, *spring))
+            hold("limit torque", out.limit_torque, pushed)
+            hold("velocity", out.velocity, rate)
+            hold("damping torque", out.damping_torque, out.damping @ (out.reference_velocity - rate))
+            hold("torque", out.torque, out.elastic_torque + out.damping_torque + out.limit_torque)
+            hold("scale", out.scale, 1.0 if not bench.status(out, "STIFFNESS_CAPPED") else out.scale)
+            hold("no fault", float(out.fault), 0.0)
+            if step % 200:
+                continue
+            slope = np.where(pushed != 0, stiff, 0.0)
+            hold("tangent", out.joint_stiffness, joint_hessian(bench.poses, at, *spring) + np.diag(slope))
+            M = bench.robot.kernels["mass_matrix"](at) + 0.5 * np.eye(n)
+            hold("mass matrix", out.mass_matrix, M)
+            expected = modal_damping(
+                out.scale * out.joint_stiffness, M, 0.7, (delay + 0.5) * PERIOD, _LARGEST_DAMPING, 0.05
+            )
+            hold("damping", out.damping, expected)
+        hold("equilibrium arrives", out.reference, q + 0.5 * aim)
+    return [Check(f"controller: {name}", "differentiated energy, law", error, _BOUND) for name, error in errors.items()]
+
+
+def _limits(bench: _Bench) -> list[str]:
+    """Torque and its rate, with a motion and a command that want more of both."""
+    faults, n = [], len(bench.q)
+    effort, rate = np.linspace(0.02, 0.05, n), np.linspace(1.0, 3.0, n)
+    controller = bench.controller(effort_limit=effort, torque_rate_limit=rate, reference_velocity_limit=5.0)
+    last, seen, position = np.zeros(n), dict.fromkeys(("RATE_LIMITED", "SATURATED"), False), bench.q.copy()
+    for step in range(200):
+        speed = bench.reach * (2.0 if step // 50 % 2 else -2.0) * (step % 50 < 40)
+        position = position + PERIOD * speed
+        out = controller.step(q=position, dq=np.full(n, speed), q0=bench.q + bench.reach, **bench.given)
+        if not np.isfinite(out.torque).all() or (np.abs(out.torque) > effort * (1 + 1e-12)).any():
+            faults.append(f"step {step}: torque beyond the effort limit")
+        if (np.abs(out.torque - last) > rate * PERIOD * (1 + 1e-9)).any():
+            faults.append(f"step {step}: torque beyond its rate limit")
+        last = np.array(out.torque)
+        seen = {name: found or bench.status(out, name) for name, found in seen.items()}
+    return faults + [f"never {name}" for name, found in seen.items() if not found]
+
+
+def _governor(bench: _Bench) -> list[str]:
+    """A jump of the command with a held arm: the equilibrium's velocity and energy."""
+    faults, n, T = [], len(bench.q), PERIOD
+    goal = bench.q + bench.reach
+    plans = (
+        (np.linspace(0.2, 0.5, n) * bench.reach, 1e4, 100.0, 100.0),
+        (np.full(n, 5.0), 0.02, 100.0, 100.0),
+        (np.full(n, 5.0), 1e4, 0.2 * bench.reach, 0.4 * bench.reach),
+    )
+    for slow, most, along, about in plans:
+        controller = bench.controller(
+            reference_velocity_limit=slow, energy_limit=most, tip_velocity_limit=along, tip_rotation_limit=about,
+            ramp_time=1e-3,
+        )  # fmt: skip
+        last, tips = bench.q, bench.poses(bench.q)
+        for step in range(300):
+            out = bench.rest(controller, q0=goal)
+            if (np.abs(out.reference - last) > slow * T * (1 + 1e-9)).any():
+                faults.append(f"step {step}: the equilibrium is faster than reference_velocity_limit")
+            if out.elastic_energy > most * (1 + 1e-9):
+                faults.append(f"step {step}: more elastic energy than energy_limit")
+            moved = np.reshape(out.equilibrium, (-1, 4, 4))
+            # two rotations differ by 2 sqrt(2) sin(angle / 2) in the Frobenius norm
+            turned = np.linalg.norm(moved[:, :3, :3] - tips[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+            way = np.linalg.norm(moved[:, :3, 3] - tips[:, :3, 3], axis=1)
+            if (way > along * T * (1 + 1e-6)).any() or (turned > about * T * (1 + 1e-6)).any():
+                faults.append(f"step {step}: the equilibrium is faster than the tip's limits")
+            last, tips = np.array(out.reference), np.array(moved)
+        if (last == bench.q).any():
+            faults.append("the equilibrium does not move")
+    return faults
+
+
+def _faults(bench: _Bench) -> list[str]:
+    """Bad samples are no fault alone; two of three, and what is beyond a limit, latch one until a reset."""
+    module, n, q = bench.robot.module, len(bench.q), bench.q
+    faults: list[str] = []
+    first = np.arange(n) == 0
+    spoilt: dict[str, Mapping[str, Any]] = {
+        "NaN in q": {"q": np.where(first, np.nan, q)},
+        "infinity in q": {"q": np.where(first, np.inf, q)},
+        "NaN in dq": {"dq": np.where(first, np.nan, 0.0)},
+        "a jump of q": {"q": q + 3.0 * first},
+        "dq without a change of q": {"dq": 6.0 * first},
+    }
+    for title, changed in spoilt.items():
+        controller = bench.controller(effort_limit=50.0, torque_rate_limit=500.0)
+        for _ in range(50):
+            bench.rest(controller, q0=q + 0.1 * bench.reach)
+        good = [bench.rest(controller, q0=q + 0.1 * bench.reach) for _ in range(5)][-1]
+        last = np.array(good.torque)
+
+        def stepped(last: Array = last, title: str = title, controller: Any = controller, **given: Any) -> Any:
+            out = bench.rest(controller, q0=q + 0.1 * bench.reach, **given)
+            bounded = np.isfinite(out.torque).all() and (np.abs(out.torque) <= 50.0).all()
+            if not bounded or (np.abs(out.torque - last) > 0.5 * (1 + 1e-9)).any():
+                faults.append(f"{title}: torque beyond its limits")
+            last[:] = out.torque
+            return out
+
+        out = stepped(**changed)
+        if out.fault or not bench.status(out, "BAD_SAMPLE"):
+            faults.append(f"{title}: one sample is not just a bad one")
+        out = stepped(**changed)
+        if out.fault != module.Fault.SENSOR:
+            faults.append(f"{title}: twice is no sensor fault")
+        for _ in range(200):
+            out = stepped()
+            if out.fault != module.Fault.SENSOR or not bench.status(out, "FAULT"):
+                faults.append(f"{title}: the fault does not stay")
+                break
+        if out.scale != 0.0:
+            faults.append(f"{title}: the springs stay on in a fault")
+        controller.reset()
+        if [stepped() for _ in range(20)][-1].fault:
+            faults.append(f"{title}: reset does not clear the fault")
+    return faults + _other_faults(bench)
+
+
+def _other_faults(bench: _Bench) -> list[str]:
+    module, n, q, faults = bench.robot.module, len(bench.q), bench.q, []
+    controller = bench.controller(missed_limit=4)
+    kinds = [int(controller.missed().fault) for _ in range(4)]
+    if kinds != [0, 0, 0, int(module.Fault.COMMUNICATION)]:
+        faults.append("missed samples")
+    controller = bench.controller(velocity_limit=2.0, upper_limit=q + 1e3)
+    out = controller.step(q=q + 2.4 * PERIOD, dq=np.full(n, 2.4), q0=q, **bench.given)
+    if out.reason != module.Reason.OVERSPEED:
+        faults.append("overspeed is no fault")
+    for limit, sign in (("upper_limit", 1.0), ("lower_limit", -1.0)):
+        controller = bench.controller(position_tolerance=0.5 * bench.reach)
+        bench.rest(controller)
+        controller.config.update({limit: q - sign * 0.6 * bench.reach})
+        if bench.rest(controller).reason != module.Reason.POSITION:
+            faults.append(f"beyond {limit} is no fault")
+    for name in ("q0", "translation_stiffness", "rotation_stiffness"):
+        controller = bench.controller()
+        wrong = np.array(q if name == "q0" else bench.spring[name])
+        wrong.flat[0] = np.nan
+        out = bench.rest(controller, **{name: wrong})
+        if not bench.status(out, "COMMAND_REFUSED") or not np.isfinite(out.torque).all() or out.fault:
+            faults.append(f"NaN in {name} is not refused")
+    return faults

@@ -1,0 +1,476 @@
+"""The controller in a closed loop with a plant: ordinary situations, and what a law that follows a tangent did there.
+
+Until the controller became the gradient of an energy, its torque was Kq(q, wrench) (q0 - q). What that law did in the
+same episodes, on the same plant, stands with each test ("before: ..."). Posture Q0, K = diag(700, 700, 800, 30, 30,
+30), motor inertia 0.1 kg m^2, 1 ms, unless said.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from examples.bowl_wiping.plant import Plant
+from support.plant.loop import Q0, Loop
+
+MOTOR = 0.1
+TRANSLATION, ROTATION = np.diag([700.0, 700, 800]), np.diag([30.0, 30, 30])
+CONFIGURATION, SENSOR, COMMUNICATION, LIMIT, ENERGY = 5, 1, 2, 3, 4
+
+
+@pytest.fixture(scope="module")
+def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
+    return Loop(tmp_path_factory.mktemp("loop"), robot_folder)
+
+
+def config(loop: Loop, **values: Any) -> Any:
+    return loop.config(**{"motor_inertia": MOTOR, "position_quantum": 0.0, **values})
+
+
+def assert_contract(summary: Any) -> None:
+    """Torque finite, inside the effort limit, and no faster than the rate limit."""
+    assert summary.finite
+    assert summary.effort <= 1
+    assert summary.torque_step <= 1 + 1e-9
+
+
+def directions(count: int, size: float, seed: int = 1) -> list[np.ndarray]:
+    """Displacements of the joints with that norm [rad]."""
+    vectors = np.random.default_rng(seed).normal(size=(count, 7))
+    return list(size * vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+# ---- another plant ----
+
+
+def test_mujoco_sees_the_same(loop: Loop) -> None:
+    """A load and a jump of q0 with MuJoCo's dynamics: the same motion to 1e-4 rad."""
+    load, wanted = np.array([5.0, -3, -20, 1, 0.5, -1]), Q0 + 0.2
+    rows = loop.run(
+        2000, loop.segments({"load": load}, {"start": 300, "wanted": wanted}), configs=config(loop), rows=True
+    )[1]
+    arm = Plant(bowl=False, tool=False, q=Q0)
+    model, data = arm.model, arm.data
+    model.opt.gravity[:] = 0
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.timestep = 2e-4
+    model.dof_armature[:] = MOTOR
+    site = model.site("tip").id
+    step = loop.stepper(config(loop))
+    J = np.zeros((6, 7))
+    for k in range(2000):
+        command = step(
+            q=data.qpos, dq=data.qvel, wanted=Q0 if k < 300 else wanted, translation=TRANSLATION, rotation=ROTATION
+        )
+        for _ in range(5):
+            mujoco.mj_forward(model, data)
+            mujoco.mj_jacSite(model, data, J[:3], J[3:], site)
+            data.qfrc_applied[:] = np.array(command.torque) + J.T @ load
+            mujoco.mj_step(model, data)
+        assert np.abs(data.qpos - rows["q"][k]).max() < 1e-4, k
+    assert np.abs(data.qpos - Q0).max() > 0.15
+
+
+# ---- loads ----
+
+
+@pytest.mark.parametrize("measured", [0, 1])
+@pytest.mark.parametrize("force", [10.0, 20.0, 40.0, 80.0])
+def test_a_load_hangs_at_the_tip(loop: Loop, force: float, measured: int) -> None:
+    """Dropped on at once. It sinks to the static solution, whether or not the wrench is known.
+
+    Before, measured: away by 1.00, 1.42, 1.68 rad for ever at 0.50, 1.40, 2.11 times the velocity limit, with 0, 0, 5
+    fallbacks; not measured: 0.036, 0.072, 0.145 rad.
+    """
+    load = np.array([0, 0, -force, 0, 0, 0])
+    parts = loop.segments({"measure_wrench": measured}, {"start": 10, "load": load})
+    summary = loop.run(12000, parts, configs=config(loop))
+    assert_contract(summary)
+    found = loop.springs(Q0, TRANSLATION, ROTATION, 1.0).rest(load, np.zeros(7))
+    assert found is not None
+    away = np.linalg.norm(loop.pose(found[0])[:3, 3] - loop.pose(Q0)[:3, 3])
+    miss = np.linalg.norm(loop.pose(found[0])[:3, 3] - loop.pose(summary.q)[:3, 3])
+    assert miss < 0.05 * away
+    assert summary.ripple < 0.01
+    assert summary.faults == 0
+    assert summary.speed < 1
+    assert summary.port < 0, "the load does the work"
+
+
+def test_the_tip_is_clamped(loop: Loop) -> None:
+    """Nothing grows: the moment stays what the springs make of the displacement, and nothing falls back.
+
+    Before, of 40 displacements at worst: 14 fallbacks in 4 s, 135 N m of torque, the arm away by 1.5 rad.
+    """
+    for away in directions(6, 0.45):
+        parts = loop.segments({"measure_wrench": 1, "clamp": 1, "wanted": Q0 + away})
+        summary = loop.run(8000, parts, loop.episode(substeps=4), config(loop))
+        assert_contract(summary)
+        assert summary.faults == 0
+        assert summary.ripple < 5e-3
+        springs = loop.springs(Q0 + away, TRANSLATION, ROTATION, 1.0)
+        assert summary.torque < 1.5 * np.abs(springs.gradient(Q0)).max() + 5
+
+
+# ---- the governor ----
+
+
+@pytest.mark.parametrize("size", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("when", [0, 500])
+def test_far_from_the_wanted_posture(loop: Loop, size: float, when: int) -> None:
+    """A start away from q0, and a q0 that jumps: the equilibrium goes there within its limits, the arm with it.
+
+    Before: at the start 1.08, 1.82, 2.37 times the velocity limit, with a jump of 1 rad 4.72 times, 20 J and the joint
+    limits.
+    """
+    for away in directions(3, size):
+        wanted = np.clip(Q0 + away, loop.lower + 0.2, loop.upper - 0.2)
+        settings = config(loop)
+        governor = np.array(settings.reference_velocity_limit)
+        parts = loop.segments({"wanted": Q0 if when else wanted}, {"start": when or 1, "wanted": wanted})
+        summary = loop.run(8000, parts, loop.episode(velocity_limit=governor), settings)
+        assert_contract(summary)
+        assert summary.faults == 0
+        assert summary.reference_speed <= 1 + 1e-9
+        assert summary.tip_reference_speed <= settings.tip_velocity_limit * (1 + 1e-9)
+        assert summary.speed < 1.1
+        assert summary.tip_speed < 1.1 * settings.tip_velocity_limit
+        assert summary.error < 0.01
+
+
+def test_a_planner_with_gaps(loop: Loop) -> None:
+    """A moving q0 that stands for 0.2 s and goes on where it would have been: no jolt, no fault.
+
+    Before: a jump of q0 by 0.1 rad at once, with the torque at its rate limit.
+    """
+    rate = np.array([0.3, -0.3, 0.3, 0.3, -0.4, 0.3, 0.4])
+    parts = loop.segments(
+        {},
+        {"start": 500, "wanted_rate": rate},
+        {"start": 1000, "wanted": Q0 + 0.5 * rate, "wanted_rate": 0.0},
+        {"start": 1200, "wanted": Q0 + 0.7 * rate, "wanted_rate": rate},
+        {"start": 1500, "wanted": Q0 + 1.0 * rate, "wanted_rate": 0.0},
+    )
+    settings = config(loop)
+    summary = loop.run(6000, parts, loop.episode(velocity_limit=np.array(settings.reference_velocity_limit)), settings)
+    assert_contract(summary)
+    assert summary.faults == 0
+    assert summary.torque_step < 0.5
+    assert summary.reference_speed <= 1 + 1e-9
+    assert summary.error < 0.01
+
+
+# ---- faults ----
+
+
+@pytest.mark.parametrize("resets", [0, 1])
+def test_fault_cycle(loop: Loop, resets: int) -> None:
+    """Control is lost, the arm moved away, a reset, held on the way back and let go; twelve laps.
+
+    Before (with its automatic return): 50 J put out a lap, 603 J after twelve, the tank full and no deficit.
+    """
+    parts: list[dict[str, Any]] = [{}]
+    away = Q0 + np.array([0, 0.6, 0, -0.6, 0, 0, 0])
+    for lap in range(12):
+        start = 1000 + 4000 * lap
+        parts += [
+            {"start": start, "missed": 1, "hand_stiffness": 500.0, "hand_damping": 50.0, "hand_target": away},
+            {"start": start + 1000, "missed": 0, "reset": 0, "hand_stiffness": 200.0, "hand_damping": 20.0},
+            {"start": start + 1010, "reset": resets},
+            {"start": start + 2500, "hand_stiffness": 0.0, "hand_damping": 0.0},
+        ]
+    settings = config(loop)
+    episode = loop.episode(engagement=settings.engagement_limit)
+    summary, rows = loop.run(49000, loop.segments(*parts), episode, settings, rows=True)
+    assert_contract(summary)
+    assert summary.resets == 12 * resets, "a fault stays until it is reset"
+    assert summary.faults == (12 if resets else 1)
+    assert summary.excess <= settings.tank_initial + 1e-9
+    if not resets:
+        assert summary.port <= settings.tank_initial
+        assert rows["scale"][-1] == 0.0
+    else:
+        assert summary.error < 0.05, "the governor brings the equilibrium back"
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("frozen_dq", [0, 1])
+def test_encoder_jump(loop: Loop, joint: int, frozen_dq: int) -> None:
+    """A position that jumps by 1 rad, its velocity none the wiser: not believed, and no torque made of it.
+
+    Before: believed; 90 N m and 3.4 times the velocity limit with joint 2.
+    """
+    jump = np.zeros(7)
+    jump[joint] = 1.0
+    extra = {"dq_stuck": 2, "dq_mask": 127} if frozen_dq else {}
+    parts = loop.segments({}, {"start": 1000, "q_offset": jump, **extra})
+    summary = loop.run(2500, parts, configs=config(loop))
+    assert_contract(summary)
+    assert summary.faults == 1
+    assert summary.fault_at <= 1002
+    assert summary.torque < 1.0
+    assert summary.wander < 0.02
+
+
+@pytest.mark.parametrize("signal", ["q", "dq"])
+@pytest.mark.parametrize("stuck", [1, 2])
+def test_stuck_sensor(loop: Loop, signal: str, stuck: int) -> None:
+    """A signal that stands still while the arm is pushed: a fault before anything has happened.
+
+    Before: dq stuck at zero, and a push of 10 N m at joint 2 swings the arm to 2.6 rad at 2.5 times the limit.
+    """
+    parts = loop.segments(
+        {}, {"start": 1000, f"{signal}_stuck": stuck, f"{signal}_mask": 2, "push": [0, 10, 0, 0, 0, 0, 0]}
+    )
+    summary = loop.run(2000, parts, configs=config(loop))
+    assert_contract(summary)
+    assert summary.faults == 1
+    assert summary.fault_at < 1200
+    at_once = loop.run(1300, parts, configs=config(loop))
+    assert at_once.wander < 0.3
+
+
+def test_stuck_while_at_rest_is_no_fault(loop: Loop) -> None:
+    """Values that stand still because nothing moves are good ones, with a quantum and without."""
+    for quantum in (0.0, 1e-4):
+        parts = loop.segments({}, {"start": 1000, "push": [0, 0.1, 0, 0, 0, 0, 0]})
+        episode = loop.episode(quantum=quantum, differences=1)
+        summary = loop.run(5000, parts, episode, config(loop, position_quantum=quantum))
+        assert summary.faults == 0
+
+
+def test_calls_left_out(loop: Loop) -> None:
+    """The counter tells of calls that were not made; samples that stand still are stale.
+
+    Before: nothing looked, and a held torque accelerated the arm unseen.
+    """
+    for extra in ({"skip": 10}, {"frozen_counter": 1}):
+        summary = loop.run(2000, loop.segments({}, {"start": 1000, **extra}, {"start": 1011, "skip": 0}))
+        assert summary.faults == 1, extra
+        assert summary.fault_at <= 1012
+
+
+def test_blind_in_a_limit_zone(loop: Loop) -> None:
+    """No sample any more, with a joint 0.03 rad from its limit: what a last position made of it is not held for ever.
+
+    Before: the limit torque went at once. A first version of this controller held it and threw the arm out at 13 rad/s.
+    """
+    near = Q0.copy()
+    near[3] = loop.lower[3] + 0.03
+    parts = loop.segments({"wanted": near}, {"start": 5, "missed": 1})
+    summary = loop.run(3000, parts, loop.episode(q=near), config(loop))
+    assert_contract(summary)
+    assert summary.speed < 0.3
+
+
+def test_a_fast_arm_is_braked(loop: Loop) -> None:
+    """Pushed beyond the velocity limit, the arm is in a fault, believed, and braked.
+
+    Before: believed up to ten times the limit. A first version of this controller disbelieved the samples from twice
+    the limit on, let the damping fade, and the arm ran away at 30 times the limit.
+    """
+    parts = loop.segments({}, {"start": 100, "push": [0, 0, 0, 60.0, 0, 8, 8]}, {"start": 180, "push": 0.0})
+    summary, rows = loop.run(1500, parts, configs=config(loop), rows=True)
+    assert_contract(summary)
+    assert summary.faults == 1
+    assert summary.speed > 2, "the push is not enough for this test"
+    assert np.abs(rows["v"][-1]).max() < 0.1
+
+
+def test_beyond_a_joint_limit(loop: Loop) -> None:
+    """0.15 rad beyond a limit the arm is still pushed back, in a fault.
+
+    Before: from 0.1 rad beyond the limit on there was no limit torque.
+    """
+    beyond = Q0.copy()
+    beyond[3] = loop.lower[3] - 0.15
+    parts = loop.segments({}, {"start": 10, "driven": 2, "driven_to": beyond, "driven_at": 0.8, "driven_by": 20.0})
+    summary, rows = loop.run(4000, parts, configs=config(loop), rows=True)
+    assert_contract(summary)
+    assert rows["q"][-1, 3] < loop.lower[3] - 0.14
+    assert rows["acted"][-1, 3] > 30
+    assert summary.faults == 1
+
+
+# ---- time ----
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("motor", [0.0, MOTOR])
+def test_delay_and_differenced_velocity(loop: Loop, delay: int, motor: float) -> None:
+    """A push for 0.1 s, velocity by differences of an encoder: comes to rest, declared delay or not at 0.1 kg m^2.
+
+    Before, without motor inertia: 0, 809, 615 fallbacks in 5 s at 0.9, 2.7, 4.9 times the velocity limit.
+    """
+    parts = loop.segments({}, {"start": 1000, "push": [0, 3, 0, 1.5, 0, 0.1, 0]}, {"start": 1100, "push": 0.0})
+    episode = loop.episode(delay=delay, differences=1, motor=motor, quantum=1e-4)
+    settings = config(loop, delay_samples=delay, motor_inertia=motor, position_quantum=1e-4)
+    summary = loop.run(6000, parts, episode, settings)
+    assert_contract(summary)
+    assert summary.faults == 0
+    assert summary.ripple < (2e-3 if motor else 5e-3)
+
+
+def modes(loop: Loop, motor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of the springs' stiffness against M at Q0."""
+    springs = loop.springs(Q0, TRANSLATION, ROTATION, 1.0)
+    steps = 1e-6 * np.eye(7)
+    K = np.array([springs.gradient(Q0 + d) - springs.gradient(Q0 - d) for d in steps]) / 2e-6
+    L = np.linalg.cholesky(loop.mass_matrix(Q0) + motor * np.eye(7))
+    inverse = np.linalg.inv(L)
+    values, vectors = np.linalg.eigh(inverse @ (K + K.T) / 2 @ inverse.T)
+    return values, inverse.T @ vectors
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("delay", [0, 1, 2])
+def test_designed_damping_ratio(loop: Loop, ratio: float, delay: int) -> None:
+    """From the overshoot of each mode with omega T < 0.05: the designed ratio within 2 %.
+
+    Before: 0.14 where 0.7 was designed, at one sample of delay (the motor's inertia not in the design).
+    """
+    values, vectors = modes(loop, MOTOR)
+    for value, vector in zip(values, vectors.T, strict=True):
+        omega = np.sqrt(value)
+        if omega * 1e-3 >= 0.05:
+            continue
+        period = 2 * np.pi / (omega * np.sqrt(1 - ratio**2))
+        samples = int(1.2 * period / 1e-3)
+        settings = config(loop, motor_inertia=MOTOR, damping_ratio=ratio, joint_damping=0.0, delay_samples=delay)
+        push = (loop.mass_matrix(Q0) + MOTOR * np.eye(7)) @ vector / np.abs(vector).max()
+        parts = loop.segments({}, {"start": 5, "push": push * 0.05 * min(value, 10)}, {"start": 15, "push": 0.0})
+        summary, rows = loop.run(samples + 30, parts, loop.episode(delay=delay), settings, rows=True)
+        assert summary.faults == 0
+        found = fitted_ratio(rows["q"][16:, :] - Q0, (loop.mass_matrix(Q0) + MOTOR * np.eye(7)) @ vector)
+        assert abs(found / ratio - 1) < 0.02, (omega, found)
+
+
+def fitted_ratio(moved: np.ndarray, weight: np.ndarray) -> float:
+    """Damping ratio of a free motion's modal coordinate: its swing and counter-swing."""
+    x = moved @ weight
+    first, second = np.max(np.abs(x)), np.max(-x * np.sign(x[np.argmax(np.abs(x))]))
+    decrement = np.log(first / second)
+    return float(decrement / np.hypot(np.pi, decrement))
+
+
+# ---- energy and configuration ----
+
+
+def test_softening_passes_an_empty_tank(loop: Loop) -> None:
+    """Softer in three directions, stiffer in one, with a tank that cannot pay: the softer part is done.
+
+    Before: the whole change was blocked.
+    """
+    settings = config(loop, tank_initial=0.05, tank_maximum=0.05, stiffness_time=0.01)
+    parts = loop.segments(
+        {"push": [0, 10, 0, 10, 0, 0, 0]},
+        {"start": 2000, "translation": np.diag([100.0, 100, 100]), "rotation": np.diag([30.0, 30, 300])},
+    )
+    summary, output = loop.run(4000, parts, configs=settings, outputs=True)
+    assert_contract(summary)
+    if summary.faults == 0:
+        assert np.allclose(np.diag(output["translation_stiffness"][-1].reshape(3, 3)), 100, rtol=1e-3)
+
+
+def test_lowered_limits_come_down_at_the_rate_limit(loop: Loop) -> None:
+    """effort_limit, stiffness and damping changed while it runs.
+
+    Before: lowering effort_limit to 5 N m jumped the torque by 230 N m, 72 times what the rate limit allows.
+    """
+    away = Q0 + np.array([0, 0.6, 0, 0, 0, 0, 0])
+    changes = [
+        {"effort_limit": 5.0},
+        {"damping_ratio": 3.0, "joint_damping": 5.0},
+        {"posture_stiffness": 100.0},
+        {"limit_zone": 1.0},
+        {"limit_stiffness": 1e5},
+        {"motor_inertia": 1.0},
+        {"energy_limit": 1e-3},
+    ]
+    for change in changes:
+        parts = loop.segments({"wanted": away}, {"start": 3000, "config": 1})
+        episode = loop.episode(substeps=2)
+        parts = loop.segments({"clamp": 1, "wanted": away}, {"start": 3000, "config": 1})
+        summary, rows = loop.run(4000, parts, episode, [config(loop), config(loop, **change)], rows=True)
+        assert summary.finite
+        assert summary.torque_step <= 1 + 1e-9, change
+        if "effort_limit" in change:
+            assert np.abs(rows["acted"][2990]).max() > 10
+            assert np.abs(rows["acted"][-1]).max() <= 5
+
+
+NOT_YET = pytest.mark.xfail(reason="a changed limit acts at once: up to 252 J of 0.5", raises=AssertionError)
+"""Known gap of the controller, strict: whoever closes it takes the mark away."""
+LIMIT_CHANGES = (
+    pytest.param({"limit_zone": 0.6}, marks=NOT_YET),
+    pytest.param({"limit_zone": 0.6, "limit_stiffness": 3e3}, marks=NOT_YET),
+    {"limit_stiffness": 5e4},
+    pytest.param({"lower_limit": None}, marks=NOT_YET),
+    pytest.param({"velocity_limit": 0.05}, marks=NOT_YET),
+    {"delay_samples": 2},
+    {"posture_stiffness": 500.0, "stiffness_time": 1e-4},
+    {"tank_initial": 5.0},
+    {"damping_ratio": 5.0, "joint_damping": 20.0},
+)
+
+
+@pytest.mark.parametrize("change", LIMIT_CHANGES, ids=lambda change: "-".join(change))
+def test_energy_of_a_changed_configuration(loop: Loop, change: dict[str, Any]) -> None:
+    """Limits and gains changed while it runs, near a joint limit and with the arm held away: nothing is put out by it.
+
+    A first version of this controller threw the arm out of a limit zone that had become wider: 984 J.
+    """
+    near = Q0.copy()
+    near[3] = loop.lower[3] + 0.15
+    if "lower_limit" in change:
+        change = {"lower_limit": loop.lower + 0.4 * (np.arange(7) == 3)}
+    before, after = config(loop, tank_initial=0.5), config(loop, **({"tank_initial": 0.5} | change))
+    for q, driven in ((near, 0), (Q0, 2)):
+        held = {"driven": driven, "driven_to": Q0 + 0.3, "driven_at": 0.5, "driven_by": 10.0}
+        parts = loop.segments(
+            {"wanted": q, **held},
+            {"start": 1500, "config": 1},
+            {"start": 1600, "driven": 0},
+            {"start": 2500, "config": 0, "driven": driven},
+            {"start": 3200, "config": 1},
+            {"start": 3300, "driven": 0},
+        )
+        summary = loop.run(4500, parts, loop.episode(q=q), [before, after])
+        assert_contract(summary)
+        assert summary.port_most <= 0.5 + 1e-9
+
+
+def test_every_accepted_configuration_keeps_the_torque(loop: Loop) -> None:
+    """Extreme values of every field, one and several at a time: refused, or the torque is finite and within its limits.
+
+    Before: NaN at accepted limits of 1e308.
+    """
+    random = np.random.default_rng(5)
+    fields = [name for name, kind in loop.Config._fields_ if kind is ctypes.c_double or hasattr(kind, "_length_")]
+    values = [1e308, 1e300, 1e12, 1e6, 1e5, 1e4, 1e-5, 1e-6, 1e-300, 5e-324, 0.0, -1.0, np.nan, np.inf]
+    accepted = 0
+    for _ in range(1500):
+        chosen = random.choice(fields, random.integers(1, 4), replace=False)
+        settings = config(loop, **{name: values[random.integers(len(values))] for name in chosen})
+        parts = loop.segments(
+            {"wanted": Q0 + random.normal(size=7) * 0.3, "push": random.normal(size=7) * 20},
+            {"start": 20, "dq_offset": random.normal(size=7) * 100},
+            {"start": 25, "dq_offset": 0.0, "missed": 1},
+        )
+        effort, rate = np.array(settings.effort_limit), np.array(settings.torque_rate_limit)
+        with np.errstate(all="ignore"):
+            episode = loop.episode(effort=effort, rate=rate * settings.sample_time / 1e-3)
+        try:
+            summary = loop.run(40, parts, episode, settings)
+        except AssertionError:
+            continue
+        accepted += 1
+        assert summary.finite, list(chosen)
+        assert summary.effort <= 1, list(chosen)
+        assert summary.torque_step <= 1 + 1e-9, list(chosen)
+    assert accepted > 100

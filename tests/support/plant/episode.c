@@ -1,0 +1,299 @@
+#include "episode.h"
+
+#include "iiwa14.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { MOST_DELAY = 8 };
+
+typedef struct {
+    double last_measured[N], held_q[N], held_dq[N];
+    int seen;
+    uint32_t counter;
+} sensors_t;
+
+static double largest(const double *x, const double *over)
+{
+    double most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        most = fmax(most, fabs(x[i]) / (over != NULL ? over[i] : 1.0));
+    }
+    return most;
+}
+
+static void measure(const episode_t *e, const segment_t *s, const motion_t *motion, sensors_t *sensors, double t,
+                    sample_t *sample)
+{
+    for (int i = 0; i < N; ++i) {
+        const double exact = motion->q[i] + s->q_offset[i];
+        double q = e->quantum > 0.0 ? e->quantum * nearbyint(exact / e->quantum) : exact;
+        if (s->q_stuck && (s->q_mask >> i & 1)) {
+            q = s->q_stuck == STUCK_ZERO ? 0.0 : sensors->held_q[i];
+        }
+        double dq = motion->v[i];
+        if (e->differences) {
+            dq = sensors->seen ? (q - sensors->last_measured[i]) / e->sample_time : 0.0;
+        }
+        dq += s->dq_offset[i];
+        if (s->dq_stuck && (s->dq_mask >> i & 1)) {
+            dq = s->dq_stuck == STUCK_ZERO ? 0.0 : sensors->held_dq[i];
+        }
+        sensors->last_measured[i] = sensors->held_q[i] = q;
+        sensors->held_dq[i] = dq;
+        sample->q[i] = q;
+        sample->dq[i] = dq;
+        sample->wanted[i] = s->wanted[i] + t * s->wanted_rate[i];
+        sample->wanted_rate[i] = s->wanted_rate[i];
+    }
+    sensors->seen = 1;
+    sensors->counter += s->frozen_counter ? 0u : 1u;
+    sample->counter = sensors->counter;
+    sample->valid = !s->missed;
+    sample->pose = s->pose;
+    memcpy(sample->posture, s->posture, sizeof sample->posture);
+    memcpy(sample->translation, s->translation, sizeof sample->translation);
+    memcpy(sample->rotation, s->rotation, sizeof sample->rotation);
+}
+
+/* Energy [J] of the springs of a command with the equilibrium of another, at q; written out from the trace form. */
+static double spring_energy(const double *q, const command_t *springs, const command_t *at)
+{
+    const double *const Kt = springs->translation, *const Ko = springs->rotation, *const E = at->equilibrium;
+    double H[16], energy = 0.0, trace = Ko[0] + Ko[4] + Ko[8], away[3];
+    iiwa14_forward_kinematics(q, H);
+    for (int i = 0; i < 3; ++i) {
+        away[i] = H[4 * i + 3] - E[4 * i + 3];
+    }
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            double turn = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                turn += E[4 * k + j] * H[4 * k + i];
+            }
+            const double G = (i == j ? trace / 2.0 : 0.0) - Ko[3 * i + j];
+            energy += 0.5 * away[i] * Kt[3 * i + j] * away[j] + G * ((i == j ? 1.0 : 0.0) - turn);
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        energy += 0.5 * springs->joint[i] * (q[i] - at->reference[i]) * (q[i] - at->reference[i]);
+    }
+    return springs->scale * energy;
+}
+
+static void drive(const segment_t *s, motion_t *motion, double T)
+{
+    for (int i = 0; i < N; ++i) {
+        const double before = motion->v[i], most = s->driven_by[i] * T;
+        double rate = s->driven_to[i];
+        if (s->driven == 2) {
+            /* as fast as it can still stop there, if the steps are small */
+            const double way = s->driven_to[i] - motion->q[i];
+            rate = fmin(fmin(sqrt(s->driven_by[i] * fabs(way)), 0.2 * fabs(way) / T), s->driven_at[i]);
+            rate = copysign(rate, way);
+        }
+        const double change = rate - before;
+        motion->v[i] += fabs(change) > most ? copysign(most, change) : change;
+        motion->q[i] += (before + motion->v[i]) / 2.0 * T;
+    }
+}
+
+static void account(const episode_t *e, const command_t *command, const double *last, summary_t *summary)
+{
+    for (int i = 0; i < N; ++i) {
+        const double torque = command->torque[i];
+        if (!isfinite(torque)) {
+            summary->finite = 0;
+            continue;
+        }
+        summary->torque = fmax(summary->torque, fabs(torque));
+        summary->effort = fmax(summary->effort, fabs(torque) / e->effort[i]);
+        summary->torque_step = fmax(summary->torque_step, fabs(torque - last[i]) / (e->rate[i] * e->sample_time));
+    }
+}
+
+int episode_run(const episode_t *e, int samples, int segments, const segment_t *segment, const void *const *configs,
+                void *state, void *output, int every_output, row_t *rows, summary_t *summary)
+{
+    motion_t motion = {{0}, {0}, 0.0, 0.0}, before;
+    forces_t forces;
+    sensors_t sensors;
+    sample_t sample;
+    command_t command, previous;
+    double pipe[MOST_DELAY + 1][N] = {{0}}, pipe_feed[MOST_DELAY + 1][N] = {{0}};
+    double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
+    int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0;
+    memset(&forces, 0, sizeof forces);
+    memset(&sensors, 0, sizeof sensors);
+    memset(&command, 0, sizeof command);
+    memset(&previous, 0, sizeof previous);
+    memset(summary, 0, sizeof *summary);
+    summary->finite = 1;
+    memcpy(motion.q, e->q, sizeof motion.q);
+    memcpy(motion.v, e->v, sizeof motion.v);
+    const double kinetic = plant_kinetic_energy(&e->plant, &motion);
+    summary->kinetic = kinetic;
+    for (int k = 0; k < samples; ++k) {
+        while (at + 1 < segments && segment[at + 1].start <= k) {
+            ++at;
+        }
+        const segment_t *const s = &segment[at];
+        const double t = (k - s->start) * e->sample_time;
+        if (s->clamp && !clamped) {
+            iiwa14_forward_kinematics(motion.q, forces.clamp_pose);
+        }
+        clamped = forces.clamped = s->clamp;
+        memcpy(forces.load, s->load, sizeof forces.load);
+        memcpy(forces.push, s->push, sizeof forces.push);
+        memcpy(forces.hand_target, s->hand_target, sizeof forces.hand_target);
+        forces.hand_stiffness = s->hand_stiffness;
+        forces.hand_damping = s->hand_damping;
+        double wrench[6];
+        plant_tip_wrench(&e->plant, &motion, &forces, wrench);
+        summary->force_most = fmax(summary->force_most, sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] +
+                                                             wrench[2] * wrench[2]));
+        summary->moment_most = fmax(summary->moment_most, sqrt(wrench[3] * wrench[3] + wrench[4] * wrench[4] +
+                                                               wrench[5] * wrench[5]));
+        memcpy(summary->wrench, wrench, sizeof wrench);
+        measure(e, s, &motion, &sensors, t, &sample);
+        for (int i = 0; i < 6; ++i) {
+            sample.wrench[i] = s->measure_wrench ? wrench[i] + s->wrench_bias[i] : 0.0;
+        }
+        sample.reset = s->reset && k == s->start;
+        if (!initialised) {
+            const int code = law_init(configs[s->config], state);
+            if (code != 0) {
+                return code;
+            }
+            initialised = 1;
+        }
+        if (k - s->start >= s->skip) {
+            previous = command;
+            law_step(configs[s->config], state, &sample, output, &command);
+            if (summary->finished == 0) {
+                summary->start_energy = spring_energy(motion.q, &command, &command);
+            } else if (!command.faulted) {
+                const double work = spring_energy(motion.q, &previous, &command) -
+                                    spring_energy(motion.q, &previous, &previous);
+                summary->reference_work += fmax(work, 0.0);
+            }
+            account(e, &command, commanded, summary);
+            memcpy(commanded, command.torque, sizeof commanded);
+            summary->codes += command.code != 0;
+            summary->status_or |= command.status;
+            summary->status_last = command.status;
+            summary->faults += command.faulted && !was_faulted;
+            summary->faulted += command.faulted != 0;
+            if (command.faulted && summary->faults == 1 && !was_faulted) {
+                summary->reason = command.reason;
+                summary->fault_at = k;
+            }
+            summary->resets += was_faulted && !command.faulted;
+            was_faulted = command.faulted != 0;
+            double H[16], moved[N], tip = 0.0;
+            iiwa14_forward_kinematics(command.reference, H);
+            for (int i = 0; i < N; ++i) {
+                moved[i] = command.reference[i] - last_reference[i];
+                moved[i] /= e->sample_time;
+            }
+            for (int i = 0; i < 3; ++i) {
+                tip += (H[4 * i + 3] - last_tip[i]) * (H[4 * i + 3] - last_tip[i]);
+                last_tip[i] = H[4 * i + 3];
+            }
+            if (known && !command.faulted) {
+                summary->reference_speed = fmax(summary->reference_speed, largest(moved, e->velocity_limit));
+                summary->tip_reference_speed = fmax(summary->tip_reference_speed, sqrt(tip) / e->sample_time);
+            }
+            known = !command.faulted; /* in a fault the equilibrium follows the arm */
+            memcpy(last_reference, command.reference, sizeof last_reference);
+            if (every_output) {
+                output = (char *)output + law_output_size();
+            }
+        }
+        for (int d = MOST_DELAY; d > 0; --d) {
+            memcpy(pipe[d], pipe[d - 1], sizeof pipe[d]);
+            memcpy(pipe_feed[d], pipe_feed[d - 1], sizeof pipe_feed[d]);
+        }
+        memcpy(pipe[0], commanded, sizeof pipe[0]);
+        memcpy(pipe_feed[0], command.feed, sizeof pipe_feed[0]);
+        memcpy(forces.torque, pipe[e->delay], sizeof forces.torque);
+        before = motion;
+        if (s->driven) {
+            drive(s, &motion, e->sample_time);
+        } else {
+            plant_advance(&e->plant, &motion, &forces, e->sample_time);
+        }
+        if (e->fastest > 0.0 && largest(motion.v, e->velocity_limit) > e->fastest) {
+            motion = before;
+            break;
+        }
+        double fed = 0.0;
+        for (int i = 0; i < N; ++i) {
+            fed += pipe_feed[e->delay][i] * (motion.q[i] - before.q[i]);
+            summary->port += forces.torque[i] * (motion.q[i] - before.q[i]);
+            summary->excursion = fmax(summary->excursion, fabs(motion.q[i] - sample.wanted[i]));
+            summary->wander = fmax(summary->wander, fabs(motion.q[i] - e->q[i]));
+        }
+        summary->reference_work += fmax(fed, 0.0);
+        const double moving = summary->port - summary->reference_work - summary->resets * e->engagement;
+        summary->excess_moving = k == 0 ? moving : fmax(summary->excess_moving, moving);
+        summary->port_most = fmax(summary->port_most, summary->port);
+        summary->excess = k == 0 ? summary->port - summary->resets * e->engagement
+                                 : fmax(summary->excess, summary->port - summary->resets * e->engagement);
+        summary->speed = fmax(summary->speed, largest(motion.v, e->velocity_limit));
+        double J[6 * N], tip_velocity = 0.0;
+        iiwa14_hybrid_jacobian(motion.q, J);
+        for (int r = 0; r < 3; ++r) {
+            double rate = 0.0;
+            for (int i = 0; i < N; ++i) {
+                rate += J[r * N + i] * motion.v[i];
+            }
+            tip_velocity += rate * rate;
+        }
+        summary->tip_speed = fmax(summary->tip_speed, sqrt(tip_velocity));
+        if (k >= samples - samples / 10) {
+            summary->final_speed = fmax(summary->final_speed, largest(motion.v, NULL));
+            for (int i = 0; i < N; ++i) {
+                least[i] = k == samples - samples / 10 ? motion.q[i] : fmin(least[i], motion.q[i]);
+                most[i] = k == samples - samples / 10 ? motion.q[i] : fmax(most[i], motion.q[i]);
+                summary->ripple = fmax(summary->ripple, most[i] - least[i]);
+            }
+        }
+        if (rows != NULL) {
+            row_t *const row = &rows[k];
+            memcpy(row->q, motion.q, sizeof row->q);
+            memcpy(row->v, motion.v, sizeof row->v);
+            memcpy(row->acted, forces.torque, sizeof row->acted);
+            memcpy(row->reference, command.reference, sizeof row->reference);
+            memcpy(row->wrench, wrench, sizeof row->wrench);
+            row->port = summary->port;
+            row->energy = command.energy;
+            row->tank = command.tank;
+            row->deficit = command.deficit;
+            row->scale = command.scale;
+            row->kinetic = plant_kinetic_energy(&e->plant, &motion);
+            row->status = command.status;
+            row->faulted = command.faulted;
+        }
+        summary->finished = k + 1;
+        double sum = 0.0;
+        for (int i = 0; i < N; ++i) {
+            sum += motion.q[i] + motion.v[i];
+        }
+        if (!isfinite(sum)) {
+            break;
+        }
+    }
+    summary->kinetic = plant_kinetic_energy(&e->plant, &motion);
+    summary->energy_error = summary->kinetic - kinetic - motion.environment_work - motion.robot_work;
+    double error = 0.0;
+    for (int i = 0; i < N; ++i) {
+        error = fmax(error, fabs(motion.q[i] - sample.wanted[i]));
+    }
+    summary->error = error;
+    memcpy(summary->q, motion.q, sizeof summary->q);
+    memcpy(summary->v, motion.v, sizeof summary->v);
+    memcpy(summary->acted, forces.torque, sizeof summary->acted);
+    memcpy(summary->reference, command.reference, sizeof summary->reference);
+    return 0;
+}

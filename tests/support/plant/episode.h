@@ -1,0 +1,102 @@
+/*
+ * A closed loop of plant, sensors and controller at the sample time, told by segments; everything that is claimed of a
+ * controller is measured here, from the plant's exact state and the torque that really acted.
+ */
+#ifndef EPISODE_H
+#define EPISODE_H
+
+#include "law.h"
+
+enum { STUCK_HELD = 1, STUCK_ZERO = 2 };
+
+/* What holds from `start` on until the next segment. */
+typedef struct {
+    int start;                   /* [samples] */
+    int config;                  /* which configuration */
+    int skip;                    /* first so many samples: the controller is not called, the last torque is held */
+    int missed;                  /* 1: called without a sample */
+    int reset;                   /* 1: faults are acknowledged at the segment's first sample */
+    int measure_wrench;          /* 1: the true wrench is measured; 0: zero is given */
+    int clamp;                   /* 1: the tip is clamped where it was when this began */
+    int frozen_counter;          /* 1: the sample counter stands */
+    int q_stuck, dq_stuck;       /* STUCK_, of the joints in the masks */
+    int q_mask, dq_mask;         /* bits of joints */
+    double wanted[N];            /* [rad] posture whose tip pose is the equilibrium */
+    int pose;                    /* 1: commanded as a pose and a posture apart */
+    int driven;                  /* the environment moves the arm whatever it does, 1: at rates, 2: to a posture */
+    double driven_to[N];         /* [rad/s] these rates, or [rad] this posture */
+    double driven_at[N];         /* [rad/s] at most at these rates, if to a posture */
+    double driven_by[N];         /* [rad/s^2] at most at these accelerations */
+    double posture[N];           /* [rad] */
+    double wanted_rate[N];       /* [rad/s] moves `wanted` from the segment's start on */
+    double translation[9], rotation[9];
+    double load[6], push[N];
+    double hand_target[N], hand_stiffness, hand_damping;
+    double wrench_bias[6];       /* [N, N m] added to what is measured */
+    double q_offset[N], dq_offset[N]; /* added to what is measured; NaN for a NaN */
+} segment_t;
+
+typedef struct {
+    plant_t plant;
+    double sample_time;
+    int delay;                   /* [samples] from a sample to when its torque acts */
+    int differences;             /* velocity: 1 by differences of the measured q, 0 true */
+    double quantum;              /* [rad] of the encoder; 0: exact */
+    double q[N], v[N];           /* at the start */
+    double velocity_limit[N];    /* [rad/s] what speeds are compared with */
+    double effort[N], rate[N];   /* [N m], [N m/s] that the torque must keep */
+    double engagement;           /* [J] that each return from a fault may bring in */
+    double fastest;              /* [1] over the velocity limit: the episode ends when the arm is faster; 0: never */
+} episode_t;
+
+typedef struct {
+    double speed;                /* [1] largest |v| over the velocity limit */
+    double excursion;            /* [rad] largest |q - wanted| */
+    double wander;               /* [rad] largest |q - start| */
+    double error;                /* [rad] |q - wanted| at the end */
+    double final_speed;          /* [rad/s] largest |v| during the last tenth */
+    double ripple;               /* [rad] largest range of a joint during the last tenth */
+    double torque;               /* [N m] largest */
+    double torque_step;          /* [1] largest change over what the rate limit allows */
+    double effort;               /* [1] largest torque over the effort limit */
+    double port;                 /* [J] put out at the robot's port: sum of torque . change of q */
+    double port_most;            /* [J] most of it at any time */
+    double excess;               /* [J] most of port - engagement x resets at any time */
+    double reference_work;       /* [J] positive work of the moving equilibrium, from the springs' energy here */
+    double excess_moving;        /* [J] most of port - reference_work - engagement x resets at any time */
+    double start_energy;         /* [J] of the springs at the first sample */
+    double kinetic;              /* [J] at the end */
+    double energy_error;         /* [J] of the integration: change of kinetic energy less all work */
+    double reference_speed;      /* [1] largest change of the equilibrium in use, over the velocity limit */
+    double tip_reference_speed;  /* [m/s] of its tip */
+    double tip_speed;            /* [m/s] of the tip */
+    double fell;                 /* [J] elastic energy when the last fault began */
+    int faults;                  /* times that control was lost */
+    int faulted;                 /* samples without control */
+    int reason, fault_at;        /* of the first fault; the sample */
+    int resets;                  /* times that control came back */
+    int finite;                  /* every torque was */
+    int codes;                   /* steps that returned an error */
+    int finished;                /* samples done; fewer if the state became non-finite */
+    uint32_t status_or, status_last;
+    double q[N], v[N], reference[N], acted[N];
+    double wrench[6];            /* at the tip, at the end */
+    double moment_most, force_most;
+} summary_t;
+
+typedef struct {
+    double q[N], v[N], acted[N], reference[N], wrench[6];
+    double port, energy, tank, deficit, scale, kinetic;
+    uint32_t status;
+    int faulted;
+} row_t;
+
+/*
+ * Run. configs: pointers to configurations; state: law_state_size() bytes; output: law_output_size() bytes, or count of them
+ * with every_output; rows: NULL or one per sample. Returns what initialising returned.
+ */
+int episode_run(const episode_t *episode, int samples, int segments, const segment_t *segment,
+                const void *const *configs, void *state, void *output, int every_output, row_t *rows,
+                summary_t *summary);
+
+#endif

@@ -1,0 +1,40 @@
+/* No controller: the arm floats. For checks of the plant itself. */
+#include "law.h"
+
+#include <string.h>
+
+size_t law_config_size(void)
+{
+    return sizeof(int);
+}
+
+size_t law_state_size(void)
+{
+    return sizeof(int);
+}
+
+size_t law_output_size(void)
+{
+    return sizeof(int);
+}
+
+void law_default_config(void *config)
+{
+    memset(config, 0, sizeof(int));
+}
+
+int law_init(const void *config, void *state)
+{
+    (void)config;
+    (void)state;
+    return 0;
+}
+
+void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command)
+{
+    (void)config;
+    (void)state;
+    (void)sample;
+    (void)output;
+    memset(command, 0, sizeof *command);
+}

@@ -1,0 +1,95 @@
+/* The generated controller as a law of the episodes. */
+#include "law.h"
+
+#include "iiwa14_impedance.h"
+
+#include <string.h>
+
+typedef iiwa14_impedance_input input_t;
+typedef iiwa14_impedance_output output_t;
+
+size_t law_config_size(void)
+{
+    return sizeof(iiwa14_impedance_config);
+}
+
+size_t law_state_size(void)
+{
+    return sizeof(iiwa14_impedance_state);
+}
+
+size_t law_output_size(void)
+{
+    return sizeof(output_t);
+}
+
+void law_default_config(void *config)
+{
+    iiwa14_impedance_default_config(config);
+}
+
+int law_init(const void *config, void *state)
+{
+    return iiwa14_impedance_init(config, state, NULL);
+}
+
+/* Kt and Ko as the paper's task stiffness in hybrid axes: Ko turned by the equilibrium's rotation. */
+static void task_stiffness(const sample_t *sample, const double *pose, double *K)
+{
+    memset(K, 0, 36 * sizeof *K);
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            double sum = 0.0;
+            for (int a = 0; a < 3; ++a) {
+                for (int b = 0; b < 3; ++b) {
+                    sum += pose[4 * i + a] * sample->rotation[3 * a + b] * pose[4 * j + b];
+                }
+            }
+            K[6 * i + j] = K[6 * j + i] = sample->translation[3 * i + j];
+            K[6 * (i + 3) + j + 3] = K[6 * (j + 3) + i + 3] = sum;
+        }
+    }
+}
+
+void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command)
+{
+    const iiwa14_impedance_config *const c = config;
+    output_t *const out = output;
+    input_t in;
+    memset(&in, 0, sizeof in);
+    in.sample_valid = sample->valid;
+    in.command = sample->pose ? IIWA14_COMMAND_EQUILIBRIUM : IIWA14_COMMAND_POSITION;
+    in.wrench_valid = 1;
+    in.counter = sample->counter;
+    memcpy(in.q, sample->q, sizeof in.q);
+    memcpy(in.dq, sample->dq, sizeof in.dq);
+    memcpy(in.q0, sample->pose ? sample->posture : sample->wanted, sizeof in.q0);
+    iiwa14_forward_kinematics(sample->wanted, in.equilibrium);
+    memcpy(in.translation_stiffness, sample->translation, sizeof in.translation_stiffness);
+    memcpy(in.rotation_stiffness, sample->rotation, sizeof in.rotation_stiffness);
+    memcpy(in.wrench, sample->wrench, sizeof in.wrench);
+    task_stiffness(sample, in.equilibrium, in.task_stiffness);
+    if (sample->reset) {
+        iiwa14_impedance_reset(state);
+    }
+    command->code = iiwa14_impedance_step(config, state, &in, out);
+    memcpy(command->torque, out->torque, sizeof command->torque);
+    memcpy(command->reference, out->reference, sizeof command->reference);
+    memcpy(command->equilibrium, out->equilibrium, sizeof command->equilibrium);
+    memcpy(command->translation, out->translation_stiffness, sizeof command->translation);
+    memcpy(command->rotation, out->rotation_stiffness, sizeof command->rotation);
+    memcpy(command->joint, c->posture_stiffness, sizeof command->joint);
+    for (int i = 0; i < N; ++i) {
+        command->feed[i] = 0.0;
+        for (int j = 0; j < N; ++j) {
+            command->feed[i] += out->damping[i * N + j] * out->reference_velocity[j];
+        }
+    }
+    command->scale = out->scale;
+    command->energy = out->elastic_energy + out->limit_energy;
+    command->tank = out->tank_energy;
+    command->deficit = out->tank_energy < 0.0 ? -out->tank_energy : 0.0;
+    command->status = out->status;
+    command->faulted = out->fault != 0;
+    command->reason = out->reason;
+}

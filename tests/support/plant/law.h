@@ -1,0 +1,50 @@
+/* A controller as the episodes see it: one file per control law implements these functions on its own structs. */
+#ifndef LAW_H
+#define LAW_H
+
+#include "plant.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* What the sensors and the planner say at a sample. */
+typedef struct {
+    int valid;                 /* 0: the sample was missed */
+    uint32_t counter;          /* of the samples */
+    int reset;                 /* acknowledge faults */
+    double q[N], dq[N];        /* [rad], [rad/s] measured */
+    double wanted[N];          /* [rad] posture whose tip pose is the equilibrium */
+    double wanted_rate[N];     /* [rad/s] */
+    int pose;                  /* 1: the equilibrium is given as that pose, and the posture apart */
+    double posture[N];         /* [rad] only then */
+    double wrench[6];          /* [N, N m] measured: what the environment applies, base axes */
+    double translation[9];     /* [N/m] base axes */
+    double rotation[9];        /* [N m/rad] axes of the tip at the equilibrium */
+} sample_t;
+
+/* What the episodes read from a step, whatever the law. */
+typedef struct {
+    double torque[N];          /* [N m] commanded */
+    double reference[N];       /* [rad] equilibrium posture in use */
+    double equilibrium[16];    /* [m] pose in use */
+    double translation[9], rotation[9]; /* [N/m], [N m/rad] in use */
+    double joint[N];           /* [N m/rad] posture stiffness */
+    double feed[N];            /* [N m] damping times the velocity of the reference, in the torque */
+    double scale;              /* [1] of the elastic energy: below 1 while it is released */
+    double energy;             /* [J] elastic and of the limits, by the law's own account */
+    double tank, deficit;      /* [J] */
+    uint32_t status;
+    int faulted;               /* not under control: fallback or latched */
+    int reason;                /* for that, the law's own number */
+    int code;                  /* what the step returned */
+} command_t;
+
+size_t law_config_size(void);
+size_t law_state_size(void);
+size_t law_output_size(void);
+void law_default_config(void *config);
+int law_init(const void *config, void *state);
+/* output: the law's whole own output struct */
+void law_step(const void *config, void *state, const sample_t *sample, void *output, command_t *command);
+
+#endif

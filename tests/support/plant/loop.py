@@ -1,0 +1,244 @@
+"""Episodes of plant, sensors and controller, compiled from C; Python sets them up and reads what was measured.
+
+The structs of the headers are read from the headers: their fields are here under the same names, with the same units.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from support.plant.statics import Springs
+
+HERE = Path(__file__).resolve().parent
+FREE = HERE / "free.c"
+"""The law without a controller: the arm floats; needs ``sources=("iiwa14.c",)``."""
+N = 7
+Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
+"""The posture of the failures that the controller's issue lists [rad]."""
+_TYPES = {"double": ctypes.c_double, "int": ctypes.c_int, "uint32_t": ctypes.c_uint32, "uint64_t": ctypes.c_uint64}
+
+
+def struct(header: Path, name: str, known: dict[str, type], sizes: dict[str, int]) -> type[ctypes.Structure]:
+    """The C struct of that name as ctypes sees it; ``known`` has the structs that it contains."""
+    text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
+    (body,) = re.findall(r"typedef struct(?: \w+)? \{([^{}]*)\}\s*" + name + ";", text)
+    fields: list[tuple[str, Any]] = []
+    for declaration in filter(None, (part.strip() for part in body.split(";"))):
+        kind, names = declaration.split(None, 1)
+        for entry in names.split(","):
+            found = re.fullmatch(r"(\w+)((?:\[[^]]+\])*)", entry.strip())
+            assert found, f"{header.name}: {declaration}"
+            base = known[kind] if kind in known else _TYPES[kind]
+            for size in reversed(re.findall(r"\[([^]]+)\]", found[2])):
+                base = base * _number(size, sizes)
+            fields.append((found[1], base))
+    return type(name, (ctypes.Structure,), {"_fields_": fields})
+
+
+def _number(text: str, sizes: dict[str, int]) -> int:
+    product = 1
+    for factor in text.split("*"):
+        factor = factor.strip()
+        product *= sizes[factor] if factor in sizes else int(factor)
+    return product
+
+
+def fill(target: ctypes.Structure, **values: Any) -> Any:
+    """Set fields; a scalar fills an array field."""
+    for name, value in values.items():
+        old = getattr(target, name)
+        if isinstance(old, ctypes.Array):
+            array = np.ctypeslib.as_array(old)
+            array[...] = np.asarray(value, dtype=array.dtype).reshape(-1) if np.size(value) > 1 else value
+        else:
+            setattr(target, name, value)
+    return target
+
+
+class Loop:
+    """A control law in the loop.
+
+    Args:
+        folder: where to compile.
+        robot: folder of the generated iiwa 14.
+        law: C file that implements law.h on the robot's controller.
+        sources: C files of the robot's folder.
+
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        robot: Path,
+        law: Path = HERE / "law.c",
+        sources: tuple[str, ...] = ("iiwa14.c", "iiwa14_impedance.c"),
+        flags: tuple[str, ...] = ("-O3", "-march=native"),
+    ) -> None:
+        path = folder / "loop.so"
+        files = [HERE / "plant.c", HERE / "episode.c", law, *(robot / source for source in sources)]
+        command = ["gcc", "-std=c99", *flags, "-shared", "-fPIC", f"-I{HERE}", f"-I{robot}", *map(str, files), "-lm"]
+        subprocess.run([*command, "-o", str(path)], check=True)
+        self.library = ctypes.CDLL(str(path))
+        sizes = {"N": N}
+        known: dict[str, type] = {}
+        for header, name in (
+            (HERE / "plant.h", "plant_t"),
+            (HERE / "episode.h", "segment_t"),
+            (HERE / "episode.h", "episode_t"),
+            (HERE / "episode.h", "summary_t"),
+            (HERE / "episode.h", "row_t"),
+            (HERE / "law.h", "sample_t"),
+            (HERE / "law.h", "command_t"),
+        ):
+            known[name] = struct(header, name, known, sizes)
+        self._known = known
+        if law == FREE:
+            self.Config = self.Output = ctypes.c_int
+        else:
+            header = robot / "iiwa14_impedance.h"
+            self.Config = struct(header, "iiwa14_impedance_config", known, sizes)
+            self.Output = struct(header, "iiwa14_impedance_output", known, sizes)
+        self.Segment, self.Episode, self.Summary = known["segment_t"], known["episode_t"], known["summary_t"]
+        self.Row = known["row_t"]
+        for name in ("config", "state", "output"):
+            getattr(self.library, f"law_{name}_size").restype = ctypes.c_size_t
+        assert self.library.law_config_size() == ctypes.sizeof(self.Config)
+        assert self.library.law_output_size() == ctypes.sizeof(self.Output)
+        self.lower, self.upper, self.velocity, self.effort = (
+            np.array((ctypes.c_double * N).in_dll(self.library, f"iiwa14_{name}"))
+            for name in ("lower", "upper", "velocity", "effort")
+        )
+        self.state = ctypes.create_string_buffer(self.library.law_state_size())
+
+    def pose(self, q: ArrayLike) -> np.ndarray:
+        """Pose of the tip (4, 4) at q."""
+        return self._kernel("forward_kinematics", q, 16).reshape(4, 4)
+
+    def jacobian(self, q: ArrayLike) -> np.ndarray:
+        """Hybrid Jacobian (6, 7) at q."""
+        return self._kernel("hybrid_jacobian", q, 42).reshape(6, 7)
+
+    def mass_matrix(self, q: ArrayLike) -> np.ndarray:
+        """Links' mass matrix (7, 7) at q."""
+        return self._kernel("mass_matrix", q, 49).reshape(7, 7)
+
+    def bias(self, q: ArrayLike, v: ArrayLike) -> np.ndarray:
+        """Coriolis and centrifugal forces (7) of the plant."""
+        result = np.empty(N)
+        arguments = [np.ascontiguousarray(x, dtype=float) for x in (q, v)]
+        self.library.plant_bias(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*arguments, result)))
+        return result
+
+    def _kernel(self, name: str, q: ArrayLike, size: int) -> np.ndarray:
+        q, result = np.ascontiguousarray(q, dtype=float), np.empty(size)
+        kernel = getattr(self.library, f"iiwa14_{name}")
+        kernel(q.ctypes.data_as(ctypes.c_void_p), result.ctypes.data_as(ctypes.c_void_p))
+        return result
+
+    def springs(self, wanted: ArrayLike, translation: ArrayLike, rotation: ArrayLike, joint: float) -> Springs:
+        """The springs of a segment, for their statics."""
+        wanted = np.asarray(wanted, dtype=float)
+        gains = spring_gains(translation, rotation)
+        equilibrium = self.pose(wanted)
+        return Springs(self.pose, self.jacobian, equilibrium, wanted, gains["translation"], gains["rotation"], joint)
+
+    def config(self, **values: Any) -> Any:
+        """The default configuration with some fields set."""
+        config = self.Config()
+        self.library.law_default_config(ctypes.byref(config))
+        return fill(config, **values)
+
+    def episode(self, **values: Any) -> Any:
+        """1 ms, motor inertia 0.1 kg m^2, exact sensors, no delay, at rest at Q0; plant fields go by their names."""
+        plant: dict[str, Any] = {
+            "motor": 0.1,
+            "substeps": 1,
+            "clamp_force": 2e4,
+            "clamp_moment": 500.0,
+            "clamp_damping": 2e-3,
+        }
+        names = {name for name, _ in self.Episode._fields_[0][1]._fields_}
+        plant |= {name: values.pop(name) for name in list(values) if name in names}
+        limits = {"velocity_limit": self.velocity, "effort": self.effort, "rate": 10 * self.effort}
+        first = {"sample_time": 1e-3, "q": Q0, **limits}
+        episode = fill(self.Episode(), **(first | values))
+        fill(episode.plant, **plant)
+        return episode
+
+    def segment(self, base: Any = None, **values: Any) -> Any:
+        """The segment before with some fields changed, no reset, no skip; the first: Q0 and the paper's stiffness."""
+        new = self.Segment()
+        if base is None:
+            fill(new, wanted=Q0, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
+        else:
+            ctypes.memmove(ctypes.byref(new), ctypes.byref(base), ctypes.sizeof(new))
+            new.reset = new.skip = 0
+        return fill(new, **values)
+
+    def segments(self, *parts: dict[str, Any]) -> list[Any]:
+        """Segments, each given by what differs from the one before."""
+        made: list[Any] = []
+        for part in parts:
+            made.append(self.segment(made[-1] if made else None, **part))
+        return made
+
+    def stepper(self, config: Any) -> Callable[..., Any]:
+        """The law alone, for another plant: takes fields of sample_t, returns command_t."""
+        assert self.library.law_init(ctypes.byref(config), self.state) == 0
+        sample, command, output = self._known["sample_t"](), self._known["command_t"](), self.Output()
+
+        def step(**values: Any) -> Any:
+            sample.counter += 1
+            fill(sample, valid=1, **values)
+            pointers = (ctypes.byref(part) for part in (config, self.state, sample, output, command))
+            self.library.law_step(*pointers)
+            return command
+
+        return step
+
+    def run(
+        self,
+        samples: int,
+        segments: list[Any] | Any,
+        episode: Any = None,
+        configs: Any = None,
+        rows: bool = False,
+        outputs: bool = False,
+    ) -> Any:
+        """Summary, and with ``rows`` a structured array of a row per sample, with ``outputs`` the law's outputs."""
+        episode = episode if episode is not None else self.episode()
+        configs = configs if isinstance(configs, list) else [configs if configs is not None else self.config()]
+        if isinstance(segments, list):
+            segments = (self.Segment * len(segments))(*segments)
+        pointers = (ctypes.c_void_p * len(configs))(*(ctypes.addressof(config) for config in configs))
+        summary = self.Summary()
+        row = (self.Row * samples)() if rows else None
+        output = (self.Output * (samples if outputs else 1))()
+        ctypes.memset(self.state, 0, len(self.state))
+        code = self.library.episode_run(
+            ctypes.byref(episode), samples, len(segments), segments, pointers, self.state, output, int(outputs), row,
+            ctypes.byref(summary),
+        )  # fmt: skip
+        assert code == 0, f"initialising returned {code}"
+        result = [summary]
+        if rows:
+            result.append(np.ctypeslib.as_array(row))
+        if outputs:
+            result.append(np.ctypeslib.as_array(output))
+        return result[0] if len(result) == 1 else tuple(result)
+
+
+def spring_gains(translation: ArrayLike, rotation: ArrayLike) -> dict[str, np.ndarray]:
+    """Segment fields of stiffness matrices, (3, 3) each or their diagonals."""
+    return {
+        name: np.diag(value) if np.ndim(value) == 1 else np.asarray(value)
+        for name, value in (("translation", np.asarray(translation)), ("rotation", np.asarray(rotation)))
+    }
