@@ -173,6 +173,48 @@ def in_c(chain: stiffgen.Chain, folder: Path, robot: Path) -> list[tuple[str, fl
     return rows
 
 
+def of_springs(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, list[Row]]:
+    """For each compiler the rows in ns a configuration: springs, and what they are held to."""
+    samples = Samples.draw(chain, COUNT, seed=1)
+    shared = ("task_stiffness", "equilibrium", "translation_stiffness", "rotation_stiffness")
+    inputs = folder / "spring_inputs"
+    inputs.write_bytes(
+        samples.q.tobytes() + samples.wrench.tobytes() + b"".join(samples[n][0].tobytes() for n in shared)
+    )
+    tables = {}
+    for compiler in ("gcc", "clang"):
+        if not shutil.which(compiler):
+            continue
+        program = folder / f"springs_{compiler}"
+        source = [f'-DROBOT_C="{robot / robot.name}.c"', f"-I{robot}", str(HERE / "contenders" / "springs.c")]
+        run([compiler, *NATIVE.split(), *source, "-o", str(program), "-lm"])
+        rows = []
+        for line in run(pinned([str(program), str(inputs), str(COUNT), str(ROUNDS)])).splitlines():
+            name, times = line.split(";")
+            rows.append((name, *quartiles([float(each) for each in times.split()])))
+        tables[f"{compiler} {NATIVE}"] = rows
+    return tables
+
+
+def springs_section(tables: dict[str, list[Row]]) -> list[str]:
+    """Ratios to the plain hybrid joint stiffness of the same run, singles to the single one, batches to the batch."""
+    lines = [
+        "## Springs, ns a configuration",
+        "",
+        "The trace spring: torque alone, and energy, torque and joint stiffness in one call (linearization), held to",
+        "the plain hybrid joint stiffness in the same process, in turn. Bars: 0.9 and 1.6.",
+        "",
+    ]
+    for title, rows in tables.items():
+        plain = {name.split()[0]: median for name, median, *_ in rows if name.endswith("hybrid.joint_stiffness")}
+        lines += [f"| {title} | ns | quartiles | to hybrid.joint_stiffness |", "|---|---|---|---|"]
+        for name, median, lower, upper in rows:
+            ratio = median / plain[name.split()[0]]
+            lines.append(f"| {name} | {median:.1f} | {lower:.1f} to {upper:.1f} | {ratio:.2f} |")
+        lines.append("")
+    return lines
+
+
 def quartiles(values: list[float]) -> tuple[float, float, float]:
     lower, median, upper = statistics.quantiles(values, n=4)
     return median, lower, upper
@@ -506,6 +548,7 @@ def main() -> None:
         folder = Path(name)
         robot = stiffgen.generate(URDF, output=folder)
         rows = in_c(chain, folder, robot)
+        springs = of_springs(chain, folder, robot)
         single, batch = in_python(chain, robot)
         streamed = streaming(robot)
         grown = growth(folder)
@@ -528,6 +571,7 @@ def main() -> None:
         "![bar chart](results.svg)",
         "",
         *table("contender; compiler and flags", rows, "ns", floor, "7 sincos"),
+        *springs_section(springs),
         "## One call from Python",
         "",
         *table("contender", single, "us", single[0][1], "matmul"),

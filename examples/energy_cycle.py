@@ -1,4 +1,4 @@
-"""Net work of joint stiffness round closed orbits at a held wrench, corrected and conventional, on the iiwa 14.
+"""Net work of three laws round closed orbits of the iiwa 14's posture: corrected, conventional, gradient of an energy.
 
 The paper's problem statement, quasi-statically: a spring whose torque field is tau = -K dq gives back what it took
 exactly if K is symmetric. Otherwise, round a circle of radius r in the plane of two unit directions u and v,
@@ -6,125 +6,171 @@ exactly if K is symmetric. Otherwise, round a circle of radius r in the plane of
     W = integral of tau . dq = integral over the area of the antisymmetric part = 2 pi r^2 u^T A v,   A = (K - K^T)/2.
 
 First with the stiffness held at one posture and wrench: the statement as it is. Then with the stiffness following the
-posture, as a controller has it: the corrected stiffness is then no longer conservative either (K varies along
-the way), but its work grows with r^3, not r^2.
+posture at a wrench that is held, as a controller has it that measures one: the corrected stiffness is then no longer
+conservative either (K varies along the way), but its work grows with r^3, not r^2.
+
+Beside them the gradient law: the torque of a spring at the tip (iiwa14.spring), with the same gains and, at the orbit's
+centre, the same wrench. It is the gradient of an energy in every posture, so no orbit gains or loses anything.
 
 Writes energy_cycle.svg with --figure FILE (needs matplotlib: pip install 'stiffgen[examples]').
 """
 
+from __future__ import annotations
+
 import argparse
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from generated import iiwa14  # noqa: E402
+Array = NDArray[np.float64]
 
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 TASK_STIFFNESS = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])  # N/m and N m/rad
 WRENCH = np.array([5.0, -10.0, 15.0, 4.0, -3.0, 8.0])  # N and N m, applied by the environment, held
 PLANES = ((0, 2), (4, 5), (1, 3), (2, 6))  # joint pairs (0-based) that span the orbits
+RADIUS = 0.1  # rad
 STEPS = 20000
-FORMULAS = {"corrected": iiwa14.hybrid.joint_stiffness, "conventional": iiwa14.hybrid.joint_stiffness_uncorrected}
+FORMULAS = {"corrected": "joint_stiffness", "conventional": "joint_stiffness_uncorrected"}
+LAWS = (*FORMULAS, "gradient")
 
 
-def orbit(plane: tuple[int, int], radius: float, steps: int = STEPS) -> np.ndarray:
+def centre() -> Array:
+    """The posture (n,) in the middle of the paper's zero-force trajectory [rad]."""
+    trajectory = np.loadtxt(TRAJECTORY, delimiter=",")
+    return np.asarray(trajectory[:, trajectory.shape[1] // 2])
+
+
+def orbit(plane: tuple[int, int], radius: float, steps: int = STEPS) -> Array:
     """Displacements (steps + 1, n) round a circle through zero, first along u, then towards v [rad]."""
     phase = 2 * np.pi * np.arange(steps + 1)[:, None] / steps
-    u, v = np.eye(iiwa14.DOF)[list(plane)]
+    u, v = np.eye(7)[list(plane)]
     return np.asarray(radius * (np.sin(phase) * u + (1 - np.cos(phase)) * v))
 
 
-def work(stiffness: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """Work [J] that tau = -K dq has done up to each point of an orbit, by the trapezoidal rule."""
-    torque = -np.einsum("...ij,...j->...i", stiffness, displacement)
+def work(torque: Array, displacement: Array) -> Array:
+    """Work [J] that torques (N, n) [N m] have done up to each point of an orbit (N, n) [rad]; trapezoidal rule."""
     middle = (torque[1:] + torque[:-1]) / 2
     return np.concatenate([[0.0], np.cumsum(np.einsum("ti,ti->t", middle, np.diff(displacement, axis=0)))])
 
 
-def held(q: np.ndarray, plane: tuple[int, int], radius: float, formula: str) -> np.ndarray:
-    return work(FORMULAS[formula](q, WRENCH, TASK_STIFFNESS), orbit(plane, radius))
+def stiffness(robot: ModuleType, q: Array, formula: str) -> Array:
+    """Kq (..., n, n) at postures (..., n) and the wrench that is held [N m/rad]."""
+    return np.asarray(getattr(robot.hybrid, FORMULAS[formula])(q, WRENCH, TASK_STIFFNESS))
 
 
-def following(q: np.ndarray, plane: tuple[int, int], radius: float, formula: str) -> np.ndarray:
+def held(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float, formula: str) -> Array:
+    """Work round an orbit about q, the stiffness held."""
     displacement = orbit(plane, radius)
-    return work(FORMULAS[formula](q + displacement, WRENCH, TASK_STIFFNESS), displacement)
+    return work(-displacement @ stiffness(robot, q, formula).T, displacement)
 
 
-def area_integral(q: np.ndarray, plane: tuple[int, int], radius: float, formula: str) -> float:
-    K = FORMULAS[formula](q, WRENCH, TASK_STIFFNESS)
+def following(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float, law: str) -> Array:
+    """Work round an orbit about q, the torque being that of each posture; the gradient less its constant load at q."""
+    displacement = orbit(plane, radius)
+    if law == "gradient":
+        spring = (rest(robot, q), TASK_STIFFNESS[:3, :3], TASK_STIFFNESS[3:, 3:])
+        return work(robot.spring.torque(q + displacement, *spring) - robot.spring.torque(q, *spring), displacement)
+    K = stiffness(robot, q + displacement, law)
+    return work(-np.einsum("tij,tj->ti", K, displacement), displacement)
+
+
+def rest(robot: ModuleType, q: Array) -> Array:
+    """The equilibrium (4, 4) from which the spring, deflected to q, has the wrench WRENCH.
+
+    The trace spring with Ko = k I has the moment k sin(angle) axis.
+    """
+    pose = np.array(robot.forward_kinematics(q))
+    sine = WRENCH[3:] / TASK_STIFFNESS[3, 3]
+    x, y, z = sine / np.linalg.norm(sine)
+    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    back = np.eye(3) - np.linalg.norm(sine) * W + (1 - np.sqrt(1 - sine @ sine)) * W @ W
+    pose[:3, 3] -= WRENCH[:3] / np.diag(TASK_STIFFNESS)[:3]
+    pose[:3, :3] = back @ pose[:3, :3]
+    return pose
+
+
+def area_integral(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float, formula: str) -> float:
+    """The net work of :func:`held` by the closed form [J]."""
+    K = stiffness(robot, q, formula)
     u, v = plane
     return float(np.pi * radius**2 * (K[u, v] - K[v, u]))
 
 
-def table(q: np.ndarray) -> None:
-    radius = 0.1
+def table(robot: ModuleType, q: Array) -> None:
+    """Print the net work in all planes."""
     print(f"iiwa14 at q [rad] = {np.round(q, 3)}")
-    print(f"wrench applied by the environment, held [N, N m] = {WRENCH}; orbits of radius {radius} rad")
-    print(f"\n{'':8s}{'stiffness held: net work and area integral [J]':^62s}   {'stiffness follows q [J]':^26s}")
-    print(f"{'joints':8s}{'corrected':>14s}{'integral':>14s}{'conventional':>18s}{'integral':>14s}   ", end="")
-    print(f"{'corrected':>12s}{'conventional':>14s}")
-    for plane in PLANES:
-        row = f"{plane[0] + 1}, {plane[1] + 1}    "
-        for formula, width in (("corrected", 14), ("conventional", 18)):
-            row += f"{held(q, plane, radius, formula)[-1]:{width}.3e}{area_integral(q, plane, radius, formula):14.6f}"
-        row += "   " + "".join(
-            f"{following(q, plane, radius, formula)[-1]:{width}.5f}"
-            for formula, width in (("corrected", 12), ("conventional", 14))
-        )
+    print(f"wrench applied by the environment [N, N m] = {WRENCH}; orbits of radius {RADIUS} rad")
+    print("\nstiffness held: net work and area integral [J]")
+    print("joints   " + "".join(f"{formula:>14s}{'integral':>12s}" for formula in FORMULAS))
+    for u, v in PLANES:
+        row = f"{u + 1}, {v + 1}     "
+        for formula in FORMULAS:
+            row += f"{held(robot, q, (u, v), RADIUS, formula)[-1]:14.1e}"
+            row += f"{area_integral(robot, q, (u, v), RADIUS, formula):12.6f}"
         print(row)
-    plane = PLANES[0]
-    print("\nGrowth with the radius, stiffness follows q (exponent of r between 0.01 and 0.02 rad):")
+    print("\ntorque of each posture: net work [J]")
+    print("joints   " + "".join(f"{law:>14s}" for law in LAWS))
+    for u, v in PLANES:
+        print(
+            f"{u + 1}, {v + 1}     " + "".join(f"{following(robot, q, (u, v), RADIUS, law)[-1]:14.1e}" for law in LAWS)
+        )
+    print("\nGrowth with the radius (exponent of r between 0.01 and 0.02 rad):")
     for formula in FORMULAS:
-        small, large = (abs(following(q, plane, radius, formula)[-1]) for radius in (0.01, 0.02))
+        small, large = (abs(following(robot, q, PLANES[0], radius, formula)[-1]) for radius in (0.01, 0.02))
         print(f"  {formula:14s}{np.log2(large / small):6.3f}")
 
 
-def figure(q: np.ndarray, file: Path) -> None:
+def figure(robot: ModuleType, q: Array) -> str:
+    """The SVG text: three laps with the stiffness held; net work over the radius, with the torque of each posture."""
     import matplotlib as mpl
+    from matplotlib.figure import Figure
 
-    mpl.use("svg")
-    mpl.rcParams["svg.hashsalt"] = "energy_cycle"  # the same bytes every time
-    import matplotlib.pyplot as plt
+    from examples.style import CONVENTIONAL, CORRECTED, INK, POTENTIAL, STYLE, themed_svg
 
-    plane, colours = PLANES[0], {"corrected": "#0072b2", "conventional": "#d55e00"}
-    below = {"frameon": False, "loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3, "columnspacing": 1.2}
-    _, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.1), layout="constrained")
-    turns = np.arange(3 * STEPS + 1) / STEPS
-    for formula, colour in colours.items():
-        once = held(q, plane, 0.1, formula)
-        thrice = np.concatenate([once[:-1] + k * once[-1] for k in range(3)] + [[3 * once[-1]]])
-        left.plot(turns[::50], thrice[::50], color=colour, label=formula)
-    left.set(xlabel="orbits", ylabel="work put out [J]", title="stiffness held, radius 0.1 rad")
-    left.axhline(0, color="0.6", linewidth=0.6)
-    for k in range(1, 4):
-        left.plot(k, k * area_integral(q, plane, 0.1, "conventional"), "o", color="0.2", markersize=4,
-                  label="area integral" if k == 1 else None)  # fmt: skip
-    left.legend(**below)
-    radii = np.geomspace(0.005, 0.1, 10)
-    for formula, colour in colours.items():
-        values = [abs(following(q, plane, radius, formula)[-1]) for radius in radii]
-        right.loglog(radii, values, "o-", color=colour, markersize=3, label=formula)
-    right.loglog(radii, [abs(area_integral(q, plane, r, "conventional")) for r in radii], ":", color="0.2",
-                 label="area integral")  # fmt: skip
-    right.set(xlabel="radius [rad]", ylabel="|net work of an orbit| [J]", title="stiffness follows the posture")
-    right.legend(**below)
-    plt.savefig(file, metadata={"Date": None, "Creator": None})
-    plt.close()
+    plane, colours = PLANES[0], dict(zip(LAWS, (CORRECTED, CONVENTIONAL, POTENTIAL), strict=True))
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(7.5, 3.8), layout="constrained")
+        left, right = drawing.subplots(1, 2)
+        turns = np.arange(3 * STEPS + 1) / STEPS
+        for law, line, width in zip(LAWS, ("-", "--", (0, (1, 3))), (1.2, 1.2, 2.5), strict=True):
+            once = held(robot, q, plane, RADIUS, law) if law in FORMULAS else following(robot, q, plane, RADIUS, law)
+            thrice = np.concatenate([once[:-1] + k * once[-1] for k in range(3)] + [[3 * once[-1]]])
+            left.plot(turns[::50], thrice[::50], linestyle=line, linewidth=width, color=colours[law])
+        for k in range(1, 4):
+            left.plot(k, k * area_integral(robot, q, plane, RADIUS, "conventional"), "o", color=INK, markersize=4)
+        left.axhline(0, color=INK, linewidth=0.6)
+        left.set(xlabel="laps", ylabel="work put out [J]", title=f"stiffness held, radius {RADIUS} rad")
+        radii = np.geomspace(0.005, RADIUS, 10)
+        for law in LAWS:
+            values = [max(abs(following(robot, q, plane, radius, law)[-1]), 1e-18) for radius in radii]
+            right.loglog(radii, values, "o-", color=colours[law], markersize=3, label=law)
+        areas = [abs(area_integral(robot, q, plane, radius, "conventional")) for radius in radii]
+        right.loglog(radii, areas, ":", color=INK, label="area integral (left: dots)")
+        right.set(xlabel="radius [rad]", ylabel="|net work of a lap| [J]", title="torque of each posture")
+        right.set_xticks([0.005, 0.01, 0.02, 0.05, 0.1], labels=["0.005", "0.01", "0.02", "0.05", "0.1"])
+        right.minorticks_off()
+        right.set_ylim(1e-18, 1)
+        drawing.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        return themed_svg(drawing)
 
 
 def main() -> None:
+    """Print the table; draw the figure where one is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw an SVG")
     options = parser.parse_args()
-    trajectory = np.loadtxt(TRAJECTORY, delimiter=",")
-    q = trajectory[:, trajectory.shape[1] // 2]
-    table(q)
+    from generated import iiwa14
+
+    q = centre()
+    table(iiwa14, q)
     if options.figure:
-        figure(q, options.figure)
+        options.figure.write_text(figure(iiwa14, q))
 
 
 if __name__ == "__main__":

@@ -15,9 +15,9 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
-def test_python_example(robot_folder, tmp_path):
+def test_python_examples(robot_folder, tmp_path):
     (tmp_path / "generated").symlink_to(robot_folder.parent)
-    (code,), expected = blocks("python"), blocks("text")[0]
+    code, expected = "\n".join(blocks("python")), blocks("text")[0] + blocks("text")[2]
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout == expected
 

@@ -10,32 +10,33 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from examples.bowl_wiping.analysis import closed_form
 from examples.bowl_wiping.trajectory import APPROACH_TIME, SAMPLE_TIME, Comparison, recorded
 from examples.bowl_wiping.trial import LAWS, Trace
-from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, SHADES, STYLE, themed_svg
+from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, POTENTIAL, SHADES, STYLE, themed_svg
 
 Column = Callable[[Trace], Any]
+
+LINES, COLOURS = ("-", "--", "-."), (CORRECTED, CONVENTIONAL, POTENTIAL)
+"""Of the trials, in the order of :data:`trial.LAWS`."""
 
 
 def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: Comparison) -> dict[str, str]:
     """All figures of the trials and of the two regenerated trajectories.
 
-    Those about the joint stiffness compare the paper's law corrected and conventional; the energy is that of all.
-
     Returns:
         File name to SVG text.
 
     """
-    paper = trials[:2]
     with mpl.rc_context(STYLE):
         return {
-            "antisymmetric.svg": themed_svg(antisymmetric(robot, paper)),
-            "joints.svg": themed_svg(joints(paper)),
-            "wrench.svg": themed_svg(wrench(paper)),
-            "singular_values.svg": themed_svg(singular_values(paper)),
-            "eigenvalues.svg": themed_svg(eigenvalues(paper)),
+            "antisymmetric.svg": themed_svg(antisymmetric(robot, trials[:2])),
+            "joints.svg": themed_svg(joints(trials)),
+            "wrench.svg": themed_svg(wrench(trials)),
+            "singular_values.svg": themed_svg(singular_values(trials)),
+            "eigenvalues.svg": themed_svg(eigenvalues(trials)),
             "energy.svg": themed_svg(energy(trials)),
             "trajectory.svg": themed_svg(trajectory(robot, stated, measured)),
         }
@@ -67,21 +68,21 @@ def antisymmetric(robot: ModuleType, trials: list[Trace]) -> Figure:
 
 
 def joints(trials: list[Trace]) -> Figure:
-    """Joint positions of both trials and the zero-force trajectory."""
+    """Joint positions of all trials and the zero-force trajectory."""
     figure = Figure(figsize=(7.5, 7.6), layout="constrained")
     panels = figure.subplots(4, 2, sharex=True).ravel()
-    corrected, conventional = trials
+    corrected, conventional, _ = trials
     for joint, axes in enumerate(panels[:7]):
         _wipe(axes)
         axes.plot(corrected["time"], np.degrees(corrected["q0"][:, joint]), ":", color=INK, label="zero-force $q_0$")
-        _both(axes, trials, _column("q", joint, np.degrees(1)))
-        axes.set(title=f"A{joint + 1}", ylabel="[deg]")
+        _all(axes, trials, _column("q", joint, np.degrees(1)))
+        axes.set(title=f"A{joint + 1}", ylabel="angle [deg]")
     last = panels[7]
     _wipe(last)
     for joint, colour in enumerate(SHADES):
         difference = np.degrees(corrected["q"][:, joint] - conventional["q"][:, joint])
         last.plot(corrected["time"], difference, color=colour, linewidth=0.9, label=f"A{joint + 1}")
-    last.set(title="corrected minus conventional", ylabel="[deg]", xlabel="time [s]")
+    last.set(title="corrected minus conventional", ylabel="difference [deg]", xlabel="time [s]")
     panels[6].set(xlabel="time [s]")
     last.legend(ncols=4, fontsize=7, loc="upper left", columnspacing=0.8, handlelength=1)
     _legend(figure, panels[0])
@@ -95,42 +96,44 @@ def wrench(trials: list[Trace]) -> Figure:
     for axes, first, symbol, unit in ((panels[0], 0, "f", "force [N]"), (panels[1], 3, "m", "moment [N m]")):
         _wipe(axes)
         for index, (name, colour) in enumerate(zip("xyz", AXES, strict=True)):
-            _both(axes, trials, _column("wrench_used", first + index), f"${symbol}_{name}$", colour)
+            _all(axes, trials, _column("wrench_used", first + index), f"${symbol}_{name}$", colour)
         axes.set(ylabel=unit)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    panels[0].set(title="environment on the robot, tool point, base axes: corrected solid, conventional dashed")
+    panels[0].set(title="environment on the robot, tool point, base axes")
     panels[1].set(xlabel="time [s]")
+    handles = [Line2D([], [], color=INK, linestyle=line, label=law) for law, line in zip(LAWS, LINES, strict=True)]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
 
 
 def singular_values(trials: list[Trace]) -> Figure:
-    """Largest singular values of the symmetric and of the antisymmetric part of the applied stiffness."""
+    """Largest singular values of the symmetric and of the antisymmetric part of the joint stiffness."""
     figure = Figure(figsize=(7.5, 4.8), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes, name in zip(panels, ("symmetric", "antisymmetric"), strict=True):
         _wipe(axes)
-        _both(axes, trials, _column(name))
-        axes.set(ylabel="[N m/rad]", title=f"{name} part, largest singular value")
+        _all(axes, trials, _column(name))
+        axes.set(ylabel="singular value [N m/rad]", title=f"{name} part, largest singular value")
     panels[1].set(xlabel="time [s]")
     _legend(figure, panels[0])
     return figure
 
 
 def eigenvalues(trials: list[Trace]) -> Figure:
-    """Eigenvalues of the symmetric part; below, the two smallest, with zero marked."""
-    figure = Figure(figsize=(7.5, 5.6), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
-    for axes in panels:
+    """Eigenvalues of the symmetric part on an axis that has both signs; below, the smallest alone."""
+    figure = Figure(figsize=(7.5, 6.2), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    for axes, count in zip(panels, (7, 1), strict=True):
         _wipe(axes)
-    for index in range(7):
-        _both(panels[0], trials, _column("eigenvalues", index))
-    for index in range(2):
-        _both(panels[1], trials, _column("eigenvalues", index))
-    panels[0].set(ylabel="[N m/rad]", title="eigenvalues of the symmetric part, those above 0.1 N m/rad")
-    panels[0].set_yscale("log", nonpositive="mask")
-    panels[0].set_ylim(bottom=0.1)
-    panels[1].axhline(0, color=INK, linewidth=0.8)
-    panels[1].set(ylabel="[N m/rad]", xlabel="time [s]", title="the two smallest; below zero, Kq is indefinite")
+        for index in range(count):
+            _all(axes, trials, _column("eigenvalues", index))
+        axes.axhline(0, color=INK, linewidth=0.8)
+        axes.set(ylabel="eigenvalue [N m/rad]")
+    panels[0].set_yscale("symlog", linthresh=1.0, linscale=0.6)
+    panels[0].set_yticks([-10, -1, 0, 1, 10, 100, 1000], labels=["-10", "-1", "0", "1", "10", "100", "1000"])
+    panels[0].minorticks_off()
+    panels[0].set(title="all seven; linear between -1 and 1, logarithmic outside")
+    panels[1].set(xlabel="time [s]", title="the smallest; below zero, Kq is indefinite")
     _legend(figure, panels[0])
     return figure
 
@@ -142,13 +145,13 @@ def energy(trials: list[Trace]) -> Figure:
     for axes in panels:
         _wipe(axes)
         axes.set(ylabel="energy [J]")
-    for trace, name, line, colour in zip(trials, LAWS, ("-", "--", "-"), (CORRECTED, CONVENTIONAL, INK), strict=True):
+    for trace, name, line, colour in zip(trials, LAWS, LINES, COLOURS, strict=True):
         panels[0].plot(trace["time"], trace["port_total"], line, color=colour, label=name)
     for name, label, colour in (
         ("elastic_energy", "elastic", SHADES[0]),
         ("reference_total", "put in: equilibrium moved", SHADES[2]),
-        ("sampling_total", "put in: torque held,\ndamping against it", SHADES[4]),
-        ("port_total", "put out at the port", INK),
+        ("sampling_total", "put in: torque held,\ndamping against it", SHADES[3]),
+        ("port_total", "put out at the port", POTENTIAL),
     ):
         panels[1].plot(trials[2]["time"], trials[2][name], color=colour, label=label)
     for axes in panels:
@@ -174,7 +177,7 @@ def trajectory(robot: ModuleType, stated: Comparison, measured: Comparison) -> F
     for joint, colour in enumerate(SHADES):
         deviation = np.degrees(measured.q[:, joint] - record[:, joint])
         right.plot(SAMPLE_TIME * np.arange(len(record)), deviation, color=colour, linewidth=0.9, label=f"A{joint + 1}")
-    right.set(xlabel="time [s]", ylabel="[deg]", title="measured geometry minus recorded")
+    right.set(xlabel="time [s]", ylabel="difference [deg]", title="measured geometry minus recorded")
     right.legend(ncols=2, fontsize=7)
     _legend(figure, left)
     return figure
@@ -185,12 +188,10 @@ def _column(name: str, index: int | None = None, factor: float = 1.0) -> Column:
     return lambda trace: factor * (trace[name] if index is None else trace[name][:, index])
 
 
-def _both(axes: Axes, trials: list[Trace], column: Column, label: str = "", colour: str = "") -> None:
-    """Both trials, corrected solid and conventional dashed; one label and colour for the pair, or one each."""
-    for trace, line, own_colour, own_label in zip(
-        trials, ("-", "--"), (CORRECTED, CONVENTIONAL), ("corrected", "conventional"), strict=True
-    ):
-        name = own_label if not label else label if line == "-" else None
+def _all(axes: Axes, trials: list[Trace], column: Column, label: str = "", colour: str = "") -> None:
+    """All trials, each in its line and colour; or in one colour, with one label, to be told apart by the line."""
+    for trace, law, line, own_colour in zip(trials, LAWS, LINES, COLOURS, strict=True):
+        name = law if not label else label if line == LINES[0] else None
         axes.plot(trace["time"], column(trace), line, color=colour or own_colour, label=name)
 
 

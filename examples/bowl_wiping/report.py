@@ -21,16 +21,19 @@ CAPTIONS = {
     "at the tool. The vertical line in this and the other figures is the start of the wipe.",
     PICTURE: "Postures of the corrected trial: start, start of the wipe, on the way, and the turning point (solid). "
     "Rendered by MuJoCo.",
-    "joints.svg": "Joint positions: corrected solid, conventional dashed, zero-force trajectory dotted. The distance "
-    "from the zero-force trajectory is the spring's deflection, with which the arm presses on the bowl. Towards the "
-    "end the arm swings: the smallest eigenvalue is small there, and the nullspace has 0.1 N m s/rad of damping alone.",
+    "joints.svg": "Joint positions: corrected solid, conventional dashed, potential law dash-dotted, zero-force "
+    "trajectory dotted. The distance from the zero-force trajectory is the spring's deflection, with which the arm "
+    "presses on the bowl. Towards the end the arm swings under the paper's law: the smallest eigenvalue is small "
+    "there, and the nullspace has 0.1 N m s/rad of damping alone. The potential law designs damping for every mode.",
     "wrench.svg": "Forces and moments of the environment on the robot at the tool point in base axes, from the "
     "force/torque sensor, the tool's weight and inertia taken out, mean of three samples.",
-    "singular_values.svg": "Largest singular values of both parts of the applied stiffness. The symmetric parts differ "
-    "only as far as the motions differ.",
+    "singular_values.svg": "Largest singular values of both parts of the joint stiffness: applied in the paper's law, "
+    "the tangent of the energy in the potential law. Corrected and conventional symmetric parts differ only as far as "
+    "the motions do.",
     "eigenvalues.svg": "Eigenvalues of the symmetric part. Symmetric is not positive definite: for some of the wipe "
-    "the smallest one is below zero, with and without the correction. There the spring pushes away from its "
-    "zero-force position, and damping alone slows it.",
+    "the smallest one is below zero, with and without the correction. In the paper's law, which pulls by this matrix, "
+    "the spring then pushes away from its zero-force position, and damping alone slows it. In the potential law the "
+    "matrix pulls nothing: it says that the torque falls as the arm yields, and the energy bounds where that ends.",
     "energy.svg": "Energy account of the controller (docs/controller.md). The paper's law has no energy: "
     "what it puts out is all that is known. The potential law stores what the moving equilibrium puts in, and damping "
     "takes it out.",

@@ -44,6 +44,7 @@ COLUMNS = {
     "wrench": "[N, N m] of the environment on the robot at the tool point, base axes, as measured",
     "wrench_used": "[N, N m] the mean of its last three samples: what the paper's stiffness was computed with",
     "torque": "[N m] command of the controller, without gravity and Coriolis compensation",
+    "damping_torque": "[N m] the damping's share of it",
     "status": "status bits of the controller (NAME_impedance.h)",
     "contact": "whether plate and bowl touch",
     "arm_contact": "whether a link of the arm touches the bowl",
@@ -56,9 +57,9 @@ COLUMNS = {
     "eigenvalues": "[N m/rad] of the symmetric part, ascending",
     "elastic_energy": "[J] of the springs; 0 in the paper's law, which has none",
     "port_total": "[J] put out at the robot's port since the start",
-    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; paper's law: "
-    "all that its torque puts in",
-    "reference_total": "[J] put in by moving the equilibrium",
+    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; in the paper's "
+    "law, which has no energy, all of the port's work but reference_total",
+    "reference_total": "[J] put in by moving the equilibrium; in the paper's law the damper's share alone",
     "stiffness_total": "[J] put in by changing the stiffness",
 }
 """The trace: name of an array and what it holds; the first axis is time."""
@@ -140,7 +141,7 @@ def run(
         "dq0": plan.dq0[:count],
         "wrench": measured,
         "wrench_used": used,
-        **{name: np.array(outputs[name]) for name in ("torque", "status")},
+        **{name: np.array(outputs[name]) for name in ("torque", "damping_torque", "status")},
         "error": np.array(outputs.reference - outputs.position),
         "contact": contact,
         "arm_contact": arm_contact,

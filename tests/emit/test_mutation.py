@@ -16,7 +16,8 @@ import pytest
 
 import stiffgen
 from stiffgen.check.result import BOUND, as_results, relative_error
-from stiffgen.check.verify import References, check_kernels, gamma_F, kinetic_hessian
+from stiffgen.check.springs import by_hand
+from stiffgen.check.verify import References, check_kernels, gamma_F, joint_potential_arguments, kinetic_hessian
 from stiffgen.emit.render import render
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
@@ -119,11 +120,14 @@ WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
 def with_switches(source, left_out):
     """The source with ``flip[k]``, 1 or -1, at the k-th sign of every printed body, and the lines they are in."""
     lines, places, body, section = [], [], "", ""
+    poison = closed = False
 
     def switch(match):
         before = match.string[: match.start()]
         if before.count("[") > before.count("]"):
             return match[0]  # of an index
+        if match.string.startswith("poison", match.end()):
+            return match[0]  # 0 or NaN whatever its sign
         places.append(f"{body}: {section} {match.string.strip()}")
         return f"{match[0]}flip[{len(places) - 1}] * "
 
@@ -137,7 +141,10 @@ def with_switches(source, left_out):
         elif line.lstrip().startswith("/*"):
             section = line.strip()
         elif body and not line.lstrip().startswith("for"):
-            line = SIGN.sub(switch, line)
+            poison = " poison = 0.0 * (" in line or (poison and not closed)
+            closed = line.endswith(";")
+            if not poison:
+                line = SIGN.sub(switch, line)
         lines.append(line)
     return "\n".join([f"double flip[{len(places)}];", *lines, ""]), places
 
@@ -173,13 +180,16 @@ def expected_values(references):
             wanted[f"{spring.name}_{name}"] = arguments, [result]
         several = [values[name] for name in ("energy", "torque", "joint_stiffness")]
         wanted[f"{spring.name}_linearization"] = arguments, several
+    for group, arguments in joint_potential_arguments(samples).items():
+        for name, result in by_hand(group, *arguments).items():
+            wanted[f"{group}_{name}"] = arguments, [result]
     return wanted
 
 
 def single_call(function):
     def call(arguments, outs):
         for c in range(len(outs[0])):
-            function(*(pointer(a[c]) for a in arguments), *(pointer(out[c : c + 1]) for out in outs))
+            function(*(pointer(a[c : c + 1]) for a in arguments), *(pointer(out[c : c + 1]) for out in outs))
 
     return call
 

@@ -41,7 +41,7 @@ def test_every_dependent_entry_is_nan(kernel, value, chain, robot):
     for index, argument in enumerate(arguments):
         depends = dependence(chain, kernel, index)
         for entry in range(argument.size):
-            spoiled = [a.copy() for a in arguments]
+            spoiled = [np.array(a) for a in arguments]
             spoiled[index].flat[entry] = value
             with np.errstate(invalid="ignore"):
                 found = flat(ufunc(*spoiled))

@@ -148,7 +148,10 @@ def test_broadcasting_and_strides(kernel, index, chain, robot, samples):
     first = ufunc(*[stacks[0], *(s[0] for s in stacks[1:])])
     fifth = ufunc(stacks[0][5], *(s[0] for s in stacks[1:]))
     assert relative_error(first[5:6], fifth[None]) <= (2e-15 if kernel.batch else 0)
-    spread = [np.repeat(np.repeat(s, 2, axis=0), 3, axis=-1)[::2, ..., ::3] for s in stacks]
+    spread = [
+        np.repeat(s, 2)[::2] if s.ndim == 1 else np.repeat(np.repeat(s, 2, axis=0), 3, axis=-1)[::2, ..., ::3]
+        for s in stacks
+    ]
     assert not spread[0].flags.c_contiguous
     assert np.array_equal(ufunc(*spread), single)
     assert np.array_equal(ufunc(*[np.asfortranarray(s) for s in stacks]), single)

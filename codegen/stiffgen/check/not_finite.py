@@ -42,7 +42,7 @@ def check_not_finite(kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[
 
 def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[str]:
     faults = []
-    one = [pool[argument][0].copy() for argument in kernel.arguments]
+    one = [np.array(pool[argument][0]) for argument in kernel.arguments]
     clean = _flat(call(*one))
     stacks = [pool[argument][:STACK].copy() for argument in kernel.arguments]
     clean_stack = [np.array(each) for each in as_results(call(*stacks))]

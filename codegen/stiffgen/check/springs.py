@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import casadi as ca
+import numpy as np
 
+from stiffgen.check.result import Array
 from stiffgen.symbolic.springs import KINDS, Placement, Spring
 from stiffgen.symbolic.springs import spring as stiffgen_spring
 
@@ -97,3 +99,20 @@ def differentiated(
     return {
         "energy": value, "wrench": wrench, "task_stiffness": covariant, "torque": -gradient, "joint_stiffness": hessian,
     }  # fmt: skip
+
+
+def by_hand(group: str, q: Array, *parameters: Array) -> dict[str, Array]:
+    """Energy, torque and joint stiffness of the potentials of the joint positions, differentiated by hand; stacks."""
+    if group == "posture":
+        posture, k = parameters
+        away = q - posture
+        energy, torque, slope = k * away**2 / 2, -k * away, k
+    else:
+        lower, upper, zone, k = parameters
+        w = zone[:, None]
+        # Depths beyond the zones' edges; in short ranges a joint is in both.
+        above, below = np.maximum(0.0, q - upper + w), np.maximum(0.0, lower + w - q)
+        energy = k / (6 * w) * (above**3 + below**3)
+        torque = k / (2 * w) * (below**2 - above**2)
+        slope = k / w * (above + below)
+    return {"energy": energy.sum(axis=1), "torque": torque, "joint_stiffness": slope[:, :, None] * np.eye(q.shape[1])}

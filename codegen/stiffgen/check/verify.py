@@ -32,13 +32,14 @@ from stiffgen.check.controller import check_controller
 from stiffgen.check.files import check_files, check_tables, check_urdf
 from stiffgen.check.not_finite import check_not_finite
 from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
-from stiffgen.check.springs import differentiated
+from stiffgen.check.springs import by_hand, differentiated
 from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError, StiffgenError
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
@@ -58,6 +59,12 @@ class Samples:
     translation_stiffness: Array
     rotation_stiffness: Array
     stiffness: Array
+    posture: Array
+    posture_stiffness: Array
+    lower: Array
+    upper: Array
+    zone: Array
+    limit_stiffness: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -69,8 +76,16 @@ class Samples:
         # Limits wholly beyond the reach: sample at the nearer limit.
         upper = [max(a, b) for a, b in zip(lower, upper, strict=True)]
         general = random.normal(size=(count, 6, 6)) * 100 + np.diag([700.0, 700, 800, 30, 30, 30])
+        q = random.uniform(lower, upper, (count, chain.dof))
+        # Every joint at or beyond its lower and its upper limit in turn, now and then at both or none of them.
+        joints = np.random.default_rng([seed, 1])
+        turn = (np.arange(count)[:, None] + np.arange(chain.dof)) % 2 == 0
+        odd = np.arange(count)[:, None] % 4 == 3
+        at_lower = np.where(odd, joints.random(q.shape) < 0.5, turn)
+        at_upper = np.where(odd, joints.random(q.shape) < 0.5, ~turn)
+        near, away = joints.uniform(-0.2, 0.15, (2, *q.shape)), joints.uniform(0.5, 1.5, (2, *q.shape))
         return Samples(
-            q=random.uniform(lower, upper, (count, chain.dof)),
+            q=q,
             wrench=random.normal(size=(count, 6)) * np.array([30.0, 30, 30, 10, 10, 10]),
             task_stiffness=(general + general.transpose(0, 2, 1)) / 2,
             general_stiffness=general,
@@ -79,6 +94,12 @@ class Samples:
             translation_stiffness=_random_positive(random, count, 3, 300.0),
             rotation_stiffness=_random_positive(random, count, 3, 20.0),
             stiffness=_random_positive(random, count, 6, 30.0),
+            posture=joints.uniform(-2.0, 2.0, q.shape),
+            posture_stiffness=joints.uniform(0.5, 20.0, q.shape),
+            lower=q - np.where(at_lower, near[0], away[0]),
+            upper=q + np.where(at_upper, near[1], away[1]),
+            zone=joints.uniform(0.2, 0.4, count),
+            limit_stiffness=joints.uniform(50.0, 500.0, q.shape),
         )
 
     def of(self, argument: Argument, seed: int) -> Array:
@@ -348,6 +369,8 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
             add(f"{rep}_{name}", "formula on differentiated Jacobian", reference, *posture, wrench, K)
         Kq = kernels[f"{prefix}{rep}_joint_stiffness"](*posture, wrench, samples.task_stiffness)
         checks.append(_symmetry(f"{prefix}{rep}_joint_stiffness", Kq))
+    if not prefix:
+        checks += _joint_potential_checks(kernels, samples)
     return checks + _potential_checks(kernels, references, prefix) + _spring_checks(kernels, references, prefix)
 
 
@@ -366,6 +389,23 @@ def _spring_checks(kernels: Kernels, references: References, prefix: str) -> lis
         for name, value in zip(("energy", "torque", "joint_stiffness"), kernels[kernel](*arguments), strict=True):
             checks.append(compared(f"{kernel}, {name}", "differentiated energy", value, expected[name]))
     return checks
+
+
+def _joint_potential_checks(kernels: Kernels, samples: Samples) -> list[Check]:
+    checks = []
+    for group, arguments in joint_potential_arguments(samples).items():
+        for result, reference in by_hand(group, *arguments).items():
+            name = f"{group}_{result}"
+            checks.append(compared(name, "derivatives by hand", kernels[name](*arguments), reference))
+    return checks
+
+
+def joint_potential_arguments(samples: Samples) -> dict[str, tuple[Array, ...]]:
+    """What the kernels of the joint potentials take, by group."""
+    return {
+        potential.name: (samples.q, *(samples[argument.name] for argument in potential.parameters))
+        for potential in JOINT_POTENTIALS
+    }
 
 
 def _symmetry(kernel: str, value: Any) -> Check:
@@ -411,6 +451,7 @@ def check_robot(
     if chain.masses:
         reference = kinetic_hessian(chain, q)
         checks.append(compared("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), reference))
+    checks += _joint_potential_checks(kernels, Samples.draw(chain, count, seed))
     for tip, references in zip(chain.tips, tips, strict=True):
         checks += check_kernels(kernels, references, f"{tip.name}_")
     stacked = [np.stack(each, axis=1) for each in zip(*map(_contact, tips), strict=True)]

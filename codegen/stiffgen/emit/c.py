@@ -160,7 +160,7 @@ class _TargetPrinter:
         chain = scope.chain
         # What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into
         # NaN, and what earlier steps wrote comes from guarded numbers.
-        sliding = {joint.coordinate for joint in chain.joints if joint.prismatic}
+        sliding = {joint.coordinate for joint in chain.joints if joint.prismatic or step.q_enters_linearly}
         given: list[ca.SX] = []
         inputs: list[tuple[ca.SX, str]] = []
         guards: dict[int, tuple[str, str]] = {}  # local name and source of the inputs that are guarded

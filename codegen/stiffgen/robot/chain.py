@@ -436,7 +436,7 @@ def _tip_names(tips: Sequence[str]) -> list[str]:
     for tip in tips:
         name = first = identifier(tip)
         number = 2
-        while name in names or name in ("body", "spatial", "hybrid", "mass_matrix"):
+        while name in names or name in ("body", "spatial", "hybrid", "spring", "posture", "limits", "mass_matrix"):
             name, number = f"{first}_{number}", number + 1
         names.append(name)
     return names

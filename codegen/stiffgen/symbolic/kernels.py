@@ -15,6 +15,8 @@ from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
+from stiffgen.symbolic.joint_potentials import Part as JointPart
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import Part, Program, Sum, Term
 from stiffgen.symbolic.springs import TRACE, Spring
@@ -292,11 +294,36 @@ _MASS_MATRIX = Kernel(
 )  # fmt: skip
 
 
+def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
+    energy = Argument("energy", (), "J", "energy U of the potential")
+    torque = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the potential puts on the joints")
+    joint = Argument(
+        "joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2 = -d torque/dq, diagonal", symmetric=True
+    )  # fmt: skip
+
+    def kernel(result: Argument, summary: str, equation: str, part: JointPart) -> Kernel:
+        program = partial(programs.joint_potential, potential=potential, part=part, result=result)
+        given = (arguments.Q, *potential.parameters)
+        return Kernel(
+            part, potential.name, given, (result,), f"{summary} {potential.title}.", equation, program,
+            potential.domain, batch=True,
+        )  # fmt: skip
+
+    return (
+        kernel(energy, "Energy of", potential.equation, "energy"),
+        kernel(torque, "Joint torque of", f"-dU/dq, {potential.equation}", "torque"),
+        kernel(joint, "Joint stiffness of", f"d2U/dq2, {potential.equation}", "joint_stiffness"),
+    )
+
+
+_OF_JOINTS = tuple(kernel for potential in JOINT_POTENTIALS for kernel in _joint_potential_kernels(potential))
+
+
 def _serial(
     springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True
 ) -> tuple[Kernel, ...]:
     first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool)
-    return (first, *((_MASS_MATRIX,) if masses else ()), *others)
+    return (first, *((_MASS_MATRIX,) if masses else ()), *others, *_OF_JOINTS)
 
 
 KERNELS: tuple[Kernel, ...] = _serial()
@@ -323,4 +350,4 @@ def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...
     if len(chain.tips) == 1:
         return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses)
     per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, runtime_tool=chain.runtime_tool)]
-    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain, springs))
+    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain, springs), *_OF_JOINTS)

@@ -21,7 +21,8 @@ class StiffnessModel:
 
     ``model.forward_kinematics``, ``model.mass_matrix`` (unless the chain's masses were left out), and for each
     representation ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``,
-    ``hybrid``); with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
+    ``hybrid``); ``model.spring.torque``, ``model.posture.torque``, ``model.limits.torque`` and their siblings; with
+    several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
     Arguments and results have the shapes of the kernel table, except that what has more dimensions than CasADi comes
     folded: ``jacobian_transpose_derivative`` (n, n, 6) as (n*n, 6), row i*n + b holding dJ[:, b]/dq_i.
 
@@ -43,6 +44,8 @@ class StiffnessModel:
     spatial: SimpleNamespace
     hybrid: SimpleNamespace
     spring: SimpleNamespace
+    posture: SimpleNamespace
+    limits: SimpleNamespace
 
     def __init__(
         self,

@@ -74,6 +74,8 @@ class Block:
     shape (6, m): a column a joint. A block that several kernels use has a ``name``, under which C code holds it as a
     function of its own (its arguments are then those of the kernel); without a name it is part of its kernel.
     ``heading`` is the comment over the statements that fill the targets, ``meaning`` the one over the function.
+    ``q_enters_linearly`` says that q is more than the argument of sines, so that infinity in it does not become NaN by
+    itself (of sliding joints this is known).
     """
 
     targets: tuple[Array, ...]
@@ -83,6 +85,7 @@ class Block:
     heading: str = "result"
     meaning: str = ""
     columns: int = 0
+    q_enters_linearly: bool = False
 
 
 @dataclass(frozen=True)

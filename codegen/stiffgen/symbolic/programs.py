@@ -12,9 +12,11 @@ from functools import partial
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import dynamics, kinematics, springs, stiffness
+from stiffgen.symbolic import dynamics, joint_potentials, kinematics, springs, stiffness
 from stiffgen.symbolic.arguments import POSE, Argument, Q, posture
 from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.joint_potentials import JointPotential
+from stiffgen.symbolic.joint_potentials import Part as JointPart
 from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, SparseSum, SumJoints
 from stiffgen.symbolic.springs import Spring
 
@@ -268,3 +270,11 @@ def spring_joint_terms(
     if joint_stiffness:
         program += _over_joints(chain, joint_stiffness, lambda target: _tangent(J, F, K, "hybrid", target), mirror=True)
     return program
+
+
+def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, result: Argument) -> Program:
+    """Energy, torque or joint stiffness of a potential of the joint positions."""
+    expressions = partial(joint_potentials.terms, potential=potential, part=part)
+    given = tuple(argument.array(chain) for argument in (Q, *potential.parameters))
+    heading = {"energy": "U", "torque": "-dU/dq", "joint_stiffness": "d2U/dq2, diagonal"}[part]
+    return (Block((result.array(chain),), expressions, given, heading=heading, q_enters_linearly=True),)

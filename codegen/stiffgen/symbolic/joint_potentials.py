@@ -1,0 +1,92 @@
+"""Potentials of the joint positions: a posture to return to, and joint limits to stay away from.
+
+A redundant arm needs something beside a spring at the tip, which leaves it motions that cost nothing. Only a potential
+keeps the whole conservative: energies, torques and joint stiffnesses of all of them add up. Each is defined once, by
+its energy U(q) [J]; torque -dU/dq and joint stiffness d2U/dq2 follow by differentiation.
+
+    posture   U = sum_i k_i (q_i - r_i)^2/2                  r the posture to return to; isotropic if all k_i are equal
+    limits    U = sum_i k_i (d+_i^3 + d-_i^3)/(6 w)          d+ = max(0, q - (upper - w)), d- = max(0, lower + w - q)
+
+d is the depth in the zone of width w before a limit, along the joint: there the torque is k d^2/(2 w), away from the
+limit, and the stiffness k d/w, which rises from 0 at the zone's edge to k at the limit. Both are continuous. A linear
+spring from the zone's edge on would be stiff at once: its tangent jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kinematics import Expressions
+
+Part = Literal["energy", "torque", "joint_stiffness"]
+
+
+@dataclass(frozen=True)
+class JointPotential:
+    """A potential of q; ``name`` is the group of its kernels, ``parameters`` are what ``energy`` takes after q."""
+
+    name: str
+    title: str
+    parameters: tuple[Argument, ...]
+    energy: Callable[..., ca.SX]
+    equation: str
+    domain: str
+
+
+def _posture_energy(q: ca.SX, posture: ca.SX, stiffness: ca.SX) -> ca.SX:
+    return ca.dot(stiffness, (q - posture) ** 2) / 2
+
+
+def _cubes(depth: ca.SX) -> ca.SX:
+    """The cubes of what is positive, else 0: two derivatives are continuous."""
+    return ca.vertcat(*(ca.if_else(each <= 0, 0, each**3) for each in ca.vertsplit(depth)))
+
+
+def _limits_energy(q: ca.SX, lower: ca.SX, upper: ca.SX, zone: ca.SX, stiffness: ca.SX) -> ca.SX:
+    cubes = _cubes(q - (upper - zone)) + _cubes((lower + zone) - q)
+    return ca.dot(stiffness, cubes) / (6 * zone)
+
+
+_STIFFNESS_UNIT = "N m/rad or N/m"
+POSTURE = JointPotential(
+    "posture",
+    "the spring that pulls every joint to a posture",
+    (
+        Argument("posture", ("n",), "rad or m", "joint positions at which the spring is at rest", symbol="r"),
+        Argument("posture_stiffness", ("n",), _STIFFNESS_UNIT, "of every joint, not negative", symbol="k"),
+    ),
+    _posture_energy,
+    "U = sum_i k_i (q_i - r_i)^2/2",
+    "Torque and stiffness add to those of a spring at the tip, and keep the whole conservative.",
+)
+LIMITS = JointPotential(
+    "limits",
+    "the potential that keeps joints away from their limits",
+    (
+        Argument("lower", ("n",), "rad or m", "lower limits", symbol="a"),
+        Argument("upper", ("n",), "rad or m", "upper limits, above the lower ones", symbol="b"),
+        Argument("zone", (), "rad or m", "width w of the zone before a limit where it acts, positive", symbol="w"),
+        Argument("limit_stiffness", ("n",), _STIFFNESS_UNIT, "of every joint at its limit, not negative", symbol="k"),
+    ),
+    _limits_energy,
+    "U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit",
+    "0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous; beyond the limit both "
+    "grow on. A joint without limits: stiffness zero, and any finite limits. Not the controller's limit avoidance, "
+    "which is linear from the zone's edge on and bounded.",
+)
+JOINT_POTENTIALS = (POSTURE, LIMITS)
+
+
+def terms(chain: Chain, q: ca.SX, *parameters: ca.SX, potential: JointPotential, part: Part) -> Expressions:
+    """Energy, torque -dU/dq, or joint stiffness d2U/dq2 (row-major) of a potential."""
+    at = ca.SX.sym("q", chain.dof)
+    energy = potential.energy(at, *parameters)
+    hessian, gradient = ca.hessian(energy, at)
+    result = {"energy": energy, "torque": -gradient, "joint_stiffness": ca.vec(hessian.T)}[part]
+    return Expressions(ca.substitute(result, at, q), ())
