@@ -8,13 +8,14 @@ asked for, with plain numbers: one configuration a thread.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Container, Iterable
 from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
-from stiffgen.emit.target import Target
+from stiffgen.emit.target import SCALAR, Target
 from stiffgen.names import c_comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
@@ -25,6 +26,7 @@ from stiffgen.symbolic.program import (
     Map,
     Operand,
     Program,
+    SparseSum,
     Step,
     Sum,
     SumJoints,
@@ -300,7 +302,8 @@ class _KernelPrinter:
         Kernels that end in sums over pairs need no copies: no sum and no product brings a number that is not finite
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
-        maps = [step for step in program if isinstance(step, Map)]
+        whole = [step.whole() if isinstance(step, SparseSum) else step for step in program]
+        maps = [step for step in whole if isinstance(step, Map)]
         guarded = self.target.joint_lanes and not any(step.over not in ("", "j") for step in maps)
         read = {operand.array.name for step in maps for operand in step.operands}
         for array in self.inputs:
@@ -351,6 +354,8 @@ class _KernelPrinter:
             self._sum(step)
         elif isinstance(step, SumJoints):
             self._sum_joints(step)
+        elif isinstance(step, SparseSum):
+            self._sparse_sum(step)
         else:
             self._map(step)
 
@@ -418,6 +423,53 @@ class _KernelPrinter:
     def _note(self, declaration: str) -> None:
         if declaration not in self.declarations:
             self.declarations.append(declaration)
+
+    def _sparse_sum(self, step: SparseSum) -> None:
+        if step.start is not None and self.zero_rows.get(step.start.name):
+            self._map(step.whole())  # a loop would read entries that were never stored
+            return
+        if not self._public(step.target):
+            self._declare(step.target, "")
+        self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
+        inputs: list[tuple[ca.SX, str]] = []
+        taken = []
+        for array in step.reads:
+            symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
+            inputs += [(symbol, self._write(Operand(array, ""), k)) for k, symbol in enumerate(symbols)]
+            taken.append(as_operand(array.shape, symbols))
+        changed = ca.densify(step.body(*taken[len(step.reads) - len(step.operands) :]))
+        whole = ca.densify(step.whole().body(*taken))
+        rows, columns = step.target.shape
+        places = [(r, c) for r in range(rows) for c in range(columns) if not changed[r, c].is_zero()]
+        if step.start is not None:
+            self._call("copy_symmetric", self._first(step.start), rows, self._first(step.target))
+        else:
+            # Only what lies between: entries that are cleared and stored again take clang a fifth longer.
+            stored = [-1, *(columns * r + c for r, c in places), step.target.size]
+            for before, after in itertools.pairwise(stored):
+                if after - before > 1:
+                    first = self._write(Operand(step.target, ""), before + 1)
+                    self._call("clear", after - before - 1, f"&{first}")
+        outputs = [(self._write(Operand(step.target, ""), columns * r + c), whole[r, c]) for r, c in places]
+        every = not self.target.joint_lanes
+        printed = print_statements(
+            inputs,
+            outputs,
+            wide={text for _, text in inputs} if every else (),
+            target=self.target,
+            wide_outputs=every,
+            temporaries=self.temporaries,
+        )
+        self.temporaries = printed.temporaries
+        self.calls |= printed.calls
+        self.operations = self.operations + printed.operations
+        self.lines += printed.lines
+
+    def _first(self, array: Array) -> str:
+        """C text of a pointer to an array's numbers."""
+        local = self.renamed.get(array.name, array)
+        flat = len(array.shape) == 1 or self._public(array) or array.name in self.flat
+        return local.name if flat else f"{local.name}[0]"
 
     def _map(self, step: Map) -> None:
         rows = self._by_rows(step)
@@ -553,7 +605,7 @@ class _KernelPrinter:
         self.calls.add(name)
         if helper == "copy_finite":
             self.calls.add(self.target.guard)
-        if helper.startswith("sum_") and self.target.number != self.target.scalar:
+        if helper.startswith(("sum_", "clear")) and self.target.number != SCALAR:
             self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
@@ -596,7 +648,7 @@ class _KernelPrinter:
         if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             if source.name in self.lane_arrays:
-                first = f"(const {self.target.scalar} *){source.name}", f"LANES * {self.scope.padded}"
+                first = f"(const {SCALAR} *){source.name}", f"LANES * {self.scope.padded}"
             else:
                 first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
             rows = 1 if len(source.shape) == 1 else source.shape[0]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from stiffgen.emit.target import Target
+from stiffgen.emit.target import SCALAR, Target
 
 _WIDTH = 100
 WIDEST = 8
@@ -232,7 +232,7 @@ def print_statements(
         writer.poison = "poison"
         total = " + ".join(text for _, text in inputs)
         writer.reads |= set(range(len(inputs)))
-        writer.poison_line(f"0.0{target.literal} * ({total})", wide=bool(wide))
+        writer.poison_line(f"0.0 * ({total})", wide=bool(wide))
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -336,7 +336,7 @@ class _Writer:
 
     def poison_line(self, text: str, *, wide: bool) -> None:
         """Define what is 0, or NaN if an input is NaN."""
-        self._write(f"const {self.target.row if wide else self.target.scalar} poison = {text};")
+        self._write(f"const {self.target.row if wide else SCALAR} poison = {text};")
 
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
@@ -370,7 +370,7 @@ class _Writer:
         return self._expression(number)[0]
 
     def _type(self, number: int) -> str:
-        return f"const {self.target.row if number in self.wide else self.target.scalar}"
+        return f"const {self.target.row if number in self.wide else SCALAR}"
 
     def _is_leaf(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -412,7 +412,7 @@ class _Writer:
             return self.text[number], _ATOM
         kind, a, b = self.graph.keys[number]
         if kind == "const":
-            return c_double(float(a)) + self.target.literal, _ATOM
+            return c_double(float(a)), _ATOM
         if kind == "input":
             self.reads.add(int(a))
             return self.inputs[int(a)], _ATOM
@@ -428,7 +428,7 @@ class _Writer:
             return f"{self._nested(int(a), _PRODUCT)} / {self._nested(b, _UNARY)}", _PRODUCT
         if kind not in ("add", "sub"):
             self.operations.call += 1
-            wide = number in self.wide and self.target.row != self.target.scalar
+            wide = number in self.wide and self.target.row != SCALAR
             given = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
             function = f"{kind}_lanes" if wide else kind
             self.calls.add(function)

@@ -133,9 +133,43 @@ def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> 
         "batches": [_batch(name, kernel, function) for kernel, function in batch.kernels],
         "targets": {"single": SINGLE, "batch": BATCH, "cuda": CUDA},
         "calls": single.calls | batch.calls,
+        "sections": _sections(single, batch),
         "libm": LIBM,
         "libm_of_two": LIBM_OF_TWO,
         "own": OWN,
+    }
+
+
+@dataclass(frozen=True)
+class _Section:
+    """A part of NAME.c: its title, and the names of the functions in it, in lines that fit a comment."""
+
+    title: str
+    functions: list[str]
+
+
+def _sections(single: TargetCode, batch: TargetCode) -> dict[str, _Section]:
+    """The table of contents of NAME.c; the template puts a banner with the title over each part."""
+
+    def section(title: str, names: Sequence[str]) -> _Section:
+        return _Section(title, _wrapped(", ".join(names), width=98) if names else [])
+
+    shared = [function.name for _, function in single.shared]
+    kernels = [kernel.qualified_name for kernel, _ in single.kernels]
+    batches = [function.name + BATCH.suffix for _, function in batch.shared]
+    batches += [f"{kernel.qualified_name}_batch" for kernel, _ in batch.kernels]
+    found = {
+        "robot": section("Arithmetic, and the robot's sizes, names and limits", []),
+        "loops": section("Lanes, and fixed loops over them", []),
+        "shared": section("What several kernels share", shared),
+        "kernels": section("Kernels", kernels),
+        "batches": section("Batches: the same with lanes of configurations in place of numbers", batches),
+        "check": section("Self-check of the compiler's arithmetic", []),
+    }
+    optional = {"shared": shared, "batches": batch.kernels}
+    kept = {key: each for key, each in found.items() if optional.get(key, True)}
+    return {
+        key: _Section(f"{number}. {each.title}", each.functions) for number, (key, each) in enumerate(kept.items(), 1)
     }
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+SCALAR = "double"
+"""C type of a number that all configurations and joints share, on every target: constants are printed to its digits."""
+
 
 @dataclass(frozen=True)
 class Target:
@@ -12,7 +15,6 @@ class Target:
     Attributes:
         number: C type of an entry of arguments and results: of one configuration, or of several side by side.
         row: C type of what rows over joints are made of; the ``number`` where nothing runs side by side over joints.
-        scalar: C type of a number that all configurations and joints share.
         joint_lanes: rows over joints are lanes of joints; else loops run joint by joint.
         batches: only the kernels that have a batch are printed.
         guard: C function that gives NaN for infinity, on ``number``.
@@ -22,13 +24,11 @@ class Target:
         helper: before those of small helpers, which are to be inlined.
         table: before the definitions of constant tables.
         aligned: before the declarations of arrays over pairs of joints.
-        literal: behind a literal, "f" for float.
 
     """
 
     number: str
     row: str
-    scalar: str
     joint_lanes: bool
     batches: bool
     guard: str
@@ -38,20 +38,17 @@ class Target:
     helper: str = "static inline"
     table: str = "static const"
     aligned: str = ""
-    literal: str = ""
 
     @property
     def zero(self) -> str:
         """C text of a number that is 0."""
-        zero = f"0.0{self.literal}"
-        return zero if self.number == self.scalar else f"{self.spread}({zero})"
+        return "0.0" if self.number == SCALAR else f"{self.spread}(0.0)"
 
 
 # gcc 12 stores to large arrays with an alignment that it does not give them itself.
 SINGLE = Target(
     number="double",
     row="lanes",
-    scalar="double",
     joint_lanes=True,
     batches=False,
     guard="finite_or_nan",
@@ -63,7 +60,6 @@ SINGLE = Target(
 BATCH = Target(
     number="lanes",
     row="lanes",
-    scalar="double",
     joint_lanes=False,
     batches=True,
     guard="finite_lanes",
@@ -76,7 +72,6 @@ BATCH = Target(
 CUDA = Target(
     number="double",
     row="double",
-    scalar="double",
     joint_lanes=False,
     batches=True,
     guard="finite_or_nan",

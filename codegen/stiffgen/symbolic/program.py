@@ -16,6 +16,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.stiffness import symmetric_from_upper
 
 Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j"]
 """What a map runs over: nothing (once), every joint j, or the pairs (i, j) of joints that satisfy the relation (of
@@ -115,6 +116,36 @@ class Map:
 
 
 @dataclass(frozen=True)
+class SparseSum:
+    """``target = start + body(*operands)``, square, where most entries of ``body`` are zero whatever the operands.
+
+    Of ``start`` the upper triangle is read and taken for both; None is zero. C code copies the start, or
+    clears, in loops and then stores the entries in which ``body`` is not zero.
+    """
+
+    comment: str
+    target: Array
+    start: Array | None
+    operands: tuple[Array, ...]
+    body: Callable[..., ca.SX]
+
+    @property
+    def reads(self) -> tuple[Array, ...]:
+        """The start, if there is one, and the operands."""
+        return (*((self.start,) if self.start else ()), *self.operands)
+
+    def whole(self) -> Map:
+        """The same as a map that writes every entry."""
+
+        def body(*values: ca.SX) -> ca.SX:
+            if self.start is None:
+                return self.body(*values)
+            return symmetric_from_upper(values[0]) + self.body(*values[1:])
+
+        return Map(self.comment, "", Operand(self.target, ""), tuple(Operand(a, "") for a in self.reads), body)
+
+
+@dataclass(frozen=True)
 class SumJoints:
     """Sum joints into coordinates: joint k counts ``multiplier`` times for its coordinate, in every joint index.
 
@@ -155,7 +186,7 @@ class Term:
     arguments: tuple[tuple[Array, Part], ...]
 
 
-Step = Block | Map | SumJoints | Sum
+Step = Block | Map | SparseSum | SumJoints | Sum
 Program = tuple[Step, ...]
 
 
@@ -185,7 +216,7 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dic
         elif isinstance(step, Sum):
             _run_sum(step, arguments, arrays)
         else:
-            _run_map(step, chain, arrays)
+            _run_map(step.whole() if isinstance(step, SparseSum) else step, chain, arrays)
     return arrays
 
 

@@ -17,7 +17,7 @@ from stiffgen.symbolic.arguments import POSE, Argument, Q, posture
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
-from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, SumJoints
+from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, SparseSum, SumJoints
 from stiffgen.symbolic.springs import Spring
 
 
@@ -148,20 +148,18 @@ def joint_stiffness_uncorrected(
     return _over_joints(chain, result, steps)
 
 
-def _tangent(
-    J: Array, wrench: Array, task_stiffness: Array, representation: Representation, target: Array
-) -> tuple[Map, ...]:
+def _tangent(J: Array, wrench: Array, task_stiffness: Array, representation: Representation, target: Array) -> Program:
     """Target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
     A, u = Array("A", (6, 6)), Array("u", J.shape)
     force = Operand(wrench, "")
     half: Over = "i<=j" if stiffness.diagonal_is_outward(representation) else "i>=j"
     return (
-        Map(
+        SparseSum(
             "A = K + Gamma F, reading the upper triangle of K",
-            "",
-            Operand(A, ""),
-            (force, Operand(task_stiffness, "")),
-            partial(stiffness.corrected_task_stiffness, representation),
+            A,
+            task_stiffness,
+            (wrench,),
+            partial(stiffness.gamma_F, representation),
         ),
         Map(
             "u_j = A J_j" + (" + gradient of (dJ_i/dq_j) . F by J_i" if representation == "hybrid" else ""),
@@ -190,11 +188,11 @@ def joint_stiffness(
 def connection_correction(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
     """Gamma F."""
     return (
-        Map(
+        SparseSum(
             "Gamma F",
-            "",
-            Operand(result.array(chain), ""),
-            (Operand(wrench.array(chain), ""),),
+            result.array(chain),
+            None,
+            (wrench.array(chain),),
             partial(stiffness.gamma_F, representation),
         ),
     )

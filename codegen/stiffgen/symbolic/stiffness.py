@@ -46,11 +46,6 @@ def diagonal_is_outward(representation: Representation) -> bool:
     return representation != "body"
 
 
-def corrected_task_stiffness(representation: Representation, wrench: ca.SX, task_stiffness: ca.SX) -> ca.SX:
-    """K + Gamma F (6x6); of K the upper triangle alone is read."""
-    return ca.densify(symmetric_from_upper(task_stiffness) + gamma_F(representation, wrench))
-
-
 def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca.SX, corrected: ca.SX) -> ca.SX:
     """u_j (6) with Kq_ij = J_i . u_j for i <= j, or for i >= j in body form, where dJ_i/dq_j vanishes.
 
