@@ -1115,7 +1115,7 @@ static void approach(const config_t *c, int count, int block, const double *away
                      const double *limits, double *velocity)
 {
     const double T = c->sample_time, slope = T / c->ramp_time;
-    double target[MAX_ROWS], change[MAX_ROWS], rest[MAX_ROWS];
+    double target[MAX_ROWS] = {0.0}, change[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
     const int follow = relative(count, block, moved, limits) <= T;
     for (int i = 0; i < count; ++i) {
         rest[i] = away[i] - (follow ? moved[i] : 0.0);
@@ -1552,7 +1552,8 @@ static double design_damping(frame *f, const double *J, double *follow)
                 for (int k = 0; k < 6; ++k) {
                     sum += J[k * N + i] * half[k * N + j];
                 }
-                out->damping[i * N + j] = out->damping[j * N + i] = sum;
+                out->damping[i * N + j] = sum;
+                out->damping[j * N + i] = sum;
             }
         }
         if (pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {

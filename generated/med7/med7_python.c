@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "fbe3bfd33e811c95") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "5447b33e63ccce87") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

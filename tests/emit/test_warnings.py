@@ -1,0 +1,21 @@
+"""gcc finds nothing to warn of in the C of random robots, at any level; more in tests/long/compiler_warnings.py."""
+
+from __future__ import annotations
+
+import pytest
+
+from support.project import require_compiler
+from support.warnings import LEVELS, complaints, sources_of_random_robot
+
+
+@pytest.mark.parametrize("seed", [1, 5, 8])
+def test_random_robots_compile_without_a_warning(seed, tmp_path):
+    gcc = require_compiler("gcc")
+    sources = sources_of_random_robot(seed, 3, tmp_path)
+    assert {level: complaints(gcc, [level], sources) for level in LEVELS} == dict.fromkeys(LEVELS, "")
+
+
+def test_a_warning_is_seen(tmp_path):
+    source = tmp_path / "unused.c"
+    source.write_text("int f(double x);\nint f(double x)\n{\n    return x;\n}\n")
+    assert "-Werror" in complaints(require_compiler("gcc"), ["-O0"], [source])
