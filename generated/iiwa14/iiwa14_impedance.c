@@ -1683,7 +1683,7 @@ static double reserve(const frame *f, const double *last, const double *gradient
         const double fall = excess / s->memory.rate[i], change = fabs(f->out->torque[i] - last[i]);
         linear += excess * v * (delay + f->c->missed_limit + 0.5 * fall) + change * v * delay;
         linear += delay > 1 ? fabs(last[i] - s->memory.older[i]) * v : 0.0;
-        D[i] = (delay + f->c->missed_limit + fall) * v;
+        D[i] = (delay + f->c->missed_limit) * v;
     }
     for (int i = 0; i < N; ++i) {
         const double *const a = s->memory.avoidance + 4 * i;
