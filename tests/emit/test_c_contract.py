@@ -130,8 +130,8 @@ def test_no_undefined_behaviour(golden, chain, robot_folder, tmp_path):
     """Address and undefined-behaviour sanitizers over every kernel."""
     sample = golden[0]
     drawn = Samples.draw(chain, 1, seed=0)
-    pool = {"q": sample.q, "wrench": sample.wrench, "task_stiffness": sample.task_stiffness}
-    pool |= {name: drawn[name][0] for name in ("equilibrium", "translation_stiffness", "rotation_stiffness")}
+    pool = {argument.name: drawn.of(argument, 0)[0] for kernel in KERNELS for argument in kernel.arguments}
+    pool |= {"q": sample.q, "wrench": sample.wrench, "task_stiffness": sample.task_stiffness}
     sizes = {k.qualified_name: [result.array(chain).size for result in k.results] for k in KERNELS}
     calls = [(k.qualified_name, [pool[a.name] for a in k.arguments], sizes[k.qualified_name]) for k in KERNELS]
     flags = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]

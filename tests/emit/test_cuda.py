@@ -17,6 +17,7 @@ from stiffgen.check.result import as_results
 from stiffgen.check.verify import Samples
 from stiffgen.cli import main
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from support.c_program import STRICT
@@ -25,7 +26,11 @@ from support.cuda_host import NOTHING, HostCuda
 from support.project import ROOT, URDF, assert_close, compilers, kernels_of, require_compiler
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
-SHARED = ("task_stiffness", "tool_pose", "equilibrium", "translation_stiffness", "rotation_stiffness")
+
+
+def shared(argument):
+    """Whether all configurations of a launch take the same: matrices and numbers; vectors come in stacks."""
+    return len(argument.shape) != 1
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +44,9 @@ def host(folder, chain, tmp_path_factory):
 
 
 def arguments(kernel, samples):
-    """Vectors in stacks, matrices of the first sample for all."""
-    values = {name: getattr(samples, name) for name in ("q", "wrench", *SHARED)}
-    return [values[a.name][0] if a.name in SHARED else values[a.name] for a in kernel.arguments]
+    """Vectors in stacks, matrices and numbers of the first sample for all."""
+    given = ((a, samples.of(a, 0)) for a in kernel.arguments)
+    return [np.array(values[0]) if shared(a) else values for a, values in given]
 
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
@@ -58,7 +63,7 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
     """Also with a stride beyond the count: nothing outside is read (NaN lies there) or written."""
     samples = Samples.draw(chain, count, seed=4)
     ufuncs = kernels_of(robot, chain)
-    assert len(host.kernels) == 13
+    assert len(host.kernels) == 13 + 3 * len(JOINT_POTENTIALS)
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
         results = (as_results(each) for each in (host(name, *given, spare=spare), ufuncs[name](*given)))
@@ -80,7 +85,8 @@ def test_other_chains(case, compiler, tmp_path):
     chain = stiffgen.load_chain(urdf, **options)
     host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
     samples = Samples.draw(chain, 5, seed=9)
-    assert len(host.kernels) == (13 if case == "slides and mimics" else 25)
+    of_joints = 3 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness
+    assert len(host.kernels) == 1 + of_joints + 12 * len(chain.tips)
     for kernel in chain_kernels(chain):
         if not kernel.batch:
             continue
@@ -88,7 +94,7 @@ def test_other_chains(case, compiler, tmp_path):
         function = casadi_function(chain, kernel)
         found = as_results(host(kernel.qualified_name, *given, spare=2))
         for c in range(5):
-            one = [g if a.name in SHARED else g[c] for a, g in zip(kernel.arguments, given, strict=True)]
+            one = [g if shared(a) else g[c] for a, g in zip(kernel.arguments, given, strict=True)]
             folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
             expected = as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))
             for stack, value in zip(found, expected, strict=True):
@@ -103,7 +109,7 @@ def test_nan_and_infinity(value, host, chain, robot):
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
         for index, argument in enumerate(kernel.arguments):
-            for entry in range(given[index][0].size if argument.name not in SHARED else given[index].size):
+            for entry in range(given[index].size if shared(argument) else given[index][0].size):
                 spoiled = [g.copy() for g in given]
                 spoiled[index].flat[entry] = value  # of the first configuration, or shared
                 with np.errstate(invalid="ignore"):

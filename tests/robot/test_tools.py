@@ -15,6 +15,7 @@ from stiffgen.check.verify import References, check_robot
 from stiffgen.cli import main
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from support.project import ROOT, URDF, assert_close, kernels_of
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
@@ -157,7 +158,8 @@ def test_dual_arm_folder(runtime_tool, tmp_path):
     assert robot.TIPS == ("left hand", "right-hand")
     checks = check_robot(kernels_of(robot, chain), chain, 20, 5)
     assert [check for check in checks if not check.passed] == []
-    assert len(checks) == 1 + 2 * (25 + 10) + 6 + 3
+    of_joints = 3 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness
+    assert len(checks) == 1 + of_joints + 2 * (25 + 10) + 6 + 3
     q, random = np.zeros((3, 5)), np.random.default_rng(1)
     contacts = random.normal(size=(3, 2, 6)), random.normal(size=(3, 2, 6, 6))
     poses = [np.broadcast_to(np.eye(4), (3, 2, 4, 4))] if runtime_tool else []
@@ -229,5 +231,6 @@ def test_command_line_options_reach_the_chain(tmp_path):
     options = ["--tool-xyz", "0", "0", "0.24", "--tool-mass", "0.455", "--lock", "A3=0.1"]
     assert main(["generate", str(URDF), "--output", str(tmp_path), "--no-build", *options]) == 0
     header = (tmp_path / "iiwa14" / "iiwa14.h").read_text()
-    assert "Joint A3 is held at 0.1" in header and "tool frame" in header
-    assert "0 0 0.24 m" in (tmp_path / "iiwa14" / "README.md").read_text()
+    assert "Joint A3 is held at 0.1" in header and "with the tool's frame in its place" in header
+    readme = (tmp_path / "iiwa14" / "README.md").read_text()
+    assert "Joint A3 is held at 0.1" in readme and "0 0 0.24 m" in readme

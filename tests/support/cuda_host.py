@@ -35,7 +35,7 @@ class HostCuda:
         return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *pointers, None))
 
     def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> np.ndarray:
-        """Vectors in stacks (count, m), matrices shared; ``spare`` is stride - count. Dense results (count, ...)."""
+        """Vectors in stacks (count, m), the rest shared; ``spare`` is stride - count. Dense results (count, ...)."""
         kernel = self.kernels[name]
         count = len(arguments[0])
         stride = count + spare

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import relative_error
+from stiffgen.check.result import as_results, relative_error
 from stiffgen.check.verify import References, check_kernels
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.kinematics import forward_kinematics, joint_jacobian
 from support.project import ROOT
 
@@ -89,20 +92,21 @@ def test_mixed_chain_against_all_oracles(mixed_chain):
     assert [c.name for c in mixed_chain.coordinates] == ["lift", "waist", "elbow", "slide"]
     model = stiffgen.StiffnessModel(mixed_chain)
 
-    def stacked(function, shape):
-        return lambda *arguments: np.stack(
-            [np.asarray(function(*each)).reshape(shape) for each in zip(*arguments, strict=True)]
-        )
+    def stacked(kernel):
+        function = getattr(reduce(getattr, kernel.path, model), kernel.name)
+        shapes = [result.array(mixed_chain).shape for result in kernel.results]
 
-    n = mixed_chain.dof
-    shapes = {"jacobian": (6, n), "jacobian_transpose_derivative": (n, n, 6), "connection_correction": (6, 6)}
-    kernels = {
-        "forward_kinematics": stacked(model.forward_kinematics, (4, 4)),
-        "mass_matrix": stacked(model.mass_matrix, (n, n)),
-    }
-    for rep in REPRESENTATIONS:
-        for name, function in vars(getattr(model, rep)).items():
-            kernels[f"{rep}_{name}"] = stacked(function, shapes.get(name, (n, n)))
+        def call(*arguments):
+            each = [as_results(function(*one)) for one in zip(*arguments, strict=True)]
+            stacks = tuple(
+                np.stack([np.asarray(value).reshape(shape) for value in values])
+                for values, shape in zip(zip(*each, strict=True), shapes, strict=True)
+            )
+            return stacks if len(stacks) > 1 else stacks[0]
+
+        return call
+
+    kernels = {kernel.qualified_name: stacked(kernel) for kernel in chain_kernels(mixed_chain)}
     checks = check_kernels(kernels, References(mixed_chain, count=10, seed=3))
     assert [check for check in checks if not check.passed] == []
 
