@@ -32,8 +32,8 @@ int main(void)
     left_impedance_default_config(&left_config);
     right_impedance_default_config(&right_config);
     right_config.sample_time = -1.0;
-    const int good = left_impedance_init(&left_config, &left_state);
-    const int bad = right_impedance_init(&right_config, &right_state);
+    const int good = left_impedance_init(&left_config, &left_state, NULL);
+    const int bad = right_impedance_init(&right_config, &right_state, NULL);
     printf("%.17g %.17g %d %d %s\\n", a[11], b[11], good == LEFT_OK, bad == RIGHT_OK, right_impedance_error_text(bad));
     return 0;
 }
@@ -109,6 +109,6 @@ def test_headers_name_nothing_without_the_prefix(pair: Path, name: str) -> None:
         for body in re.findall(r"enum\b[^{;]*\{(.*?)\}", text, flags=re.DOTALL):
             words = [word.split("=")[0].strip() for word in body.split(",")]
             assert [word for word in words if not word.startswith(f"{name.upper()}_")] == []
-        types = re.findall(r"\}\s*(\w+);|\b(?:struct|enum)\s+(\w+)", text)
+        types = re.findall(r"^\}\s*(\w+);|\b(?:struct|enum)\s+(\w+)", text, re.MULTILINE)
         assert [word for pair_ in types for word in pair_ if word and not word.startswith(f"{name}_")] == []
         assert "stiffgen_" not in text and "STIFFGEN_" not in text
