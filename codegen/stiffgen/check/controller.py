@@ -237,6 +237,10 @@ def _law(bench: _Bench) -> list[Check]:
                 out.scale * out.joint_stiffness, M, 0.7, (delay + 0.5) * PERIOD, _LARGEST_DAMPING, 0.05
             )
             hold("damping", out.damping, expected)
+        for _ in range(3000):  # the tip of a long arm is slower than its joints
+            if np.abs(out.reference - q - 0.5 * aim).max() <= 1e-9:
+                break
+            out = controller.step(q=at, dq=np.zeros(n), q0=q + 0.5 * aim, **bench.given)
         hold("equilibrium arrives", out.reference, q + 0.5 * aim)
     return [Check(f"controller: {name}", "differentiated energy, law", error, _BOUND) for name, error in errors.items()]
 
