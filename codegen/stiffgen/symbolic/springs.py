@@ -41,6 +41,7 @@ import casadi as ca
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.stiffness import symmetric_from_upper
 
 Energy = Callable[..., ca.SX]
 """U(p, R, *parameters): a scalar expression of the tip's origin (3), its rotation (3x3) and the parameters."""
@@ -104,11 +105,6 @@ class Placement:
     translation_axes: Axes | None = None
     rotation_axes: Axes = "equilibrium"
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-def symmetric(matrix: ca.SX) -> ca.SX:
-    """The symmetric matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
-    return ca.triu2symm(ca.triu(matrix))
 
 
 def half_form(x: ca.SX, matrix: ca.SX) -> ca.SX:
@@ -234,21 +230,21 @@ def spring(kind: str = "trace", placement: Placement | None = None) -> Spring:
     note = remote if any(centre) else ""
 
     def linear(p: ca.SX, R: ca.SX, H: ca.SX, Kt: ca.SX) -> ca.SX:
-        return half_form(_displacement(p, R, H, translation, centre), symmetric(Kt))
+        return half_form(_displacement(p, R, H, translation, centre), symmetric_from_upper(Kt))
 
     def trace(p: ca.SX, R: ca.SX, H: ca.SX, Kt: ca.SX, Ko: ca.SX) -> ca.SX:
-        return linear(p, R, H, Kt) + _trace_form(R, H, symmetric(Ko), rotation)
+        return linear(p, R, H, Kt) + _trace_form(R, H, symmetric_from_upper(Ko), rotation)
 
     def by_quaternion(p: ca.SX, R: ca.SX, q: ca.SX, H: ca.SX, Kt: ca.SX, Ko: ca.SX) -> ca.SX:
-        turn = 8 * half_form(_seen_from(q[1:], H, rotation), symmetric(Ko)) / (1 + q[0])
+        turn = 8 * half_form(_seen_from(q[1:], H, rotation), symmetric_from_upper(Ko)) / (1 + q[0])
         return linear(p, R, H, Kt) + turn
 
     def rotation_vector(p: ca.SX, R: ca.SX, q: ca.SX, H: ca.SX, Kt: ca.SX, Ko: ca.SX) -> ca.SX:
         turn = 2 * half_angle_ratio(q[0]) * _seen_from(q[1:], H, rotation)
-        return linear(p, R, H, Kt) + half_form(turn, symmetric(Ko))
+        return linear(p, R, H, Kt) + half_form(turn, symmetric_from_upper(Ko))
 
     def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX) -> ca.SX:
-        away, stiffness = _displacement(p, R, H, translation, centre), symmetric(K)
+        away, stiffness = _displacement(p, R, H, translation, centre), symmetric_from_upper(K)
         D = H[:3, :3].T @ (R - H[:3, :3])
         sine = 0.5 * ca.vertcat(D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1])
         cross = ca.dot(away, stiffness[:3, 3:] @ _seen_from(sine, H, rotation))
@@ -335,5 +331,5 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
 def terms(chain: Chain, pose: ca.SX, *parameters: ca.SX, spring: Spring, parts: str) -> Expressions:
     """What ``parts`` names of U ("U"), F ("F"), K ("K") and K's upper triangle ("k"), row-major below each other."""
     U, F, K = derivatives(spring, pose[:3, 3], pose[:3, :3], parameters)
-    values = {"U": U, "F": F, "K": ca.vec(symmetric(K).T), "k": ca.vec(ca.triu(symmetric(K)).T)}
+    values = {"U": U, "F": F, "K": ca.vec(symmetric_from_upper(K).T), "k": ca.vec(ca.triu(symmetric_from_upper(K)).T)}
     return Expressions(ca.vertcat(*(values[part] for part in parts)), ())

@@ -27,7 +27,7 @@ def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
 
 
 def symmetric_from_upper(matrix: ca.SX) -> ca.SX:
-    """The symmetric 6x6 matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
+    """The symmetric matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
     return ca.triu2symm(ca.triu(matrix))
 
 
