@@ -17,7 +17,8 @@ class Argument:
     """An argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
 
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
-    formulas have for an argument, ``plural`` its name where it holds one block a tip.
+    formulas have for an argument, ``plural`` its name where it holds one block a tip. ``own``: each of many
+    configurations has its own, even of a matrix.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Argument:
     symmetric: bool = False
     symbol: str = ""
     plural: str = ""
+    own: bool = False
 
     def of_all_tips(self, names: list[str]) -> Argument:
         """The argument that holds one block of this a tip, in the order of ``names``."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from stiffgen.robot.chain import Chain, Tip
-from stiffgen.symbolic import arguments, programs
+from stiffgen.symbolic import adjoint, arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
@@ -330,6 +330,43 @@ KERNELS: tuple[Kernel, ...] = _serial()
 """The kernels of a chain with one tip, in the order in which they are printed."""
 
 
+def _cotangent(result: Argument, count: int) -> Argument:
+    meaning = f"weight of every entry of {result.name}: what is differentiated is the sum of weights times entries"
+    if result.symmetric:
+        meaning += "; both triangles are read"
+    name = adjoint.cotangent_name(result.name, count)
+    return Argument(name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", own=True)
+
+
+def _gradient(argument: Argument) -> Argument:
+    meaning = f"gradient by {argument.name}"
+    if "upper triangle" in argument.meaning:
+        meaning += ": zero below the diagonal, which is not read"
+    return Argument(adjoint.bar_name(argument.name), argument.shape, f"1/({argument.unit})", meaning)
+
+
+def _reverse_program(chain: Chain, of: Kernel) -> Program:
+    given, results = ([argument.array(chain) for argument in each] for each in (of.arguments, of.results))
+    cotangents = [_cotangent(result, len(results)).array(chain) for result in of.results]
+    return adjoint.reverse(chain, of.program(chain), given, results, cotangents)
+
+
+def vector_jacobian_product(of: Kernel) -> Kernel:
+    """The kernel NAME_vjp: what a kernel takes, and a cotangent for each result; gradients by all that it takes."""
+    count = len(of.results)
+    cotangents = tuple(_cotangent(result, count) for result in of.results)
+    names = " + ".join(f"sum {cotangent.name} * {r.name}" for cotangent, r in zip(cotangents, of.results, strict=True))
+    return replace(
+        of,
+        name=f"{of.name}_vjp",
+        arguments=(*of.arguments, *cotangents),
+        results=tuple(map(_gradient, of.arguments)),
+        summary=f"Reverse mode of {of.name}: gradients of L = {names} by every argument.",
+        equation=f"x_bar = (d {', '.join(result.name for result in of.results)}/dx)^T cotangent",
+        program=partial(_reverse_program, of=of),
+    )
+
+
 MAX_BATCH_JOINTS = 24
 """Chains with more moving joints have no batch functions, which would double a C source of nearly a megabyte."""
 
@@ -340,7 +377,10 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     The mass matrix is left out where the chain's masses were. With several tips, each has its own pose and
     representation kernels, and the joint stiffness of all contacts together is added.
     """
-    kernels = _all_kernels(chain, (options or SpringOptions()).springs())
+    options = options or SpringOptions()
+    kernels = _all_kernels(chain, options.springs())
+    if options.derivatives:
+        kernels = (*kernels, *map(vector_jacobian_product, kernels))
     if len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)

@@ -199,12 +199,14 @@ def _refuse_without_derivatives(name: str, value: ca.SX, given: list[ca.SX]) -> 
 class SpringOptions:
     """The springs that a robot has: kinds of :func:`stiffgen.symbolic.springs.spring`, and a user's own potentials.
 
-    The default spring, "trace", is always there and first.
+    The default spring, "trace", is always there and first. With ``derivatives`` every kernel of the robot, those of
+    springs included, has its vector-Jacobian product beside it (:mod:`stiffgen.symbolic.adjoint`).
     """
 
     kinds: tuple[str, ...] = ()
     placement: Placement = field(default_factory=Placement)
     potentials: tuple[Potential, ...] = ()
+    derivatives: bool = False
 
     def springs(self) -> tuple[Spring, ...]:
         """All of them, the default one first.

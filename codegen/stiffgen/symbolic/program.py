@@ -15,12 +15,13 @@ from typing import Literal
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
-Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j"]
+Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j", "all"]
 """What a map runs over: nothing (once), every joint j, or the pairs (i, j) of joints that satisfy the relation (of
-their numbers; the last one: i is j or a joint between the base and j)."""
+their numbers; on the way: i is j or a joint between the base and j)."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ class Block:
     function of its own (its arguments are then those of the kernel); without a name it is part of its kernel.
     ``heading`` is the comment over the statements that fill the targets, ``meaning`` the one over the function.
     ``q_enters_linearly`` says that q is more than the argument of sines, so that infinity in it does not become NaN by
-    itself (of sliding joints this is known).
+    itself (of sliding joints this is known). ``moves`` says that the targets are Jacobian columns of this representation,
+    the tip's pose (named as :data:`POSE_NAME`), or both: how they change with q is then known from the columns.
     """
 
     targets: tuple[Array, ...]
@@ -86,6 +88,23 @@ class Block:
     meaning: str = ""
     columns: int = 0
     q_enters_linearly: bool = False
+    moves: Representation | None = None
+
+
+def indices(chain: Chain, over: Over) -> Iterator[tuple[int, int]]:
+    """The (i, j) that satisfy a relation, in the order of the printed loops."""
+    m = len(chain.joints)
+    if over in ("", "j"):
+        yield from ((0, j) for j in range(m if over else 1))
+    elif over == "i on the way to j":
+        for j in range(m):
+            i = j
+            while i >= 0:
+                yield i, j
+                i = chain.joints[i].parent
+    else:
+        holds = {"i<=j": int.__le__, "i>=j": int.__ge__, "i<j": int.__lt__, "i>j": int.__gt__}
+        yield from ((i, j) for i in range(m) for j in range(m) if over == "all" or holds[over](i, j))
 
 
 @dataclass(frozen=True)
@@ -101,18 +120,7 @@ class Map:
 
     def indices(self, chain: Chain) -> Iterator[tuple[int, int]]:
         """The (i, j) that the map runs over, in the order of the printed loops."""
-        m = len(chain.joints)
-        if self.over in ("", "j"):
-            yield from ((0, j) for j in range(m if self.over else 1))
-        elif self.over == "i on the way to j":
-            for j in range(m):
-                i = j
-                while i >= 0:
-                    yield i, j
-                    i = chain.joints[i].parent
-        else:
-            holds = {"i<=j": int.__le__, "i>=j": int.__ge__, "i<j": int.__lt__, "i>j": int.__gt__}[self.over]
-            yield from ((i, j) for i in range(m) for j in range(m) if holds(i, j))
+        return indices(chain, self.over)
 
 
 @dataclass(frozen=True)
@@ -160,6 +168,66 @@ class SumJoints:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """The transpose of :class:`SumJoints`: what belongs to a coordinate is given to its joints, times ``multiplier``.
+
+    The source is (n), (6, n) (``columns``), (n, n) or (n, n, depth).
+    """
+
+    source: Array
+    target: Array
+    columns: bool = False
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What a map over pairs hands back of every pair: ``target[i, j] = source[i, j]`` over ``over``, else 0.
+
+    With ``mirror``, source[j, i] is added to it where i is not j. ``transposed`` has the same at [j, i].
+    """
+
+    source: Array
+    target: Array
+    transposed: Array
+    over: Over
+    mirror: bool
+
+
+@dataclass(frozen=True)
+class Gather:
+    """``target[:, j]`` = sum of ``body(*operands)`` over all joints i with (i, j) in ``over``.
+
+    What is read at "ij" is an array of :class:`Weights`, zero outside of ``over``.
+    """
+
+    comment: str
+    over: Over
+    target: Array
+    operands: tuple[Operand, ...]
+    body: Callable[..., ca.SX]
+
+
+@dataclass(frozen=True)
+class Reduce:
+    """``targets`` = sums of ``body(*operands)`` over all joints j; the body gives their entries below each other."""
+
+    comment: str
+    targets: tuple[Array, ...]
+    operands: tuple[Operand, ...]
+    body: Callable[..., ca.SX]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Running sums of columns: ``target[:, j]`` = sum of ``source[:, i]`` over i <= j, or (``beyond``) over i > j."""
+
+    comment: str
+    source: Array
+    target: Array
+    beyond: bool
+
+
+@dataclass(frozen=True)
 class Part:
     """Block ``index`` of an argument that holds one block a tip, or (None) the whole argument."""
 
@@ -169,11 +237,15 @@ class Part:
 
 @dataclass(frozen=True)
 class Sum:
-    """``targets`` = sums of the arrays ``results`` that other kernels give, each with its parts of the arguments."""
+    """``targets`` = sums of the arrays ``results`` that other kernels give, each with its parts of the arguments.
+
+    The targets named in ``apart`` are not summed: they get one block a term.
+    """
 
     targets: tuple[Array, ...]
     results: tuple[str, ...]
     terms: tuple[Term, ...]
+    apart: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -186,7 +258,7 @@ class Term:
     arguments: tuple[tuple[Array, Part], ...]
 
 
-Step = Block | Map | SparseSum | SumJoints | Sum
+Step = Block | Map | SparseSum | SumJoints | Sum | Spread | Weights | Gather | Reduce | Scan
 Program = tuple[Step, ...]
 
 
@@ -215,6 +287,16 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dic
             arrays[step.target.name] = _sum_joints(chain, step, arrays[step.source.name])
         elif isinstance(step, Sum):
             _run_sum(step, arguments, arrays)
+        elif isinstance(step, Spread):
+            arrays[step.target.name] = _spread(chain, step, arrays[step.source.name])
+        elif isinstance(step, Weights):
+            _weigh(chain, step, arrays)
+        elif isinstance(step, Gather):
+            _gather(chain, step, arrays)
+        elif isinstance(step, Reduce):
+            _reduce(chain, step, arrays)
+        elif isinstance(step, Scan):
+            arrays[step.target.name] = _scan(step, arrays[step.source.name])
         else:
             _run_map(step.whole() if isinstance(step, SparseSum) else step, chain, arrays)
     return arrays
@@ -240,7 +322,7 @@ def operand_shape(operand: Operand) -> tuple[int, ...]:
 
 def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.SX]]) -> None:
     for target in step.targets:
-        arrays[target.name] = [ca.SX(0)] * target.size
+        arrays[target.name] = [] if target.name in step.apart else [ca.SX(0)] * target.size
     for term in step.terms:
         given = {}
         for array, part in term.arguments:
@@ -249,21 +331,99 @@ def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.S
             given[array.name] = as_operand(array.shape, entries)
         results = evaluate(term.chain, term.program, given)
         for target, name in zip(step.targets, step.results, strict=True):
-            arrays[target.name] = [a + b for a, b in zip(arrays[target.name], results[name], strict=True)]
+            if target.name in step.apart:
+                arrays[target.name] = [*arrays[target.name], *results[name]]
+            else:
+                arrays[target.name] = [a + b for a, b in zip(arrays[target.name], results[name], strict=True)]
 
 
 def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
     written = arrays.setdefault(step.target.array.name, [ca.SX(0)] * step.target.array.size)
     for i, j in step.indices(chain):
-        taken = [
-            as_operand(operand_shape(o), [arrays[o.array.name][o.entry(k, i, j)] for k in range(o.count)])
-            for o in step.operands
-        ]
-        result = _entries(step.body(*taken))
+        result = _entries(step.body(*_taken(step.operands, arrays, i, j)))
         for k in range(step.target.count):
             written[step.target.entry(k, i, j)] = result[k]
             if step.mirror:
                 written[step.target.entry(k, j, i)] = result[k]
+
+
+def reads(step: Step) -> tuple[Array, ...]:
+    """The arrays that a step reads."""
+    if isinstance(step, Block):
+        return step.arguments
+    if isinstance(step, SparseSum):
+        return step.reads
+    if isinstance(step, (Map, Gather, Reduce)):
+        return tuple(operand.array for operand in step.operands)
+    if isinstance(step, Sum):
+        return tuple(part.array for term in step.terms for _, part in term.arguments)
+    return (step.source,)
+
+
+def writes(step: Step) -> tuple[Array, ...]:
+    """The arrays that a step writes."""
+    if isinstance(step, (Block, Sum, Reduce)):
+        return step.targets
+    if isinstance(step, Map):
+        return (step.target.array,)
+    return (step.target, step.transposed) if isinstance(step, Weights) else (step.target,)
+
+
+def _taken(operands: tuple[Operand, ...], arrays: dict[str, list[ca.SX]], i: int, j: int) -> list[ca.SX]:
+    return [
+        as_operand(operand_shape(o), [arrays[o.array.name][o.entry(k, i, j)] for k in range(o.count)]) for o in operands
+    ]
+
+
+def _weigh(chain: Chain, step: Weights, arrays: dict[str, list[ca.SX]]) -> None:
+    source, m = arrays[step.source.name], len(chain.joints)
+    depth = step.source.size // (m * m)
+    target, transposed = [ca.SX(0)] * step.target.size, [ca.SX(0)] * step.target.size
+    for i, j in indices(chain, step.over):
+        for k in range(depth):
+            here, there = (m * i + j) * depth + k, (m * j + i) * depth + k
+            target[here] = transposed[there] = source[here] + (source[there] if step.mirror and i != j else 0)
+    arrays[step.target.name], arrays[step.transposed.name] = target, transposed
+
+
+def _gather(chain: Chain, step: Gather, arrays: dict[str, list[ca.SX]]) -> None:
+    written, m = [ca.SX(0)] * step.target.size, len(chain.joints)
+    for i, j in indices(chain, step.over):
+        for k, value in enumerate(_entries(step.body(*_taken(step.operands, arrays, i, j)))):
+            written[m * k + j] += value
+    arrays[step.target.name] = written
+
+
+def _reduce(chain: Chain, step: Reduce, arrays: dict[str, list[ca.SX]]) -> None:
+    for target in step.targets:
+        arrays[target.name] = [ca.SX(0)] * target.size
+    for _, j in indices(chain, "j"):
+        entries = _entries(step.body(*_taken(step.operands, arrays, 0, j)))
+        for target in step.targets:
+            own, entries = entries[: target.size], entries[target.size :]
+            arrays[target.name] = [a + b for a, b in zip(arrays[target.name], own, strict=True)]
+
+
+def _scan(step: Scan, source: list[ca.SX]) -> list[ca.SX]:
+    m = step.source.shape[1]
+    target = []
+    for row in range(step.source.shape[0]):
+        own = source[m * row : m * (row + 1)]
+        ranges = [own[j + 1 :] if step.beyond else own[: j + 1] for j in range(m)]
+        target += [sum(reversed(each), ca.SX(0)) if step.beyond else sum(each, ca.SX(0)) for each in ranges]
+    return target
+
+
+def _spread(chain: Chain, step: Spread, source: list[ca.SX]) -> list[ca.SX]:
+    n, joints = chain.dof, chain.joints
+    if step.columns or len(step.source.shape) == 1:
+        rows = step.source.size // n
+        return [joint.multiplier * source[n * row + joint.coordinate] for row in range(rows) for joint in joints]
+    depth = step.source.size // (n * n)
+    return [
+        a.multiplier * b.multiplier * source[(n * a.coordinate + b.coordinate) * depth + k]
+        for a in joints for b in joints for k in range(depth)
+    ]  # fmt: skip
 
 
 def _sum_joints(chain: Chain, step: SumJoints, source: list[ca.SX]) -> list[ca.SX]:

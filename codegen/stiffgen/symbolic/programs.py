@@ -30,7 +30,8 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
-    return Block((array,), expressions, _posture(chain), f"{representation}_columns", heading, meaning, 1), array
+    name = f"{representation}_columns"
+    return Block((array,), expressions, _posture(chain), name, heading, meaning, 1, moves=representation), array
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
@@ -49,7 +50,15 @@ def _pairs(left: Array, right: Array, over: Over, target: Array, comment: str, *
 
 def _pose(chain: Chain, pose: Array) -> Block:
     heading, meaning = "pose of the tip", "Pose of the tip in the base frame"
-    return Block((pose,), kinematics.forward_kinematics, _posture(chain), "tip_pose", heading, meaning)
+    return Block((pose,), kinematics.forward_kinematics, _posture(chain), "tip_pose", heading, meaning, moves="hybrid")
+
+
+def columns_and_pose(chain: Chain, J: Array, pose: Array) -> Block:
+    """Hybrid Jacobian columns and pose of the tip, in one pass over the joints."""
+    heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
+    expressions = kinematics.hybrid_jacobian_and_pose
+    name = "hybrid_columns_and_pose"
+    return Block((J, pose), expressions, _posture(chain), name, heading, meaning, 1, moves="hybrid")
 
 
 def forward_kinematics(chain: Chain) -> Program:
@@ -248,9 +257,7 @@ def spring_joint_terms(
     """What is asked for of energy, torque -J^T F and joint stiffness of a spring, from one pass over the joints."""
     pose, m = POSE.array(chain), len(chain.joints)
     J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
-    heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
-    expressions = kinematics.hybrid_jacobian_and_pose
-    columns = Block((J, pose), expressions, _posture(chain), "hybrid_columns_and_pose", heading, meaning, 1)
+    columns = columns_and_pose(chain, J, pose)
     targets = [F, K] if joint_stiffness else [F]
     parts = "Fk" if joint_stiffness else "F"
     if energy:

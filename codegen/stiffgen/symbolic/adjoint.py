@@ -1,0 +1,442 @@
+"""Reverse mode: the vector-Jacobian product of a program, as another program.
+
+A kernel computes results r from arguments x. With a cotangent c for every entry of r, its vector-Jacobian product is
+x_bar = (dr/dx)^T c, the gradient of L = sum c r by every argument: one more kernel, whatever the number of arguments.
+It is made by going backwards through the steps of the kernel's program (:func:`reverse`); nothing is differentiated by
+hand, and the printers print what they print of any program. With v_bar for the gradient of L by v,
+
+    Map over joints          t_j = f(x_j, y)             x_bar_j += (df/dx)^T t_bar_j       a Map
+                                                         y_bar += sum_j (df/dy)^T t_bar_j   a Reduce
+    Map over pairs           t_ij = f(x_i, y_j)          x_bar_i += sum_j (df/dx)^T t_bar_ij, y_bar_j likewise: Gathers
+    SparseSum                A = K + B(F)                goes into the maps that read A: sums of K's entries, not of A's
+    SumJoints                t_c = sum_k m_k t_k         t_bar_k = m_k t_bar_c              a Spread
+    Sum over tips                                        a Sum of the tips' own products
+    Block                    statements                  CasADi's reverse mode of the statements, one more Block
+    Block of columns         J(q), pose(q)               q_bar_j = sum_i J_bar_i . dJ_i/dq_j + J_j . f
+
+For the last, dJ_i/dq_j is the table's own closed form (:func:`kinematics.jacobian_column_derivative`). It is linear in
+J_j: q_bar_j = J_j . sum_i y_i with one y_i for the joints j beyond i and one for those before, so that running sums
+(Scan) do, and no product over pairs is left. The pose moves with the hybrid column of a joint: f is the covector
+(p_bar, sum of R_c x R_bar_c over the columns c of R).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic import kinematics, programs
+from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.program import (
+    Array,
+    Block,
+    Gather,
+    Map,
+    Operand,
+    Over,
+    Part,
+    Program,
+    Reduce,
+    Scan,
+    SparseSum,
+    Spread,
+    Step,
+    Sum,
+    SumJoints,
+    Term,
+    Weights,
+    operand_shape,
+    reads,
+    writes,
+)
+
+_FLIPPED: dict[Over, Over] = {
+    "i<=j": "i>=j", "i>=j": "i<=j", "i<j": "i>j", "i>j": "i<j", "i on the way to j": "all",
+}  # fmt: skip
+
+
+def cotangent_name(result: str, count: int) -> str:
+    """Name of the cotangent of a result, of a function with so many results."""
+    return "cotangent" if count == 1 else f"{result}_cotangent"
+
+
+def bar_name(argument: str) -> str:
+    """Name of the gradient by an argument."""
+    return f"{argument}_bar"
+
+
+def reverse(
+    chain: Chain,
+    program: Program,
+    arguments: Sequence[Array],
+    results: Sequence[Array],
+    cotangents: Sequence[Array],
+) -> Program:
+    """The program of the vector-Jacobian product of ``program``.
+
+    Args:
+        chain: the robot that the program was made for.
+        program: what is differentiated.
+        arguments: what it takes; for each the result writes an array of its shape under its :func:`bar_name`.
+        results: what it writes.
+        cotangents: arrays of the shapes of the results, in their order.
+
+    Returns:
+        Steps that read arguments and cotangents.
+
+    """
+    if len(program) == 1 and isinstance(program[0], Sum):
+        return (_sum(program[0]),)
+    names: dict[str, str] = {}
+    while True:
+        run = _Reverse(chain, program, names)
+        steps = run.steps_of(arguments, results, cotangents)
+        if names == run.final:
+            return steps
+        names = run.final  # the only contribution to a result is written where the result belongs
+
+
+class _Reverse:
+    """One way back through a program. ``bars``: for each array the arrays whose sum is the gradient by it."""
+
+    def __init__(self, chain: Chain, program: Program, names: dict[str, str]) -> None:
+        self.chain = chain
+        self.forward = [self._with_columns(step) for step in program]
+        self.names = names
+        self.final: dict[str, str] = {}
+        self.bars: dict[str, list[Array]] = {}
+        self.steps: list[Step] = []
+        self.count = 0
+        self.sparse = {step.target.name: step for step in program if isinstance(step, SparseSum)}
+
+    def steps_of(self, arguments: Sequence[Array], results: Sequence[Array], cotangents: Sequence[Array]) -> Program:
+        for result, cotangent in zip(results, cotangents, strict=True):
+            self.bars[result.name] = [cotangent]
+        for step in reversed(self.forward):
+            if any(array.name in self.bars for array in writes(step)):
+                self._step(step)
+        for argument in arguments:
+            self._finish(argument)
+        return self._needed() + tuple(self.steps)
+
+    def _with_columns(self, step: Step) -> Step:
+        """The pose alone says nothing of its change: it is computed together with the columns."""
+        if isinstance(step, Block) and step.moves and not step.columns:
+            return programs.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.targets[0])
+        return step
+
+    def _needed(self) -> Program:
+        """The steps of the program whose values are read on the way back."""
+        needed = {array.name for step in self.steps for array in reads(step)}
+        kept: list[Step] = []
+        for step in reversed(self.forward):
+            if any(array.name in needed for array in writes(step)):
+                kept.append(_trimmed(step, needed))
+                needed |= {array.name for array in reads(step)}
+        return tuple(reversed(kept))
+
+    def _new(self, of: Array) -> Array:
+        """A further contribution to the gradient by an array."""
+        self.count += 1
+        name = f"bar{self.count}_{of.name}"
+        array = Array(self.names.get(name, name), of.shape)
+        self.bars.setdefault(of.name, []).append(array)
+        self.final[name] = name
+        return array
+
+    def _finish(self, argument: Array) -> None:
+        """Write the gradient by an argument of the kernel."""
+        result = Array(bar_name(argument.name), argument.shape)
+        contributions = self.bars.get(argument.name, [])
+        if len(contributions) == 1:
+            (only,) = contributions
+            self.final = {name: result.name if self._is(name, only) else final for name, final in self.final.items()}
+            return
+        operands = tuple(Operand(each, "") for each in contributions)
+
+        def body(*values: ca.SX) -> ca.SX:
+            return sum(values, ca.SX.zeros(*_extents(argument.shape)))
+
+        self.steps.append(Map(f"{result.name}", "", Operand(result, ""), operands, body))
+
+    def _is(self, name: str, array: Array) -> bool:
+        return self.names.get(name, name) == array.name
+
+    def _step(self, step: Step) -> None:
+        if isinstance(step, Map):
+            if step.over in ("", "j"):
+                self._map(step)
+            else:
+                self._pairs(step)
+        elif isinstance(step, SparseSum):
+            self._map(step.whole())
+        elif isinstance(step, SumJoints):
+            target = self._new(step.source)
+            self.steps.append(Spread(self._only(step.target), target, step.columns))
+        elif isinstance(step, Block):
+            if step.moves:
+                self._moving(step)
+            else:
+                self._block(step, step.arguments)
+        else:
+            raise NotImplementedError(f"{type(step).__name__} has no adjoint")
+
+    def _only(self, array: Array) -> Array:
+        (bar,) = self.bars[array.name]
+        return bar
+
+    def _map(self, step: Map) -> None:
+        """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
+        bars = tuple(Operand(bar, step.target.at) for bar in self.bars[step.target.array.name])
+        whole: dict[str, tuple[Array, ca.SX]] = {}
+        values = [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
+        seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
+        given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
+        seed = sum((_column(each) for each in seeds), ca.SX(0))
+        loss = ca.dot(_column(step.body(*values)), seed)
+        for operand, value in zip(step.operands, values, strict=True):
+            gradient = ca.densify(ca.gradient(loss, value))
+            if gradient.is_zero():
+                continue
+            if operand.at == "j" or not step.over:
+                self._append_map(step, operand, gradient, given)
+                continue
+            for array, part in self._through_sums(operand.array, gradient):
+                before = whole.get(array.name, (array, ca.SX.zeros(array.size)))[1]
+                whole[array.name] = array, before + part
+        if whole:
+            targets = tuple(self._new(array) for array, _ in whole.values())
+            operands, body = _pruned(given, ca.vertcat(*(part for _, part in whole.values())))
+            comment = ", ".join(f"gradient by {_shown(array)}" for array, _ in whole.values())
+            self.steps.append(Reduce(f"sums over the joints: {comment}", targets, operands, body))
+
+    def _append_map(
+        self, step: Map, operand: Operand, gradient: ca.SX, given: tuple[tuple[Operand, ca.SX], ...]
+    ) -> None:
+        operands, body = _pruned(given, _column(gradient))
+        target = Operand(self._new(operand.array), operand.at)
+        comment = f"gradient by {_shown(operand.array)}, through {_shown(step.target.array)}"
+        self.steps.append(Map(comment, step.over, target, operands, body))
+
+    def _through_sums(self, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
+        """Gradients (columns) by what a sparse sum reads, or by the array itself if it is no sparse sum's."""
+        step = self.sparse.get(array.name)
+        if step is None:
+            return [(array, _column(gradient))]
+        symbols = [ca.SX.sym(each.name, *_extents(each.shape)) for each in step.reads]
+        loss = ca.dot(_column(step.whole().body(*symbols)), _column(gradient))
+        parts = []
+        for each, symbol in zip(step.reads, symbols, strict=True):
+            parts.append((each, _column(ca.densify(ca.gradient(loss, symbol)))))
+        return parts
+
+    def _pairs(self, step: Map) -> None:
+        """Over pairs: for either joint the sum over the other one, weighted with what the pair hands back."""
+        if not step.operands:
+            return
+        bar = self._only(step.target.array)
+        m = len(self.chain.joints)
+        shape = (m, m, *step.target.array.shape[2:])
+        weights, transposed = (self._local(name, shape) for name in ("W", "WT"))
+        self.steps.append(Weights(bar, weights, transposed, step.over, step.mirror))
+        values = [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
+        pair = Operand(weights, "ij")
+        seed = _symbols(pair, "c_")
+        loss = ca.dot(_column(step.body(*values)), _column(seed))
+        for operand, value in zip(step.operands, values, strict=True):
+            if operand.at not in ("i", "j"):
+                raise NotImplementedError("a map over pairs has operands of its joints only")
+            flip = operand.at == "i"
+            all_operands = [_flipped(each) if flip else each for each in step.operands]
+            weighted = Operand(transposed if flip else weights, "ij")
+            given = tuple(zip((*all_operands, weighted), (*values, seed), strict=True))
+            operands, body = _pruned(given, ca.densify(ca.gradient(loss, value)))
+            over = _FLIPPED[step.over] if flip else step.over
+            summed = "j" if flip else "i"
+            comment = f"gradient by {_shown(operand.array)}_{operand.at}: sum over the joints {summed} of its pairs"
+            self.steps.append(Gather(comment, over, self._new(operand.array), operands, body))
+
+    def _local(self, name: str, shape: tuple[int, ...]) -> Array:
+        self.count += 1
+        return Array(f"{name}{self.count}", shape)
+
+    def _block(self, step: Block, by: tuple[Array, ...]) -> None:
+        """CasADi's reverse mode of the statements."""
+        bars = [(target, bar) for target in step.targets for bar in self.bars.get(target.name, ())]
+        targets = tuple(self._new(array) for array in by)
+        differentiated = [argument in by for argument in step.arguments]
+        given = len(step.arguments)
+
+        def expressions(chain: Chain, *values: ca.SX) -> Expressions:
+            symbols = [ca.SX.sym(a.name, *_extents(a.shape)) for a in step.arguments]
+            forward = step.expressions(chain, *symbols)
+            sums = {target.name: ca.SX.zeros(target.size) for target in step.targets}
+            for (target, _), value in zip(bars, values[given:], strict=True):
+                sums[target.name] += _column(value)
+            seed = ca.vertcat(*(sums[target.name] for target in step.targets))
+            of = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, differentiated, strict=True) if wanted))
+            gradient = ca.densify(ca.jtimes(_column(forward.result), of, seed, True))
+            entries = []
+            start = 0
+            for symbol, wanted in zip(symbols, differentiated, strict=True):
+                if wanted:
+                    size = symbol.numel()
+                    entries.append(_column(ca.reshape(gradient[start : start + size], *symbol.shape)))
+                    start += size
+            place = ca.vertcat(*map(ca.vec, symbols))
+            at = ca.vertcat(*map(ca.vec, values[:given]))
+            return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), place, at)), ())
+
+        heading = "gradients by " + ", ".join(_shown(array) for array in by)
+        arguments = (*step.arguments, *(bar for _, bar in bars))
+        linear = step.q_enters_linearly
+        self.steps.append(Block(targets, expressions, arguments, heading=heading, q_enters_linearly=linear))
+
+    def _moving(self, step: Block) -> None:
+        """Columns and pose: closed forms of their derivatives by q; a tool's pose by the statements."""
+        assert step.moves is not None
+        q, *others = step.arguments
+        J = step.targets[0]
+        operands = [Operand(J, "j")]
+        if J.name in self.bars:
+            operands += [Operand(sums, "j") for sums in self._column_sums(step, J)]
+        for pose in step.targets[1:]:
+            if pose.name in self.bars:
+                operands.append(Operand(self._covector(pose), ""))
+        coupled = self.chain.coupled
+        of_joints = self._local("q_bar_of_joints", (len(self.chain.joints),)) if coupled else self._new(q)
+        comment = "gradient by q: q_bar_j = J_j . sums"
+        self.steps.append(Map(comment, "j", Operand(of_joints, "j"), tuple(operands), _dot_of_sum))
+        if coupled:
+            self.steps.append(SumJoints(of_joints, self._new(q)))
+        if others:
+            self._block(step, tuple(others))
+
+    def _column_sums(self, step: Block, J: Array) -> list[Array]:
+        """For every joint j the sums of y_i, dJ_i/dq_j . J_bar_i = J_j . y_i."""
+        assert step.moves is not None
+        bars = self.bars[J.name]
+        column, by = ca.SX.sym("column", 6), ca.SX.sym("by", 6)
+        seeds = [ca.SX.sym(f"c{k}_", 6) for k in range(len(bars))]
+        given = (
+            (Operand(J, "j"), column), *((Operand(bar, "j"), seed) for bar, seed in zip(bars, seeds, strict=True))
+        )  # fmt: skip
+        sums = []
+        for outward, side in ((True, "beyond"), (False, "before")):
+            rate = kinematics.jacobian_column_derivative(step.moves, column, by, by_is_outward=outward)
+            gradient = ca.densify(ca.gradient(ca.dot(rate, sum(seeds, ca.SX(0))), by))
+            if gradient.is_zero():
+                continue
+            y, total = self._local("y", J.shape), self._local("sum", J.shape)
+            operands, body = _pruned(given, gradient)
+            comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j by J_j, for the joints j {side} joint i"
+            self.steps.append(Map(comment, "j", Operand(y, "j"), operands, body))
+            comment = "sums of y_i over i" + (" <= j" if outward else " > j")
+            self.steps.append(Scan(comment, y, total, beyond=not outward))
+            sums.append(total)
+        return sums
+
+    def _covector(self, pose: Array) -> Array:
+        """(p_bar, sum of R_c x R_bar_c): the hybrid wrench of the pose's gradient."""
+        bars = self.bars[pose.name]
+        covector = self._local("f", (6,))
+        operands = (Operand(pose, ""), *(Operand(bar, "") for bar in bars))
+
+        def body(value: ca.SX, *gradients: ca.SX) -> ca.SX:
+            bar = sum(gradients, ca.SX.zeros(4, 4))
+            turn = sum((ca.cross(value[:3, c], bar[:3, c]) for c in range(3)), ca.SX.zeros(3))
+            return ca.densify(ca.vertcat(bar[:3, 3], turn))
+
+        self.steps.append(Map("covector of the pose's gradient", "", Operand(covector, ""), operands, body))
+        return covector
+
+
+def _dot_of_sum(column: ca.SX, *covectors: ca.SX) -> ca.SX:
+    return ca.SX(ca.dot(column, sum(covectors, ca.SX(0))))
+
+
+def _sum(step: Sum) -> Sum:
+    """Of a sum over tips: each tip's own product, with the whole cotangent."""
+    first = step.terms[0]
+    cotangents = [
+        Array(cotangent_name(target.name, len(step.targets)), target.shape) for target in step.targets
+    ]  # fmt: skip
+    terms = []
+    for term in step.terms:
+        own = [array for array, _ in term.arguments]
+        results = [Array(name, target.shape) for name, target in zip(step.results, step.targets, strict=True)]
+        inner = [Array(cotangent_name(each.name, len(results)), each.shape) for each in results]
+        program = reverse(term.chain, term.program, own, results, inner)
+        given = tuple((array, Part(outer, None)) for array, outer in zip(inner, cotangents, strict=True))
+        terms.append(Term(f"{term.function}_vjp", term.chain, program, (*term.arguments, *given)))
+    targets = tuple(Array(bar_name(part.array.name), part.array.shape) for _, part in first.arguments)
+    apart = frozenset(
+        target.name for target, (_, part) in zip(targets, first.arguments, strict=True) if part.index is not None
+    )
+    return Sum(targets, tuple(bar_name(array.name) for array, _ in first.arguments), tuple(terms), apart)
+
+
+def _trimmed(step: Step, needed: set[str]) -> Step:
+    """A step without the targets of its statements that nothing reads; blocks with a name are shared as they are."""
+    if not isinstance(step, Block) or step.name or all(target.name in needed for target in step.targets):
+        return step
+    kept: list[Array] = []
+    rows: list[int] = []
+    start = 0
+    for target in step.targets:
+        if target.name in needed:
+            kept.append(target)
+            rows += range(start, start + target.size)
+        start += target.size
+
+    def expressions(chain: Chain, *values: ca.SX) -> Expressions:
+        whole = step.expressions(chain, *values)
+        return Expressions(_column(whole.result)[rows], whole.sections)
+
+    columns = sum(target in kept for target in step.targets[: step.columns])
+    return replace(step, targets=tuple(kept), expressions=expressions, columns=columns)
+
+
+def _flipped(operand: Operand) -> Operand:
+    return Operand(operand.array, "i" if operand.at == "j" else "j")
+
+
+def _shown(array: Array) -> str:
+    """An array in comments."""
+    return array.symbol or array.name
+
+
+def _extents(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """A shape as CasADi takes it."""
+    return shape if len(shape) == 2 else (_size(shape),)
+
+
+def _size(shape: tuple[int, ...]) -> int:
+    return Array("", shape).size
+
+
+def _symbols(operand: Operand, name: str) -> ca.SX:
+    return ca.SX.sym(name, *_extents(operand_shape(operand)))
+
+
+def _column(value: ca.SX) -> ca.SX:
+    """Entries row by row, below each other."""
+    return ca.vec(ca.densify(value).T)
+
+
+def _pruned(
+    given: Sequence[tuple[Operand, ca.SX]], expression: ca.SX
+) -> tuple[tuple[Operand, ...], Callable[..., ca.SX]]:
+    """The operands that an expression of their symbols depends on, and the body that takes these."""
+    dependent = [(o, s) for o, s in given if ca.depends_on(expression, ca.vec(s))]
+    place = ca.vertcat(*(ca.vec(symbol) for _, symbol in dependent))
+
+    def body(*values: ca.SX) -> ca.SX:
+        return ca.densify(ca.substitute(expression, place, ca.vertcat(*(ca.vec(ca.densify(v)) for v in values))))
+
+    return tuple(operand for operand, _ in dependent), body
+
+
