@@ -200,6 +200,11 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--cuda", action="store_true", help="also write NAME.cu: CUDA for the functions that take many configurations"
     )
+    command.add_argument(
+        "--derivatives",
+        action="store_true",
+        help="also a function NAME_vjp for every function: reverse mode, gradients by all that it takes",
+    )
     command.add_argument("--no-build", action="store_true", help="write the sources only, do not compile")
     command.add_argument(
         "--force", action="store_true", help="replace a folder whose robot has other joints, tips or arguments"
@@ -288,7 +293,8 @@ def _springs(options: argparse.Namespace) -> SpringOptions:
     if not all(map(math.isfinite, (x, y, z))):
         raise StiffgenError("--spring-centre must be three finite numbers")
     placement = Placement(options.translation_axes, options.rotation_axes, (x, y, z))
-    return SpringOptions(tuple(options.spring), placement, tuple(map(read_potential, options.potential)))
+    potentials = tuple(map(read_potential, options.potential))
+    return SpringOptions(tuple(options.spring), placement, potentials, options.derivatives)
 
 
 def _add_analyze(commands: Any) -> None:

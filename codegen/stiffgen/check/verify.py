@@ -8,7 +8,8 @@ What the kernels compute in closed form is computed here another way, from the c
 * Gamma F: the matrix forms in cross-product matrices, written down;
 * joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
   U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
-* mass matrix: the Hessian of the kinetic energy by the joint velocities.
+* mass matrix: the Hessian of the kinetic energy by the joint velocities;
+* vector-Jacobian products: differences of the functions that they belong to, of eighth order.
 
 Errors are relative to the largest entry of the reference.
 """
@@ -29,6 +30,7 @@ import numpy as np
 from stiffgen.check.batches import LONG, check_c_batches, check_stacks
 from stiffgen.check.bounds import check_bounds
 from stiffgen.check.controller import check_controller
+from stiffgen.check.derivatives import check_derivatives
 from stiffgen.check.files import check_files, check_tables, check_urdf
 from stiffgen.check.not_finite import check_not_finite
 from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
@@ -110,7 +112,7 @@ class Samples:
             if all(extent in ("n", size) for extent, size in sizes):
                 values: Array = known
                 return values
-        return _random_parameter(argument, len(self.q), seed)
+        return _random_parameter(argument, len(self.q), seed, self.q.shape[1])
 
     def __getitem__(self, argument: str) -> Array:
         """The values of a kernel's argument by its name."""
@@ -133,9 +135,12 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
     return poses
 
 
-def _random_parameter(argument: Argument, count: int, seed: int) -> Array:
-    """Values of about 1, positive, for what a user's potential takes."""
-    extents = [int(extent) for extent in argument.shape]
+def _random_parameter(argument: Argument, count: int, seed: int, dof: int) -> Array:
+    """Values of about 1: of both signs for cotangents, positive for what a user's potential takes."""
+    extents = [dof if extent == "n" else int(extent) for extent in argument.shape]
+    if argument.own:
+        cotangents: Array = np.random.default_rng([seed, *argument.name.encode()]).normal(size=(count, *extents))
+        return cotangents
     return np.random.default_rng(seed + 77).uniform(0.2, 2.0, (count, *extents))
 
 
@@ -488,6 +493,10 @@ def argument_samples(
             pool[argument] = each[0]
             if argument.plural:
                 pool[argument.of_all_tips(names)] = np.stack(each, axis=1)
+    for kernel in chain_kernels(chain, options):
+        for argument in kernel.arguments:
+            if argument.own:  # cotangents, of what is summed over the tips, too
+                pool[argument] = drawn[0].of(argument, seed)
     return pool
 
 
@@ -609,10 +618,12 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         library = ctypes.CDLL(str(build_library(robot.folder, robot.name, build)))
     except BuildError:  # the folder may have been compiled elsewhere
         library = None
+    derivatives = springs.derivatives
     steps: list[tuple[str, Step]] = [
         ("files", lambda: check_files(robot)),
         ("names and limits", lambda: check_tables(robot, library)),
         ("differentiating and comparing", lambda: check_robot(single, chain, count, seed, springs)),
+        *([("differences of functions with derivatives", lambda: check_derivatives(single, table, pool))] * derivatives),
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, pool)),

@@ -9,8 +9,9 @@ asked for, with plain numbers: one configuration a thread.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import casadi as ca
 
@@ -23,15 +24,22 @@ from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import (
     Array,
     Block,
+    Gather,
     Map,
     Operand,
     Program,
+    Reduce,
+    Scan,
     SparseSum,
+    Spread,
     Step,
     Sum,
     SumJoints,
+    Weights,
     as_operand,
+    indices,
     operand_shape,
+    reads,
 )
 
 
@@ -146,16 +154,18 @@ class _TargetPrinter:
         scope: Scope,
         step: Block,
         targets: tuple[Array, ...],
-        local: Container[str] = (),
+        local: Mapping[str, Sequence[str]] = MappingProxyType({}),
         private: Container[str] = (),
         zeros: dict[str, set[int]] | None = None,
         temporaries: int = 0,
+        known: set[str] | None = None,
     ) -> Printed:
         """Statements of a block, filling the ``targets`` (arrays of the step's targets' shapes).
 
-        Arguments named in ``local`` are arrays that earlier steps of the same kernel wrote. What is always zero in the
-        targets named in ``private`` is not stored, and noted in ``zeros``. ``temporaries`` is the number of the first
-        unnamed local.
+        Arguments named in ``local`` are arrays that earlier steps of the same kernel wrote, with the C text of their
+        entries. What is always zero in the targets named in ``private`` is not stored, and noted in ``zeros``, where
+        earlier steps have noted theirs. ``temporaries`` is the number of the first
+        unnamed local, ``known`` the guarded locals that earlier blocks have defined.
         """
         chain = scope.chain
         # What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into
@@ -166,10 +176,13 @@ class _TargetPrinter:
         guards: dict[int, tuple[str, str]] = {}  # local name and source of the inputs that are guarded
         entries_of: dict[str, range] = {}
         for array in step.arguments:
-            entries_of[array.name] = range(len(inputs), len(inputs) + array.size)
-            symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
+            known_zeros = (zeros or {}).get(array.name, ())
+            symbols = [ca.SX(0) if k in known_zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
+            entries_of[array.name] = range(len(inputs), len(inputs) + array.size - len(known_zeros))
             for k, symbol in enumerate(symbols):
-                text = f"{array.name}[{k}]"
+                if k in known_zeros:
+                    continue
+                text = local[array.name][k] if array.name in local else f"{array.name}[{k}]"
                 if array.name not in local and (array.name != "q" or k in sliding):
                     local_name = array.symbol + "".join(map(str, _indices(array, k)))
                     guards[len(inputs)] = local_name, text
@@ -193,10 +206,10 @@ class _TargetPrinter:
                 places = [element(target, k) for k in range(target.size)]
             else:
                 places = [f"{target.name}[{k}]" for k in range(target.size)]
-            known = set()
+            skipped = set()
             if zeros is not None and target.name in private and target not in columns:
-                known = zeros[target.name] = {k for k, value in enumerate(own) if value.is_zero()}
-            outputs += [(place, own[k]) for k, place in enumerate(places) if k not in known]
+                skipped = zeros[target.name] = {k for k, value in enumerate(own) if value.is_zero()}
+            outputs += [(place, own[k]) for k, place in enumerate(places) if k not in skipped]
         printed = print_statements(
             inputs,
             outputs,
@@ -207,15 +220,23 @@ class _TargetPrinter:
             wide_outputs=not self.target.joint_lanes,
             define=6 * m * len(by_rows),
             temporaries=temporaries,
+            poison="poison" if known is None or "poison" not in known else "poison_of_gradients",
         )
         lines, values = list(printed.lines), list(printed.values)
         for target in by_rows:
             lines += _rows(scope, target, values[: target.size])
             values = values[target.size :]
         guarded = [guards[number] for number in sorted(printed.reads) if number in guards]
+        if known is not None:
+            guarded = [(name, source) for name, source in guarded if name not in known]
+            known |= {printed.poison, *(name for name, _ in guarded)}
         number, guard = self.target.number, self.target.guard
         opening = [f"const {number} {name} = {guard}({source});" for name, source in guarded]
-        opening += [f"(void){name};" for name, numbers in entries_of.items() if printed.reads.isdisjoint(numbers)]
+        opening += [
+            f"(void){name};"
+            for name, numbers in entries_of.items()
+            if name not in local and printed.reads.isdisjoint(numbers)
+        ]
         return replace(
             printed,
             lines=[*opening, *lines],
@@ -295,6 +316,9 @@ class _KernelPrinter:
         self.flat: set[str] = set()
         self.unguarded: set[str] = set()  # results that may overflow, not stored through put_row or put_entries
         self.temporaries = 0
+        self.guards: set[str] = set()  # guarded copies of arguments' entries
+        self.packed: dict[str, Array] = {}  # what of plain arrays is copied to lanes of joints
+        self.weights: dict[str, tuple[str, bool]] = {}  # of weights: the array that has them, and whether transposed
 
     def arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
@@ -303,10 +327,19 @@ class _KernelPrinter:
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
         whole = [step.whole() if isinstance(step, SparseSum) else step for step in program]
-        maps = [step for step in whole if isinstance(step, Map)]
-        guarded = self.target.joint_lanes and not any(step.over not in ("", "j") for step in maps)
-        read = {operand.array.name for step in maps for operand in step.operands}
+        maps = [step for step in whole if isinstance(step, (Map, Gather, Reduce))]
+        pairs = any(isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", "j")) for step in maps)
+        guarded = self.target.joint_lanes and not pairs
+        read = {
+            operand.array.name
+            for step in maps
+            for operand in step.operands
+            if operand.at != "j" or not self.target.joint_lanes  # else copied to lanes
+        }
+        used = {array.name for step in program for array in reads(step)}
         for array in self.inputs:
+            if array.name not in used:
+                self.lines.append(f"(void){array.name};")
             if array.name not in read:
                 continue
             short = self.renamed[array.name] = Array(array.symbol, array.shape)
@@ -356,6 +389,16 @@ class _KernelPrinter:
             self._sum_joints(step)
         elif isinstance(step, SparseSum):
             self._sparse_sum(step)
+        elif isinstance(step, Spread):
+            self._spread(step)
+        elif isinstance(step, Weights):
+            self._weights(step)
+        elif isinstance(step, Gather):
+            self._gather(step)
+        elif isinstance(step, Reduce):
+            self._reduce(step)
+        elif isinstance(step, Scan):
+            self._scan(step)
         else:
             self._map(step)
 
@@ -380,7 +423,11 @@ class _KernelPrinter:
             self.lines.append(f"{function.name}{self.target.suffix}({self._given(step)}, {into});")
         else:
             private = {target.name for target in targets if not self._public(target)}
-            block = self.printer.block(self.scope, step, targets, self.flat, private, self.zero_rows, self.temporaries)
+            public = {array.name for array in self.inputs}
+            local = {a.name: self._texts(a) for a in step.arguments if a.name not in public}
+            block = self.printer.block(
+                self.scope, step, targets, local, private, self.zero_rows, self.temporaries, self.guards
+            )
             operations, self.temporaries = block.operations, block.temporaries
             self.calls |= block.calls
             self.lines += ["", *block.lines] if self.lines else block.lines
@@ -393,6 +440,13 @@ class _KernelPrinter:
                 f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
                 "}",
             ]
+
+    def _texts(self, array: Array) -> list[str]:
+        """C texts of the entries of an array that an earlier step wrote."""
+        if array.name in self.lane_arrays:
+            view = self._view(array)
+            return [element(Array(view, array.shape), k) for k in range(array.size)]
+        return [self._write(Operand(array, ""), k) for k in range(array.size)]
 
     def _passed(self, target: Array) -> str:
         """C text of the array of columns that a block's function is to fill."""
@@ -473,23 +527,7 @@ class _KernelPrinter:
 
     def _map(self, step: Map) -> None:
         rows = self._by_rows(step)
-        inputs: list[tuple[ca.SX, str]] = []
-        wide: set[str] = set()
-        taken = []
-        for operand in step.operands:
-            entries = []
-            for k in range(operand.count):
-                if k in self.zero_rows.get(operand.array.name, ()):
-                    entries.append(ca.SX(0))
-                    continue
-                symbol = ca.SX.sym(f"{operand.array.name}_{operand.at}{k}")
-                text, is_wide = self._read(operand, k, rows=rows or step.over == "j")
-                inputs.append((symbol, text))
-                wide |= {text} if is_wide else set()
-                entries.append(symbol)
-            taken.append(as_operand(operand_shape(operand), entries))
-        dense = ca.densify(step.body(*taken))
-        results = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
+        inputs, wide, results = self._run(step.operands, step.body, rows=rows or step.over == "j")
         target = step.target
         zeros: set[int] = set()
         if not self._public(target.array) and target.at in ("", "j"):
@@ -509,18 +547,40 @@ class _KernelPrinter:
             wide=wide,
             target=self.target,
             wide_outputs=rows or step.over == "j" or not self.target.joint_lanes,
-            temporaries=0 if step.over else self.temporaries,
+            temporaries=self.temporaries,
         )
         self.temporaries = self.temporaries if step.over else printed.temporaries
         self.calls |= printed.calls
         self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
-        if step.over and not rows and not vector:
+        if not rows and not vector:
             self._store([target.array], self.inputs)
         if vector:
             self.lines += self._vector_row(step, printed)
         else:
             self.lines += self._row_loops(step, printed) if rows else self._loops(step, printed)
+
+    def _run(
+        self, operands: Sequence[Operand], body: Callable[..., ca.SX], *, rows: bool
+    ) -> tuple[list[tuple[ca.SX, str]], set[str], list[ca.SX]]:
+        """A body's inputs with their C texts, the texts that are entries of rows, and its entries; ``rows`` in rows."""
+        inputs: list[tuple[ca.SX, str]] = []
+        wide: set[str] = set()
+        taken = []
+        for operand in operands:
+            entries = []
+            for k in range(operand.count):
+                if k in self.zero_rows.get(operand.array.name, ()):
+                    entries.append(ca.SX(0))
+                    continue
+                symbol = ca.SX.sym(f"{operand.array.name}_{operand.at}{k}")
+                text, is_wide = self._read(operand, k, rows=rows)
+                inputs.append((symbol, text))
+                wide |= {text} if is_wide else set()
+                entries.append(symbol)
+            taken.append(as_operand(operand_shape(operand), entries))
+        dense = ca.densify(body(*taken))
+        return inputs, wide, [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
 
     def _by_rows(self, step: Map) -> bool:
         """Whether a map over pairs runs over rows i, and over j in lanes."""
@@ -619,15 +679,204 @@ class _KernelPrinter:
     def _read(self, operand: Operand, k: int, *, rows: bool) -> tuple[str, bool]:
         """C text of an operand's k-th entry, and whether it is lanes (of joints ``j``)."""
         array = operand.array
+        if operand.at == "ij" and array.name in self.weights:
+            return self._weight(operand, k), True
+        if operand.at == "j" and rows and self.target.joint_lanes and array.name not in self.lane_arrays:
+            array = self._packed(array)
         if array.name in self.lane_arrays:
             if operand.at == "j" and rows:
                 return f"{array.name}[{k}][j]", True
-            view = f"{array.name}_of"
-            row = f"[LANES * {self.scope.padded}]"
-            declared = f"const double (*const {view}){row}"
-            self._note(f"{declared} = (const double (*){row}){array.name}; /* joint by joint */")
-            return f"{view}[{k}][{operand.at}]", False
+            return f"{self._view(array)}[{k}][{operand.at}]", False
         return self._write(operand, k), not self.target.joint_lanes
+
+    def _view(self, array: Array) -> str:
+        """C name under which lanes of joints are read joint by joint."""
+        view = f"{array.name}_of"
+        row = f"[LANES * {self.scope.padded}]"
+        declared = f"const double (*const {view}){row}"
+        self._note(f"{declared} = (const double (*){row}){array.name}; /* joint by joint */")
+        return view
+
+    def _packed(self, array: Array) -> Array:
+        """The rows over joints of a plain array, copied to lanes of joints."""
+        if array.name not in self.packed:
+            rows = 1 if len(array.shape) == 1 else array.shape[0]
+            packed = self.packed[array.name] = Array(f"rows_of_{array.name}", (rows, array.shape[-1]))
+            self._declare(packed, "j")
+            self._call("pack_rows", self._numbers(array), rows, self.scope.size, self.scope.padded, f"{packed.name}[0]")
+        return self.packed[array.name]
+
+    def _numbers(self, array: Array) -> str:
+        """C text of a pointer to the numbers of an argument or a plain local array."""
+        public = array.name in {each.name for each in (*self.inputs, *self.results)}
+        if public or len(array.shape) == 1 or array.name in self.flat:
+            return array.name
+        return f"{array.name}[0]" if len(array.shape) == 2 else f"{array.name}[0][0]"
+
+    def _spread(self, step: Spread) -> None:
+        source, target, prefix = step.source, step.target, self.scope.prefix
+        m, M = len(self.scope.chain.joints), self.scope.size
+        self.flat.add(target.name)
+        self._note(f"{self.target.number} {target.name}[{target.size}];")
+        self.lines += ["", "/* joints that move together share a coordinate */"]
+        rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", target.name
+        if step.columns or len(source.shape) == 1:
+            self.operations = self.operations + Operations(multiply=target.size)
+            self._call("spread_columns", target.size // m, self._numbers(source), *rest)
+        else:
+            self.operations = self.operations + Operations(multiply=target.size + m * m)
+            self._call("spread_pairs", self._numbers(source), target.size // (m * m), *rest)
+
+    def _weights(self, step: Weights) -> None:
+        """Weights as rows of lanes, zero outside; or where the source has them, folded if both triangles count."""
+        M, m = self.scope.size, len(self.scope.chain.joints)
+        depth = step.source.size // (m * m)
+        source, between = self._numbers(step.source), step.over == "i on the way to j"
+        if not self.target.joint_lanes and not step.mirror and not between:
+            self.weights |= {step.target.name: (source, False), step.transposed.name: (source, True)}
+            return
+        folded = sum(i != j for i, j in indices(self.scope.chain, step.over)) if step.mirror else 0
+        self.operations = self.operations + Operations(add=depth * folded)
+        self.lines += ["", f"/* {step.target.name}_ij: what the pair {step.over} hands back */"]
+        targets = [step.target, step.transposed] if self.target.joint_lanes else [step.target]
+        for array in targets:
+            if self.target.joint_lanes:
+                self._note(f"lanes {array.name}[{M} * {depth}][{self.scope.padded}];")
+            else:
+                self._note(f"{self.target.number} {array.name}[{array.size}];")
+            self.weights[array.name] = array.name, False
+        if not self.target.joint_lanes:
+            self.weights[step.transposed.name] = step.target.name, False
+        into = [f"{array.name}[0]" if self.target.joint_lanes else array.name for array in targets]
+        shape = [M, *([depth, self.scope.padded] if self.target.joint_lanes else [])]
+        if between:
+            self._call("weigh_branches", source, M, f"{self.scope.prefix}parent_of", *shape[2:], *into)
+            return
+        name = "weigh_" + {"<": "upper", ">": "lower"}[step.over[1]]
+        flags = [int("=" in step.over), int(step.mirror)] if self.target.joint_lanes else []
+        self._call(name if self.target.joint_lanes else "fold_pairs", source, *shape, *flags, *into)
+
+    def _weight(self, operand: Operand, k: int) -> str:
+        """C text of a weight of the pair (i, j)."""
+        name, transposed = self.weights[operand.array.name]
+        depth = operand.count
+        if self.target.joint_lanes:
+            row = "i" if depth == 1 else f"{depth} * i + {k}"
+            return f"{name}[{row}][j]"
+        first, second = ("j", "i") if transposed else ("i", "j")
+        place = f"{self.scope.size} * {first} + {second}"
+        return f"{name}[{place}]" if depth == 1 else f"{name}[{depth} * ({place}) + {k}]"
+
+    def _sums(self, inputs: list[tuple[ca.SX, str]], wide: set[str], results: list[ca.SX]) -> tuple[list[str], Printed]:
+        """Declaration of sums of a body's entries that are not always zero, and the statements that add to them."""
+        stored = [value for value in results if not value.is_zero()]
+        row, zero = self.target.row, self.target.row_zero
+        if self.target.spread:
+            self.calls.add(self.target.spread)
+        printed = print_statements(
+            inputs,
+            [(f"sum[{k}]", value) for k, value in enumerate(stored)],
+            wide=wide,
+            target=self.target,
+            wide_outputs=True,
+            temporaries=self.temporaries,
+            accumulate=True,
+        )
+        self.calls |= printed.calls
+        opening = [
+            f"{row} sum[{len(stored)}];",
+            f"for (int k = 0; k < {len(stored)}; ++k) {{",
+            f"    sum[k] = {zero};",
+            "}",
+        ]
+        return opening, printed
+
+    def _gather(self, step: Gather) -> None:
+        size, target = self.scope.size, step.target
+        inputs, wide, results = self._run(step.operands, step.body, rows=True)
+        zeros = self.zero_rows[target.name] = {k for k, value in enumerate(results) if value.is_zero()}
+        self._declare(target, "j")
+        opening, printed = self._sums(inputs, wide, results)
+        pairs = sum(1 for _ in indices(self.scope.chain, step.over))
+        self.operations = self.operations + printed.operations.times(pairs)
+        start, stop = ("0", size)
+        if not self.target.joint_lanes:
+            start, stop = {
+                "i<=j": ("0", "j + 1"), "i<j": ("0", "j"), "i>=j": ("j", size), "i>j": ("j + 1", size),
+            }.get(step.over, (start, stop))  # fmt: skip
+        kept = [k for k in range(target.shape[0]) if k not in zeros]
+        stores = [f"{target.name}[{k}][j] = sum[{index}];" for index, k in enumerate(kept)]
+        if not zeros:
+            stores = [f"for (int k = 0; k < {len(kept)}; ++k) {{", f"    {target.name}[k][j] = sum[k];", "}"]
+        self.lines += [
+            "",
+            f"/* {step.comment} */",
+            f"for (int j = 0; j < {self._blocks}; ++j) {{",
+            *_indented(opening, 1),
+            f"    for (int i = {start}; i < {stop}; ++i) {{",
+            *_indented(printed.lines, 2),
+            "    }",
+            *_indented(stores, 1),
+            "}",
+        ]
+
+    def _reduce(self, step: Reduce) -> None:
+        inputs, wide, results = self._run(step.operands, step.body, rows=True)
+        opening, printed = self._sums(inputs, wide, results)
+        self.operations = self.operations + printed.operations.times(len(self.scope.chain.joints))
+        lines = [
+            *opening,
+            f"for (int j = 0; j < {self._blocks}; ++j) {{",
+            *_indented(printed.lines, 1),
+            "}",
+        ]
+        count = sum(not value.is_zero() for value in results)
+        source = "sum"
+        if self.target.joint_lanes:
+            lines += [f"double total[{count}];", self._called("add_lanes", "sum", count, "total")]
+            source = "total"
+        first = 0
+        for target in step.targets:
+            own, results = results[: target.size], results[target.size :]
+            first, assigned = self._distribute(target, own, source, first)
+            lines += assigned
+        self._store(step.targets, self.inputs)
+        self.lines += ["", f"/* {step.comment} */", "{", *_indented(lines, 1), "}"]
+
+    def _distribute(self, target: Array, values: list[ca.SX], source: str, first: int) -> tuple[int, list[str]]:
+        """Statements that give the sums from number ``first`` on to a target, and the number of the next one."""
+        if not self._public(target):
+            self.flat.add(target.name)
+            self._note(f"{self.target.number} {target.name}[{target.size}];")
+            self.zero_rows[target.name] = {k for k, value in enumerate(values) if value.is_zero()}
+        kept = [k for k, value in enumerate(values) if not value.is_zero()]
+        n = target.shape[0]
+        upper = [n * i + j for i in range(n) for j in range(i, n)] if len(target.shape) == 2 else []
+        if kept == upper and n > 2:
+            return first + len(kept), [self._called("put_upper", f"&{source}[{first}]", n, target.name)]
+        if len(kept) == len(values):
+            loop = f"for (int k = 0; k < {len(values)}; ++k) {{"
+            place = f"{source}[{first} + k]" if first else f"{source}[k]"
+            return first + len(kept), [loop, f"    {target.name}[k] = {place};", "}"]
+        zeros = [f"{target.name}[{k}] = {self.target.zero};" for k in range(target.size) if k not in kept]
+        sums = [f"{target.name}[{k}] = {source}[{first + index}];" for index, k in enumerate(kept)]
+        return first + len(kept), sums + (zeros if self._public(target) else [])
+
+    def _scan(self, step: Scan) -> None:
+        source, target = step.source, step.target
+        self._declare(target, "j")
+        self.lines += ["", f"/* {step.comment} */"]
+        zeros = self.zero_rows[target.name] = self.zero_rows.get(source.name, set())
+        rows = [k for k in range(source.shape[0]) if k not in zeros]
+        length = f"LANES * {self.scope.padded}" if self.target.joint_lanes else self.scope.size
+        self.operations = self.operations + Operations(add=len(rows) * len(self.scope.chain.joints))
+        helper = "sums_beyond" if step.beyond else "sums_up_to"
+        for _, run in itertools.groupby(enumerate(rows), lambda pair: pair[1] - pair[0]):
+            group = [row for _, row in run]
+            given, into = (f"{array.name}[{group[0]}]" for array in (source, target))
+            if self.target.joint_lanes:
+                given, into = f"(const double *){given}", f"(double *){into}"
+            self._call(helper, given, len(group), length, into)
 
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
@@ -663,17 +912,24 @@ class _KernelPrinter:
     def _sum(self, step: Sum) -> None:
         self._store(step.targets, self.inputs)
         parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.targets, strict=True)]
-        for part in parts if len(step.terms) > 1 else ():
-            self._declare_numbers(part, "")
+        for target, part in zip(step.targets, parts, strict=True) if len(step.terms) > 1 else ():
+            if target.name not in step.apart:
+                self._declare_numbers(part, "")
         for index, term in enumerate(step.terms):
-            given = []
+            given: list[str] = []
             for array, source in term.arguments:
                 offset = 0 if source.index is None else source.index * array.size
                 given.append(f"&{source.array.name}[{offset}]" if source.index is not None else source.array.name)
-            given += [array.name for array in (step.targets if index == 0 else parts)]
+            for target, part in zip(step.targets, parts, strict=True):
+                if target.name in step.apart:
+                    given.append(f"&{target.name}[{target.size // len(step.terms) * index}]")
+                else:
+                    given.append((target if index == 0 else part).name)
             self.lines.append(f"{self.printer.name}_{term.function}({', '.join(given)});")
             self.operations = self.operations + self.printer.finished[term.function]
             for target, part in zip(step.targets, parts, strict=True) if index > 0 else ():
+                if target.name in step.apart:
+                    continue
                 self.operations = self.operations + Operations(add=target.size)
                 self.lines += [
                     f"for (int k = 0; k < {target.size}; ++k) {{",

@@ -76,6 +76,8 @@ class Printed:
     calls: frozenset[str]
     temporaries: int
     """One past the last number of an unnamed local, t0, t1, ..."""
+    poison: str = ""
+    """The local that makes NaN of what depends on choices, if there is one."""
 
 
 @dataclass
@@ -202,6 +204,8 @@ def print_statements(
     wide_outputs: bool = False,
     define: int = 0,
     temporaries: int = 0,
+    accumulate: bool = False,
+    poison: str = "poison",
 ) -> Printed:
     """Print the statements that compute ``outputs``.
 
@@ -216,6 +220,8 @@ def print_statements(
         define: of so many outputs, the first ones, take the lvalues as names of new locals; what is a constant or has a
             name already gets no second one.
         temporaries: number of the first unnamed local.
+        accumulate: add to the lvalues.
+        poison: name of the local that makes NaN of what depends on choices.
 
     Returns:
         Lines without indentation.
@@ -229,7 +235,7 @@ def print_statements(
     writer.temporaries = temporaries
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
     if any(kind in _CONDITIONAL for kind, _, _ in (graph.keys[number] for number in writer.uses)):
-        writer.poison = "poison"
+        writer.poison = poison
         total = " + ".join(text for _, text in inputs)
         writer.reads |= set(range(len(inputs)))
         writer.poison_line(f"0.0 * ({total})", wide=bool(wide))
@@ -245,9 +251,9 @@ def print_statements(
         if index < define:
             values.append(writer.value(lvalue, number))
         else:
-            writer.assign(lvalue, number, wide=wide_outputs)
+            writer.assign(lvalue, number, wide=wide_outputs, sign="+=" if accumulate else "=")
     reads, calls = frozenset(writer.reads), frozenset(writer.calls)
-    return Printed(writer.lines, writer.operations, tuple(values), reads, calls, writer.temporaries)
+    return Printed(writer.lines, writer.operations, tuple(values), reads, calls, writer.temporaries, writer.poison)
 
 
 class _Writer:
@@ -336,7 +342,7 @@ class _Writer:
 
     def poison_line(self, text: str, *, wide: bool) -> None:
         """Define what is 0, or NaN if an input is NaN."""
-        self._write(f"const {self.target.row if wide else SCALAR} poison = {text};")
+        self._write(f"const {self.target.row if wide else SCALAR} {self.poison} = {text};")
 
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
@@ -352,7 +358,7 @@ class _Writer:
                 opened = True
                 self._define(name, number)
 
-    def assign(self, lvalue: str, number: int, *, wide: bool) -> None:
+    def assign(self, lvalue: str, number: int, *, wide: bool, sign: str = "=") -> None:
         inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
         if self.uses[inner] > 1 and not self._is_leaf(inner) and inner not in self.text:
             self._define(self._next_temporary(), inner)
@@ -360,7 +366,8 @@ class _Writer:
         text = self._expression(number)[0]
         if self.poison and self.graph.keys[inner][0] != "const":
             text = f"{text} + {self.poison}"
-        self._write(f"{lvalue} = {self._spread(text) if wide and number not in self.wide else text};")
+        self.operations.add += sign == "+="
+        self._write(f"{lvalue} {sign} {self._spread(text) if wide and number not in self.wide else text};")
 
     def value(self, name: str, number: int) -> str:
         """C text of a node, which is defined under ``name`` unless it is short already."""

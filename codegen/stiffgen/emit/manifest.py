@@ -48,6 +48,7 @@ def manifest_text(
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
         "springs": options.to_manifest(),
+        **({"derivatives": True} if options.derivatives else {}),
         "chain": _finite(asdict(chain)),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"

@@ -40,6 +40,11 @@ class Target:
     aligned: str = ""
 
     @property
+    def row_zero(self) -> str:
+        """C text of an entry of a row that is 0."""
+        return "0.0" if self.row == SCALAR else f"{self.spread}(0.0)"
+
+    @property
     def zero(self) -> str:
         """C text of a number that is 0."""
         return "0.0" if self.number == SCALAR else f"{self.spread}(0.0)"

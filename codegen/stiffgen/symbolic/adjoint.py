@@ -110,6 +110,10 @@ class _Reverse:
         self.bars: dict[str, list[Array]] = {}
         self.steps: list[Step] = []
         self.count = 0
+        self.zeros: dict[str, set[int]] = {}  # entries of columns of joints that are always zero
+        for step in program:
+            if isinstance(step, Map) and step.over == "j":
+                self.zeros[step.target.array.name] = _zeros(step, self.zeros)
         self.sparse = {step.target.name: step for step in program if isinstance(step, SparseSum)}
 
     def steps_of(self, arguments: Sequence[Array], results: Sequence[Array], cotangents: Sequence[Array]) -> Program:
@@ -120,6 +124,7 @@ class _Reverse:
                 self._step(step)
         for argument in arguments:
             self._finish(argument)
+        self._drop_unread()
         return self._needed() + tuple(self.steps)
 
     def _with_columns(self, step: Step) -> Step:
@@ -127,6 +132,19 @@ class _Reverse:
         if isinstance(step, Block) and step.moves and not step.columns:
             return programs.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.targets[0])
         return step
+
+    def _drop_unread(self) -> None:
+        """Leave out what nothing reads on the way back."""
+        results = set(self.final.values()) - set(self.final)
+        kept: list[Step] = []
+        needed: set[str] = set()
+        for step in reversed(self.steps):
+            written = {array.name for array in writes(step)}
+            is_result = any(name.endswith("_bar") for name in written) or written & results
+            if is_result or written & needed:
+                kept.append(step)
+                needed |= {array.name for array in reads(step)}
+        self.steps = kept[::-1]
 
     def _needed(self) -> Program:
         """The steps of the program whose values are read on the way back."""
@@ -192,11 +210,11 @@ class _Reverse:
         """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
         bars = tuple(Operand(bar, step.target.at) for bar in self.bars[step.target.array.name])
         whole: dict[str, tuple[Array, ca.SX]] = {}
-        values = [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
+        values = self._values(step)
         seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
         given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
         seed = sum((_column(each) for each in seeds), ca.SX(0))
-        loss = ca.dot(_column(step.body(*values)), seed)
+        loss = ca.dot(_column(step.body(*self._known(step, values))), seed)
         for operand, value in zip(step.operands, values, strict=True):
             gradient = ca.densify(ca.gradient(loss, value))
             if gradient.is_zero():
@@ -242,10 +260,10 @@ class _Reverse:
         shape = (m, m, *step.target.array.shape[2:])
         weights, transposed = (self._local(name, shape) for name in ("W", "WT"))
         self.steps.append(Weights(bar, weights, transposed, step.over, step.mirror))
-        values = [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
+        values = self._values(step)
         pair = Operand(weights, "ij")
         seed = _symbols(pair, "c_")
-        loss = ca.dot(_column(step.body(*values)), _column(seed))
+        loss = ca.dot(_column(step.body(*self._known(step, values))), _column(seed))
         for operand, value in zip(step.operands, values, strict=True):
             if operand.at not in ("i", "j"):
                 raise NotImplementedError("a map over pairs has operands of its joints only")
@@ -253,11 +271,21 @@ class _Reverse:
             all_operands = [_flipped(each) if flip else each for each in step.operands]
             weighted = Operand(transposed if flip else weights, "ij")
             given = tuple(zip((*all_operands, weighted), (*values, seed), strict=True))
-            operands, body = _pruned(given, ca.densify(ca.gradient(loss, value)))
+            gradient = ca.densify(ca.gradient(loss, value))
+            if gradient.is_zero():
+                continue
+            operands, body = _pruned(given, gradient)
             over = _FLIPPED[step.over] if flip else step.over
             summed = "j" if flip else "i"
             comment = f"gradient by {_shown(operand.array)}_{operand.at}: sum over the joints {summed} of its pairs"
             self.steps.append(Gather(comment, over, self._new(operand.array), operands, body))
+
+    def _values(self, step: Map) -> list[ca.SX]:
+        return [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
+
+    def _known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
+        """The same with zeros where an operand is always zero: nothing flows through these."""
+        return [_cleared(value, self.zeros.get(o.array.name)) for o, value in zip(step.operands, values, strict=True)]
 
     def _local(self, name: str, shape: tuple[int, ...]) -> Array:
         self.count += 1
@@ -398,6 +426,22 @@ def _trimmed(step: Step, needed: set[str]) -> Step:
 
     columns = sum(target in kept for target in step.targets[: step.columns])
     return replace(step, targets=tuple(kept), expressions=expressions, columns=columns)
+
+
+def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
+    """Entries of a map's target that are zero whatever it reads."""
+    values = [
+        _cleared(_symbols(operand, f"x{k}_"), before.get(operand.array.name) if operand.at else None)
+        for k, operand in enumerate(step.operands)
+    ]
+    result = _column(step.body(*values))
+    return {k for k in range(result.numel()) if result[k].is_zero()}
+
+
+def _cleared(value: ca.SX, zeros: set[int] | None) -> ca.SX:
+    if not zeros:
+        return value
+    return ca.vertcat(*(ca.SX(0) if k in zeros else value[k] for k in range(value.numel())))
 
 
 def _flipped(operand: Operand) -> Operand:

@@ -32,6 +32,7 @@ class StiffnessModel:
         placement: axes and centre of stiffness.
         potentials: functions U(p, R, parameters) of your own (:mod:`stiffgen.symbolic.potentials`); the group has the
             function's name.
+        derivatives: every function has its vector-Jacobian product beside it, ``model.hybrid.joint_stiffness_vjp``.
 
     Raises:
         PotentialError: a spring or potential is refused.
@@ -54,10 +55,12 @@ class StiffnessModel:
         springs: Sequence[str] = (),
         placement: Placement | None = None,
         potentials: Sequence[Callable[..., Any]] = (),
+        derivatives: bool = False,
     ) -> None:
         self.chain = chain
         own = tuple(Potential(function) for function in potentials)
-        for kernel in chain_kernels(chain, SpringOptions(tuple(springs), placement or Placement(), own)):
+        options = SpringOptions(tuple(springs), placement or Placement(), own, derivatives)
+        for kernel in chain_kernels(chain, options):
             owner: object = self
             for name in kernel.path:
                 if not hasattr(owner, name):

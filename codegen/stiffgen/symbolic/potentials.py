@@ -244,10 +244,12 @@ def springs_of_manifest(content: dict[str, Any]) -> SpringOptions:
     recorded = content.get("springs")
     if recorded is None:
         return SpringOptions()
+    derivatives = bool(content.get("derivatives", False))
     names = {spring(kind).name: kind for kind in KINDS}
     x, y, z = map(float, recorded["centre"])
     return SpringOptions(
         tuple(names[name] for name in recorded["kinds"] if name in names),
         Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
         tuple(potential_of_source(each["source"], each["file"], each["function"]) for each in recorded["potentials"]),
+        derivatives,
     )
