@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import casadi as ca
 
-from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
+from stiffgen.emit.expressions import WIDEST, Named, Operations, Printed, eights, print_statements, wrap_list
 from stiffgen.emit.target import SCALAR, Target
 from stiffgen.names import c_comment
 from stiffgen.robot.chain import Chain
@@ -767,8 +767,13 @@ class _KernelPrinter:
         place = f"{self.scope.size} * {first} + {second}"
         return f"{name}[{place}]" if depth == 1 else f"{name}[{depth} * ({place}) + {k}]"
 
-    def _sums(self, inputs: list[tuple[ca.SX, str]], wide: set[str], results: list[ca.SX]) -> tuple[list[str], Printed]:
-        """Declaration of sums of a body's entries that are not always zero, and the statements that add to them."""
+    def _sums(
+        self, inputs: list[tuple[ca.SX, str]], wide: set[str], results: list[ca.SX], *, whole: bool = False
+    ) -> tuple[list[str], Printed]:
+        """Declaration of sums of a body's entries that are not always zero, and the statements that add to them.
+
+        With ``whole`` there is room for squares of lanes.
+        """
         stored = [value for value in results if not value.is_zero()]
         row, zero = self.target.row, self.target.row_zero
         if self.target.spread:
@@ -783,9 +788,10 @@ class _KernelPrinter:
             accumulate=True,
         )
         self.calls |= printed.calls
+        room = -(-len(stored) // WIDEST) * WIDEST if whole and self.target.joint_lanes else len(stored)
         opening = [
-            f"{row} sum[{len(stored)}];",
-            f"for (int k = 0; k < {len(stored)}; ++k) {{",
+            f"{row} sum[{room}];",
+            f"for (int k = 0; k < {room}; ++k) {{",
             f"    sum[k] = {zero};",
             "}",
         ]
@@ -822,7 +828,7 @@ class _KernelPrinter:
 
     def _reduce(self, step: Reduce) -> None:
         inputs, wide, results = self._run(step.operands, step.body, rows=True)
-        opening, printed = self._sums(inputs, wide, results)
+        opening, printed = self._sums(inputs, wide, results, whole=True)
         self.operations = self.operations + printed.operations.times(len(self.scope.chain.joints))
         lines = [
             *opening,
@@ -833,14 +839,18 @@ class _KernelPrinter:
         count = sum(not value.is_zero() for value in results)
         source = "sum"
         if self.target.joint_lanes:
-            lines += [f"double total[{count}];", self._called("add_lanes", "sum", count, "total")]
+            room = -(-count // WIDEST) * WIDEST
+            lines += [
+                f"lanes total_of[{room} / LANES];",
+                self._called("add_lanes", "sum", count, "total_of"),
+                "const double *const total = (const double *)total_of;",
+            ]
             source = "total"
         first = 0
         for target in step.targets:
             own, results = results[: target.size], results[target.size :]
             first, assigned = self._distribute(target, own, source, first)
             lines += assigned
-        self._store(step.targets, self.inputs)
         self.lines += ["", f"/* {step.comment} */", "{", *_indented(lines, 1), "}"]
 
     def _distribute(self, target: Array, values: list[ca.SX], source: str, first: int) -> tuple[int, list[str]]:
