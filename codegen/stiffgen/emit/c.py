@@ -1,4 +1,4 @@
-"""Kernel table -> the bodies of the C functions.
+"""Kernel table -> C functions, as statements.
 
 Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there
 (templates/lanes.c).
@@ -388,11 +388,7 @@ class _KernelPrinter:
         self._store(step.targets, step.arguments)
         if targets != step.targets:
             public = step.targets[0]
-            self.lines += [
-                f"for (int k = 0; k < {public.shape[0]}; ++k) {{",
-                f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
-                "}",
-            ]
+            self._call("copy_rows", f"(const {SCALAR} *)J", f"LANES * {self.scope.padded}", public.shape[0], public.name)
 
     def _passed(self, target: Array) -> str:
         """C text of the array of columns that a block's function is to fill."""
@@ -437,8 +433,8 @@ class _KernelPrinter:
             symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
             inputs += [(symbol, self._write(Operand(array, ""), k)) for k, symbol in enumerate(symbols)]
             taken.append(as_operand(array.shape, symbols))
-        changed = ca.densify(step.body(*taken[len(step.reads) - len(step.operands) :]))
-        whole = ca.densify(step.whole().body(*taken))
+        changed = ca.densify(step.expression(*taken[len(step.reads) - len(step.operands) :]))
+        whole = ca.densify(step.whole().expression(*taken))
         rows, columns = step.target.shape
         places = [(r, c) for r in range(rows) for c in range(columns) if not changed[r, c].is_zero()]
         if step.start is not None:
@@ -488,7 +484,7 @@ class _KernelPrinter:
                 wide |= {text} if is_wide else set()
                 entries.append(symbol)
             taken.append(as_operand(operand_shape(operand), entries))
-        dense = ca.densify(step.body(*taken))
+        dense = ca.densify(step.expression(*taken))
         results = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         target = step.target
         zeros: set[int] = set()
@@ -567,24 +563,24 @@ class _KernelPrinter:
             return printed.lines
         if step.over == "j":
             return [f"for (int j = 0; j < {self._blocks}; ++j) {{", *_indented(printed.lines, 1), "}"]
-        target, body = step.target, printed.lines
+        target, lines = step.target, printed.lines
         if step.over == "i on the way to j":
             mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
             return [
                 f"for (int j = 0; j < {size}; ++j) {{",
                 f"    for (int i = j; i >= 0; i = {self.scope.prefix}parent_of[i]) {{",
-                *_indented([*body, *(mirrored if step.mirror else [])], 2),
+                *_indented([*lines, *(mirrored if step.mirror else [])], 2),
                 "    }",
                 "}",
             ]
         start, condition, _, _ = (text.format(size=size) for text in _RANGES[step.over])
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
-            body = [f"{self.target.number} *const entry = &{position};", *body]
+            lines = [f"{self.target.number} *const entry = &{position};", *lines]
         return [
             f"for (int i = 0; i < {size}; ++i) {{",
             f"    for (int {start}; {condition}; ++j) {{",
-            *_indented(body, 2),
+            *_indented(lines, 2),
             "    }",
             "}",
             *self._mirrored(step),
@@ -675,11 +671,7 @@ class _KernelPrinter:
             self.operations = self.operations + self.printer.finished[term.function]
             for target, part in zip(step.targets, parts, strict=True) if index > 0 else ():
                 self.operations = self.operations + Operations(add=target.size)
-                self.lines += [
-                    f"for (int k = 0; k < {target.size}; ++k) {{",
-                    f"    {target.name}[k] += {part.name}[k];",
-                    "}",
-                ]
+                self._call("add_numbers", part.name, target.size, target.name)
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:
