@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
-from stiffgen.emit.target import SCALAR, Target
-from stiffgen.names import c_comment
+from stiffgen.emit.expressions import WIDEST, Named, Operations, Printed, eights, print_statements, wrap_list
+from stiffgen.emit.target import Target
+from stiffgen.names import c_comment, comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
@@ -71,6 +71,16 @@ class Scope:
     def padded(self) -> str:
         """C name of the number of lanes that a row over joints has."""
         return f"{self.prefix}PADDED"
+
+    @property
+    def padded_size(self) -> int:
+        """Numbers in these lanes."""
+        return -(-len(self.chain.joints) // WIDEST) * WIDEST
+
+    @property
+    def title(self) -> str:
+        """The tip link, fit for a comment; "" where the chain is the robot."""
+        return comment(self.chain.tip) if self.prefix else ""
 
 
 @dataclass(frozen=True)
@@ -388,7 +398,8 @@ class _KernelPrinter:
         self._store(step.targets, step.arguments)
         if targets != step.targets:
             public = step.targets[0]
-            self._call("copy_rows", f"(const {SCALAR} *)J", f"LANES * {self.scope.padded}", public.shape[0], public.name)
+            first = f"(const {self.target.scalar.name} *)J"
+            self._call("copy_rows", first, f"LANES * {self.scope.padded}", public.shape[0], public.name)
 
     def _passed(self, target: Array) -> str:
         """C text of the array of columns that a block's function is to fill."""
@@ -601,7 +612,7 @@ class _KernelPrinter:
         self.calls.add(name)
         if helper == "copy_finite":
             self.calls.add(self.target.guard)
-        if helper.startswith(("sum_", "clear")) and self.target.number != SCALAR:
+        if helper.startswith(("sum_", "clear")) and self.target.lanes == "configurations":
             self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
@@ -620,8 +631,8 @@ class _KernelPrinter:
                 return f"{array.name}[{k}][j]", True
             view = f"{array.name}_of"
             row = f"[LANES * {self.scope.padded}]"
-            declared = f"const double (*const {view}){row}"
-            self._note(f"{declared} = (const double (*){row}){array.name}; /* joint by joint */")
+            declared = f"const {self.target.scalar.name} (*const {view}){row}"
+            self._note(f"{declared} = (const {self.target.scalar.name} (*){row}){array.name}; /* joint by joint */")
             return f"{view}[{k}][{operand.at}]", False
         return self._write(operand, k), not self.target.joint_lanes
 
@@ -644,7 +655,7 @@ class _KernelPrinter:
         if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             if source.name in self.lane_arrays:
-                first = f"(const {SCALAR} *){source.name}", f"LANES * {self.scope.padded}"
+                first = f"(const {self.target.scalar.name} *){source.name}", f"LANES * {self.scope.padded}"
             else:
                 first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
             rows = 1 if len(source.shape) == 1 else source.shape[0]
