@@ -30,7 +30,7 @@ PAGES = (
 )  # fmt: skip
 CONTENTS = {
     "Concepts": ("docs/theory", "docs/glossary"),
-    "Use": ("docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze"),
+    "Use": ("docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze", "docs/troubleshooting"),
     "Evidence": ("docs/performance", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
@@ -182,7 +182,7 @@ def stage(folder: Path) -> None:
             target = folder / file.relative_to(ROOT)
             target.parent.mkdir(parents=True, exist_ok=True)
             if file.suffix == ".md":
-                target.write_text(file.read_text().replace("(../README.md)", "(../index.md)"))
+                target.write_text(file.read_text().replace("(../README.md", "(../index.md"))
             else:
                 shutil.copyfile(file, target)
     (folder / "index.md").write_text(index())
