@@ -280,7 +280,7 @@ static inline void clear(int size, double *to)
 static inline void copy_rows(const double *from, int stride, int rows, double *to)
 {
     for (int k = 0; k < rows; ++k) {
-        memcpy(&to[N * k], &from[stride * k], N * sizeof(double));
+        memcpy(&to[N * k], &from[stride * k], N * sizeof to[0]);
     }
 }
 
