@@ -280,9 +280,8 @@ static inline void copy_rows(const double *from, int stride, int rows, double *t
 static inline void copy_symmetric(const double *from, int n, double *to)
 {
     for (int i = 0; i < n; ++i) {
-        for (int j = i; j < n; ++j) {
-            to[n * i + j] = from[n * i + j];
-            to[n * j + i] = from[n * i + j];
+        for (int j = 0; j < n; ++j) {
+            to[n * i + j] = from[i < j ? n * i + j : n * j + i];
         }
     }
 }
@@ -3300,9 +3299,8 @@ static inline void store_lanes(const lanes *from, size_t left, int size, double 
 static inline void copy_symmetric_lanes(const lanes *from, int n, lanes *to)
 {
     for (int i = 0; i < n; ++i) {
-        for (int j = i; j < n; ++j) {
-            to[n * i + j] = from[n * i + j];
-            to[n * j + i] = from[n * i + j];
+        for (int j = 0; j < n; ++j) {
+            to[n * i + j] = from[i < j ? n * i + j : n * j + i];
         }
     }
 }
