@@ -23,7 +23,7 @@ _SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 _STEP = 4e-3
 """Along a direction of about 1 in every angle [rad]; other arguments change by as much of their size."""
 _DIRECTIONS = 3
-_BOUND = 1e-9
+_BOUND = 1e-10
 _AGREE = 1e-8
 
 
@@ -45,14 +45,16 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, pool: Mapping[Argument,
     gradients = as_results(kernels[kernel.qualified_name](*values, *cotangents))
     worst, used = 0.0, 0
     for _ in range(_DIRECTIONS):
-        directions = [random.uniform(-1, 1, value.shape) * _scale(value, a) for value, a in zip(values, of.arguments)]
+        directions = [
+            random.uniform(-1, 1, value.shape) * _scale(value, a) for value, a in zip(values, of.arguments, strict=True)
+        ]
         losses = {
             k: _loss(kernels[of.qualified_name], values, directions, cotangents, k * _STEP)
             for k in range(-4, 5)
             if k != 0
         }
         eighth, sixth = (
-            sum(weight * (losses[k][0] - losses[-k][0]) for k, weight in weights.items()) / _STEP
+            np.sum([w * (losses[k][0] - losses[-k][0]) for k, w in weights.items()], axis=0) / _STEP
             for weights in (_EIGHTH, _SIXTH)
         )
         terms = [_per_state(g * d) for g, d in zip(gradients, directions, strict=True)]
@@ -67,7 +69,9 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, pool: Mapping[Argument,
         if not np.isfinite(error).all():
             worst = math.inf
     if used < len(values[0]):  # of three directions each
-        return Check(kernel.qualified_name, "differences of the function", math.inf, _BOUND, f"{used} states are smooth")
+        return Check(
+            kernel.qualified_name, "differences of the function", math.inf, _BOUND, f"{used} states are smooth"
+        )
     return Check(kernel.qualified_name, "differences of the function", worst, _BOUND)
 
 

@@ -1,4 +1,4 @@
-"""Kernel table -> the bodies of the C functions.
+"""Kernel table -> C functions, as statements.
 
 Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there
 (templates/lanes.c).
@@ -16,8 +16,8 @@ from types import MappingProxyType
 import casadi as ca
 
 from stiffgen.emit.expressions import WIDEST, Named, Operations, Printed, eights, print_statements, wrap_list
-from stiffgen.emit.target import SCALAR, Target
-from stiffgen.names import c_comment
+from stiffgen.emit.target import Target
+from stiffgen.names import c_comment, comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
@@ -79,6 +79,16 @@ class Scope:
     def padded(self) -> str:
         """C name of the number of lanes that a row over joints has."""
         return f"{self.prefix}PADDED"
+
+    @property
+    def padded_size(self) -> int:
+        """Numbers in these lanes."""
+        return -(-len(self.chain.joints) // WIDEST) * WIDEST
+
+    @property
+    def title(self) -> str:
+        """The tip link, fit for a comment; "" where the chain is the robot."""
+        return comment(self.chain.tip) if self.prefix else ""
 
 
 @dataclass(frozen=True)
@@ -423,8 +433,8 @@ class _KernelPrinter:
             self.lines.append(f"{function.name}{self.target.suffix}({self._given(step)}, {into});")
         else:
             private = {target.name for target in targets if not self._public(target)}
-            public = {array.name for array in self.inputs}
-            local = {a.name: self._texts(a) for a in step.arguments if a.name not in public}
+            inputs = {array.name for array in self.inputs}
+            local = {a.name: self._texts(a) for a in step.arguments if a.name not in inputs}
             block = self.printer.block(
                 self.scope, step, targets, local, private, self.zero_rows, self.temporaries, self.guards
             )
@@ -435,11 +445,8 @@ class _KernelPrinter:
         self._store(step.targets, step.arguments)
         if targets != step.targets:
             public = step.targets[0]
-            self.lines += [
-                f"for (int k = 0; k < {public.shape[0]}; ++k) {{",
-                f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
-                "}",
-            ]
+            first = f"(const {self.target.scalar.name} *)J"
+            self._call("copy_rows", first, f"LANES * {self.scope.padded}", public.shape[0], public.name)
 
     def _texts(self, array: Array) -> list[str]:
         """C texts of the entries of an array that an earlier step wrote."""
@@ -491,20 +498,20 @@ class _KernelPrinter:
             symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
             inputs += [(symbol, self._write(Operand(array, ""), k)) for k, symbol in enumerate(symbols)]
             taken.append(as_operand(array.shape, symbols))
-        changed = ca.densify(step.body(*taken[len(step.reads) - len(step.operands) :]))
-        whole = ca.densify(step.whole().body(*taken))
-        rows, columns = step.target.shape
-        places = [(r, c) for r in range(rows) for c in range(columns) if not changed[r, c].is_zero()]
+        changed = ca.densify(step.expression(*taken[len(step.reads) - len(step.operands) :]))
+        whole = ca.densify(step.whole().expression(*taken))
+        n = step.target.shape[0]
+        changes = [k for k in range(n * n) if not changed[k // n, k % n].is_zero()]
+        texts = [self._write(Operand(step.target, ""), k) for k in range(n * n)]
+        outputs = []
         if step.start is not None:
-            self._call("copy_symmetric", self._first(step.start), rows, self._first(step.target))
-        else:
-            # Only what lies between: entries that are cleared and stored again take clang a fifth longer.
-            stored = [-1, *(columns * r + c for r, c in places), step.target.size]
-            for before, after in itertools.pairwise(stored):
-                if after - before > 1:
-                    first = self._write(Operand(step.target, ""), before + 1)
-                    self._call("clear", after - before - 1, f"&{first}")
-        outputs = [(self._write(Operand(step.target, ""), columns * r + c), whole[r, c]) for r, c in places]
+            self._call("copy_symmetric", self._first(step.start), n, self._first(step.target))
+        for before, k in zip([-1, *changes], [*changes, n * n], strict=True):
+            # What lies between is 0, one statement a run, in the order of the places: compilers make wide stores of it.
+            if step.start is None and k - before > 1:
+                outputs.append((" = ".join(reversed(texts[before + 1 : k])), ca.SX(0)))
+            if k < n * n:
+                outputs.append((texts[k], whole[k // n, k % n]))
         every = not self.target.joint_lanes
         printed = print_statements(
             inputs,
@@ -527,7 +534,7 @@ class _KernelPrinter:
 
     def _map(self, step: Map) -> None:
         rows = self._by_rows(step)
-        inputs, wide, results = self._run(step.operands, step.body, rows=rows or step.over == "j")
+        inputs, wide, results = self._run(step.operands, step.expression, rows=rows or step.over == "j")
         target = step.target
         zeros: set[int] = set()
         if not self._public(target.array) and target.at in ("", "j"):
@@ -627,24 +634,24 @@ class _KernelPrinter:
             return printed.lines
         if step.over == "j":
             return [f"for (int j = 0; j < {self._blocks}; ++j) {{", *_indented(printed.lines, 1), "}"]
-        target, body = step.target, printed.lines
+        target, lines = step.target, printed.lines
         if step.over == "i on the way to j":
             mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
             return [
                 f"for (int j = 0; j < {size}; ++j) {{",
                 f"    for (int i = j; i >= 0; i = {self.scope.prefix}parent_of[i]) {{",
-                *_indented([*body, *(mirrored if step.mirror else [])], 2),
+                *_indented([*lines, *(mirrored if step.mirror else [])], 2),
                 "    }",
                 "}",
             ]
         start, condition, _, _ = (text.format(size=size) for text in _RANGES[step.over])
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
-            body = [f"{self.target.number} *const entry = &{position};", *body]
+            lines = [f"{self.target.number} *const entry = &{position};", *lines]
         return [
             f"for (int i = 0; i < {size}; ++i) {{",
             f"    for (int {start}; {condition}; ++j) {{",
-            *_indented(body, 2),
+            *_indented(lines, 2),
             "    }",
             "}",
             *self._mirrored(step),
@@ -665,7 +672,7 @@ class _KernelPrinter:
         self.calls.add(name)
         if helper == "copy_finite":
             self.calls.add(self.target.guard)
-        if helper.startswith(("sum_", "clear")) and self.target.number != SCALAR:
+        if helper.startswith("sum_") and self.target.lanes == "configurations":
             self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
@@ -693,8 +700,9 @@ class _KernelPrinter:
         """C name under which lanes of joints are read joint by joint."""
         view = f"{array.name}_of"
         row = f"[LANES * {self.scope.padded}]"
-        declared = f"const double (*const {view}){row}"
-        self._note(f"{declared} = (const double (*){row}){array.name}; /* joint by joint */")
+        scalar = self.target.scalar.name
+        declared = f"const {scalar} (*const {view}){row}"
+        self._note(f"{declared} = (const {scalar} (*){row}){array.name}; /* joint by joint */")
         return view
 
     def _packed(self, array: Array) -> Array:
@@ -775,9 +783,6 @@ class _KernelPrinter:
         With ``whole`` there is room for squares of lanes.
         """
         stored = [value for value in results if not value.is_zero()]
-        row, zero = self.target.row, self.target.row_zero
-        if self.target.spread:
-            self.calls.add(self.target.spread)
         printed = print_statements(
             inputs,
             [(f"sum[{k}]", value) for k, value in enumerate(stored)],
@@ -789,17 +794,12 @@ class _KernelPrinter:
         )
         self.calls |= printed.calls
         room = -(-len(stored) // WIDEST) * WIDEST if whole and self.target.joint_lanes else len(stored)
-        opening = [
-            f"{row} sum[{room}];",
-            f"for (int k = 0; k < {room}; ++k) {{",
-            f"    sum[k] = {zero};",
-            "}",
-        ]
+        opening = [f"{self.target.row} sum[{room}];", "memset(sum, 0, sizeof sum);"]
         return opening, printed
 
     def _gather(self, step: Gather) -> None:
         size, target = self.scope.size, step.target
-        inputs, wide, results = self._run(step.operands, step.body, rows=True)
+        inputs, wide, results = self._run(step.operands, step.expression, rows=True)
         zeros = self.zero_rows[target.name] = {k for k, value in enumerate(results) if value.is_zero()}
         self._declare(target, "j")
         opening, printed = self._sums(inputs, wide, results)
@@ -827,7 +827,7 @@ class _KernelPrinter:
         ]
 
     def _reduce(self, step: Reduce) -> None:
-        inputs, wide, results = self._run(step.operands, step.body, rows=True)
+        inputs, wide, results = self._run(step.operands, step.expression, rows=True)
         opening, printed = self._sums(inputs, wide, results, whole=True)
         self.operations = self.operations + printed.operations.times(len(self.scope.chain.joints))
         lines = [
@@ -843,7 +843,7 @@ class _KernelPrinter:
             lines += [
                 f"lanes total_of[{room} / LANES];",
                 self._called("add_lanes", "sum", count, "total_of"),
-                "const double *const total = (const double *)total_of;",
+                f"const {self.target.scalar.name} *const total = (const {self.target.scalar.name} *)total_of;",
             ]
             source = "total"
         first = 0
@@ -885,7 +885,8 @@ class _KernelPrinter:
             group = [row for _, row in run]
             given, into = (f"{array.name}[{group[0]}]" for array in (source, target))
             if self.target.joint_lanes:
-                given, into = f"(const double *){given}", f"(double *){into}"
+                scalar = self.target.scalar.name
+                given, into = f"(const {scalar} *){given}", f"({scalar} *){into}"
             self._call(helper, given, len(group), length, into)
 
     def _write(self, operand: Operand, k: int) -> str:
@@ -907,7 +908,7 @@ class _KernelPrinter:
         if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             if source.name in self.lane_arrays:
-                first = f"(const {SCALAR} *){source.name}", f"LANES * {self.scope.padded}"
+                first = f"(const {self.target.scalar.name} *){source.name}", f"LANES * {self.scope.padded}"
             else:
                 first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
             rows = 1 if len(source.shape) == 1 else source.shape[0]
@@ -922,8 +923,8 @@ class _KernelPrinter:
     def _sum(self, step: Sum) -> None:
         self._store(step.targets, self.inputs)
         parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.targets, strict=True)]
-        for target, part in zip(step.targets, parts, strict=True) if len(step.terms) > 1 else ():
-            if target.name not in step.apart:
+        for target, part in zip(step.targets, parts, strict=True):
+            if len(step.terms) > 1 and target.name not in step.apart:
                 self._declare_numbers(part, "")
         for index, term in enumerate(step.terms):
             given: list[str] = []
@@ -941,11 +942,7 @@ class _KernelPrinter:
                 if target.name in step.apart:
                     continue
                 self.operations = self.operations + Operations(add=target.size)
-                self.lines += [
-                    f"for (int k = 0; k < {target.size}; ++k) {{",
-                    f"    {target.name}[k] += {part.name}[k];",
-                    "}",
-                ]
+                self._call("add_numbers", part.name, target.size, target.name)
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

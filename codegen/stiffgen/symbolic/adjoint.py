@@ -214,7 +214,7 @@ class _Reverse:
         seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
         given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
         seed = sum((_column(each) for each in seeds), ca.SX(0))
-        loss = ca.dot(_column(step.body(*self._known(step, values))), seed)
+        loss = ca.dot(_column(step.expression(*self._known(step, values))), seed)
         for operand, value in zip(step.operands, values, strict=True):
             gradient = ca.densify(ca.gradient(loss, value))
             if gradient.is_zero():
@@ -245,7 +245,7 @@ class _Reverse:
         if step is None:
             return [(array, _column(gradient))]
         symbols = [ca.SX.sym(each.name, *_extents(each.shape)) for each in step.reads]
-        loss = ca.dot(_column(step.whole().body(*symbols)), _column(gradient))
+        loss = ca.dot(_column(step.whole().expression(*symbols)), _column(gradient))
         parts = []
         for each, symbol in zip(step.reads, symbols, strict=True):
             parts.append((each, _column(ca.densify(ca.gradient(loss, symbol)))))
@@ -263,7 +263,7 @@ class _Reverse:
         values = self._values(step)
         pair = Operand(weights, "ij")
         seed = _symbols(pair, "c_")
-        loss = ca.dot(_column(step.body(*self._known(step, values))), _column(seed))
+        loss = ca.dot(_column(step.expression(*self._known(step, values))), _column(seed))
         for operand, value in zip(step.operands, values, strict=True):
             if operand.at not in ("i", "j"):
                 raise NotImplementedError("a map over pairs has operands of its joints only")
@@ -434,7 +434,7 @@ def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
         _cleared(_symbols(operand, f"x{k}_"), before.get(operand.array.name) if operand.at else None)
         for k, operand in enumerate(step.operands)
     ]
-    result = _column(step.body(*values))
+    result = _column(step.expression(*values))
     return {k for k in range(result.numel()) if result[k].is_zero()}
 
 
@@ -482,5 +482,3 @@ def _pruned(
         return ca.densify(ca.substitute(expression, place, ca.vertcat(*(ca.vec(ca.densify(v)) for v in values))))
 
     return tuple(operand for operand, _ in dependent), body
-
-

@@ -44,14 +44,14 @@ class Array:
 
 @dataclass(frozen=True)
 class Operand:
-    """What a map's body reads or writes of an array: all of it (""), column i or j, or the element(s) [i, j]."""
+    """What a map's expression reads or writes of an array: all of it (""), column i or j, or the element(s) [i, j]."""
 
     array: Array
     at: Literal["", "i", "j", "ij"]
 
     @property
     def count(self) -> int:
-        """Entries that one evaluation of the body touches."""
+        """Entries that one evaluation of the expression touches."""
         if self.at == "":
             return self.array.size
         if self.at == "ij":
@@ -76,8 +76,8 @@ class Block:
     function of its own (its arguments are then those of the kernel); without a name it is part of its kernel.
     ``heading`` is the comment over the statements that fill the targets, ``meaning`` the one over the function.
     ``q_enters_linearly`` says that q is more than the argument of sines, so that infinity in it does not become NaN by
-    itself (of sliding joints this is known). ``moves`` says that the targets are Jacobian columns of this representation,
-    the tip's pose (named as :data:`POSE_NAME`), or both: how they change with q is then known from the columns.
+    itself (of sliding joints this is known). ``moves`` says that the targets are Jacobian columns of this
+    representation, the tip's pose, or both: how they change with q is then known from the columns.
     """
 
     targets: tuple[Array, ...]
@@ -109,13 +109,13 @@ def indices(chain: Chain, over: Over) -> Iterator[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Map:
-    """``target = body(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
+    """``target = expression(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
 
     comment: str
     over: Over
     target: Operand
     operands: tuple[Operand, ...]
-    body: Callable[..., ca.SX]
+    expression: Callable[..., ca.SX]
     mirror: bool = False
 
     def indices(self, chain: Chain) -> Iterator[tuple[int, int]]:
@@ -125,17 +125,18 @@ class Map:
 
 @dataclass(frozen=True)
 class SparseSum:
-    """``target = start + body(*operands)``, square, where most entries of ``body`` are zero whatever the operands.
+    """``target = start + expression(*operands)``, square, where most of the expression's entries are zero whatever the
+    operands.
 
-    Of ``start`` the upper triangle is read and taken for both; None is zero. C code copies the start, or
-    clears, in loops and then stores the entries in which ``body`` is not zero.
+    Of ``start`` the upper triangle is read and taken for both; None is zero. C code copies the start in a loop and then
+    stores the entries that change; without a start, neighbouring zeros share a statement.
     """
 
     comment: str
     target: Array
     start: Array | None
     operands: tuple[Array, ...]
-    body: Callable[..., ca.SX]
+    expression: Callable[..., ca.SX]
 
     @property
     def reads(self) -> tuple[Array, ...]:
@@ -145,12 +146,12 @@ class SparseSum:
     def whole(self) -> Map:
         """The same as a map that writes every entry."""
 
-        def body(*values: ca.SX) -> ca.SX:
+        def total(*values: ca.SX) -> ca.SX:
             if self.start is None:
-                return self.body(*values)
-            return symmetric_from_upper(values[0]) + self.body(*values[1:])
+                return self.expression(*values)
+            return symmetric_from_upper(values[0]) + self.expression(*values[1:])
 
-        return Map(self.comment, "", Operand(self.target, ""), tuple(Operand(a, "") for a in self.reads), body)
+        return Map(self.comment, "", Operand(self.target, ""), tuple(Operand(a, "") for a in self.reads), total)
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ class Weights:
 
 @dataclass(frozen=True)
 class Gather:
-    """``target[:, j]`` = sum of ``body(*operands)`` over all joints i with (i, j) in ``over``.
+    """``target[:, j]`` = sum of ``expression(*operands)`` over all joints i with (i, j) in ``over``.
 
     What is read at "ij" is an array of :class:`Weights`, zero outside of ``over``.
     """
@@ -204,17 +205,17 @@ class Gather:
     over: Over
     target: Array
     operands: tuple[Operand, ...]
-    body: Callable[..., ca.SX]
+    expression: Callable[..., ca.SX]
 
 
 @dataclass(frozen=True)
 class Reduce:
-    """``targets`` = sums of ``body(*operands)`` over all joints j; the body gives their entries below each other."""
+    """``targets`` = sums of ``expression(*operands)`` over all joints j: their entries below each other."""
 
     comment: str
     targets: tuple[Array, ...]
     operands: tuple[Operand, ...]
-    body: Callable[..., ca.SX]
+    expression: Callable[..., ca.SX]
 
 
 @dataclass(frozen=True)
@@ -308,7 +309,7 @@ def _entries(value: ca.SX) -> list[ca.SX]:
 
 
 def as_operand(shape: tuple[int, ...], entries: list[ca.SX]) -> ca.SX:
-    """Entries as the column vector or (for two dimensions) matrix that a map's body takes."""
+    """Entries as the column vector or (for two dimensions) matrix that a map's expression takes."""
     if len(shape) != 2:
         return ca.vertcat(*entries)
     rows = [ca.horzcat(*entries[r * shape[1] : (r + 1) * shape[1]]) for r in range(shape[0])]
@@ -316,7 +317,7 @@ def as_operand(shape: tuple[int, ...], entries: list[ca.SX]) -> ca.SX:
 
 
 def operand_shape(operand: Operand) -> tuple[int, ...]:
-    """Shape in which a body takes an operand: the array's own, or a column."""
+    """Shape in which an expression takes an operand: the array's own, or a column."""
     return operand.array.shape if operand.at == "" else (operand.count,)
 
 
@@ -340,7 +341,7 @@ def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.S
 def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
     written = arrays.setdefault(step.target.array.name, [ca.SX(0)] * step.target.array.size)
     for i, j in step.indices(chain):
-        result = _entries(step.body(*_taken(step.operands, arrays, i, j)))
+        result = _entries(step.expression(*_taken(step.operands, arrays, i, j)))
         for k in range(step.target.count):
             written[step.target.entry(k, i, j)] = result[k]
             if step.mirror:
@@ -389,7 +390,7 @@ def _weigh(chain: Chain, step: Weights, arrays: dict[str, list[ca.SX]]) -> None:
 def _gather(chain: Chain, step: Gather, arrays: dict[str, list[ca.SX]]) -> None:
     written, m = [ca.SX(0)] * step.target.size, len(chain.joints)
     for i, j in indices(chain, step.over):
-        for k, value in enumerate(_entries(step.body(*_taken(step.operands, arrays, i, j)))):
+        for k, value in enumerate(_entries(step.expression(*_taken(step.operands, arrays, i, j)))):
             written[m * k + j] += value
     arrays[step.target.name] = written
 
@@ -398,7 +399,7 @@ def _reduce(chain: Chain, step: Reduce, arrays: dict[str, list[ca.SX]]) -> None:
     for target in step.targets:
         arrays[target.name] = [ca.SX(0)] * target.size
     for _, j in indices(chain, "j"):
-        entries = _entries(step.body(*_taken(step.operands, arrays, 0, j)))
+        entries = _entries(step.expression(*_taken(step.operands, arrays, 0, j)))
         for target in step.targets:
             own, entries = entries[: target.size], entries[target.size :]
             arrays[target.name] = [a + b for a, b in zip(arrays[target.name], own, strict=True)]
