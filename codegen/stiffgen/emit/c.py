@@ -326,6 +326,7 @@ class _KernelPrinter:
         self.flat: set[str] = set()
         self.unguarded: set[str] = set()  # results that may overflow, not stored through put_row or put_entries
         self.temporaries = 0
+        self.scoped = False
         self.guards: set[str] = set()  # guarded copies of arguments' entries
         self.packed: dict[str, Array] = {}  # what of plain arrays is copied to lanes of joints
         self.weights: dict[str, tuple[str, bool]] = {}  # of weights: the array that has them, and whether transposed
@@ -346,6 +347,9 @@ class _KernelPrinter:
             for operand in step.operands
             if operand.at != "j" or not self.target.joint_lanes  # else copied to lanes
         }
+        # Statements that take sines and name frames do so in braces of their own, where there are several.
+        blocks = [step for step in program if isinstance(step, Block) and not step.name]
+        self.scoped = len(blocks) > 1 and any(array.name == "q" for step in blocks for array in step.arguments)
         used = {array.name for step in program for array in reads(step)}
         for array in self.inputs:
             if array.name not in used:
@@ -436,11 +440,13 @@ class _KernelPrinter:
             inputs = {array.name for array in self.inputs}
             local = {a.name: self._texts(a) for a in step.arguments if a.name not in inputs}
             block = self.printer.block(
-                self.scope, step, targets, local, private, self.zero_rows, self.temporaries, self.guards
-            )
+                self.scope, step, targets, local, private, self.zero_rows, self.temporaries,
+                set() if self.scoped else self.guards,
+            )  # fmt: skip
+            lines = ["{", *_indented(block.lines, 1), "}"] if self.scoped else block.lines
             operations, self.temporaries = block.operations, block.temporaries
             self.calls |= block.calls
-            self.lines += ["", *block.lines] if self.lines else block.lines
+            self.lines += ["", *lines] if self.lines else lines
         self.operations = self.operations + operations
         self._store(step.targets, step.arguments)
         if targets != step.targets:
@@ -724,10 +730,13 @@ class _KernelPrinter:
     def _spread(self, step: Spread) -> None:
         source, target, prefix = step.source, step.target, self.scope.prefix
         m, M = len(self.scope.chain.joints), self.scope.size
-        self.flat.add(target.name)
-        self._note(f"{self.target.number} {target.name}[{target.size}];")
+        if step.columns:
+            self._declare_numbers(target, "")
+        else:
+            self.flat.add(target.name)
+            self._note(f"{self.target.number} {target.name}[{target.size}];")
         self.lines += ["", "/* joints that move together share a coordinate */"]
-        rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", target.name
+        rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", self._numbers(target)
         if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(multiply=target.size)
             self._call("spread_columns", target.size // m, self._numbers(source), *rest)
@@ -795,6 +804,8 @@ class _KernelPrinter:
         self.calls |= printed.calls
         room = -(-len(stored) // WIDEST) * WIDEST if whole and self.target.joint_lanes else len(stored)
         opening = [f"{self.target.row} sum[{room}];", "memset(sum, 0, sizeof sum);"]
+        if not self.target.lanes:
+            opening = [f"{self.target.row} sum[{room}] = {{{self.target.scalar.constant(0.0)}}};"]
         return opening, printed
 
     def _gather(self, step: Gather) -> None:

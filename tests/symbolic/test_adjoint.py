@@ -1,0 +1,110 @@
+"""Reverse mode: every kernel's vector-Jacobian product against complex steps of the kernel itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.check.result import relative_error
+from stiffgen.check.verify import argument_samples
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import SpringOptions
+from support.chains import chain_urdf
+from support.complex_step import gradients
+from support.project import ROOT, URDF
+
+BOUND = 1e-11
+OPTIONS = SpringOptions(("rotation_vector", "quaternion", "coupled"), derivatives=True)
+ROBOTS = {
+    "seven turning joints": lambda folder: stiffgen.load_chain(URDF),
+    "sliding and mimic joints": lambda folder: of_types(folder, "rprmrr"),
+    "twelve joints": lambda folder: of_types(folder, "r" * 12),
+    "tool at run time": lambda folder: of_types(folder, "rpr", runtime_tool=True),
+    "two tips": lambda folder: stiffgen.load_chain(
+        ROOT / "tests" / "data" / "dual_arm.urdf", tip=["left hand", "right-hand"]
+    ),
+    "small": lambda folder: of_types(folder, "rpm"),
+}
+
+
+def of_types(folder, types, **options):
+    urdf = folder / "chain.urdf"
+    urdf.write_text(chain_urdf(types))
+    return stiffgen.load_chain(urdf, **options)
+
+
+def columns(function, stack, shape):
+    """A stack of arguments in the shapes that CasADi has."""
+    rows = folded(shape) if shape else (1,)
+    return stack.reshape(len(stack), *rows, *[1] * (2 - len(rows)))
+
+
+def worst_error(chain, kernel, product, count, seed):
+    """Of a kernel's products at random states: the largest difference over the largest entry of the gradient."""
+    pool = argument_samples(chain, count, seed, OPTIONS)
+    forward, backward = casadi_function(chain, kernel), casadi_function(chain, product)
+    stacks = [columns(backward, pool[a], a.array(chain).shape) for a in product.arguments]
+    given, cotangents = stacks[: len(kernel.arguments)], stacks[len(kernel.arguments) :]
+    expected = gradients(forward, given, cotangents)
+    found = backward.map(count)(*(np.concatenate(list(stack), axis=1) for stack in stacks))
+    worst = 0.0
+    for value, reference in zip(found if isinstance(found, tuple) else (found,), expected, strict=True):
+        rows, width = reference.shape[1:]
+        dense = np.asarray(value).reshape(rows, count, width).transpose(1, 0, 2)
+        difference = np.abs(dense - reference).reshape(count, -1).max(axis=1)
+        size = np.abs(reference).reshape(count, -1).max(axis=1)
+        worst = max(worst, float((difference / np.where(size == 0, 1.0, size)).max()))
+    return worst
+
+
+def products(chain):
+    table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain, OPTIONS)}
+    pairs = [(kernel, table[f"{name}_vjp"]) for name, kernel in table.items() if not name.endswith("_vjp")]
+    assert 2 * len(pairs) == len(table)
+    return pairs
+
+
+@pytest.mark.parametrize(
+    "robot", ["small", *(pytest.param(robot, marks=pytest.mark.slow) for robot in list(ROBOTS)[3:-1])]
+)
+def test_products_are_complex_steps(robot, tmp_path):
+    chain = ROBOTS[robot](tmp_path)
+    errors = {k.qualified_name: worst_error(chain, k, p, 3, seed=5) for k, p in products(chain)}
+    assert {name: error for name, error in errors.items() if not error <= BOUND} == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", list(ROBOTS)[:3])
+def test_a_thousand_states(robot, tmp_path):
+    chain = ROBOTS[robot](tmp_path)
+    errors = {k.qualified_name: worst_error(chain, k, p, 1000, seed=6) for k, p in products(chain)}
+    assert {name: error for name, error in errors.items() if not error <= BOUND} == {}
+
+
+def test_triangle_that_is_not_read_gets_nothing(chain):
+    """task_stiffness_bar is zero below the diagonal; a symmetric matrix has the sum of both triangles as gradient."""
+    model = stiffgen.StiffnessModel(chain, derivatives=True)
+    random = np.random.default_rng(3)
+    q, F, K, C = (random.normal(size=shape) for shape in (chain.dof, 6, (6, 6), (chain.dof, chain.dof)))
+    K_bar = np.asarray(model.hybrid.joint_stiffness_vjp(q, F, K, C)[2])
+    assert np.array_equal(np.tril(K_bar, -1), np.zeros((6, 6)))
+    J = np.asarray(model.hybrid.jacobian(q))
+    both = J @ C @ J.T  # Kq is linear in K: the gradient by a full K
+    folded_up = np.triu(both) + np.triu(both.T, 1)
+    assert np.abs(K_bar - folded_up).max() <= 1e-12 * np.abs(both).max()
+
+
+def test_both_triangles_of_a_cotangent_count(chain):
+    model = stiffgen.StiffnessModel(chain, derivatives=True)
+    random = np.random.default_rng(4)
+    q, F, K, C = (random.normal(size=shape) for shape in (chain.dof, 6, (6, 6), (chain.dof, chain.dof)))
+    for one, other in zip(
+        model.hybrid.joint_stiffness_vjp(q, F, K, C), model.hybrid.joint_stiffness_vjp(q, F, K, C.T), strict=True
+    ):
+        assert relative_error(np.asarray(one)[None], np.asarray(other)[None]) <= 1e-12
+
+
+def test_default_table_has_no_products(chain):
+    assert not any(kernel.name.endswith("_vjp") for kernel in chain_kernels(chain))
