@@ -175,7 +175,7 @@ def in_c(chain: stiffgen.Chain, folder: Path, robot: Path) -> list[tuple[str, fl
 
 
 def of_springs(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, list[Row]]:
-    """For each compiler the rows (name, fastest, median, ninth decile) in ns a configuration: springs, and their bar."""
+    """For each compiler the rows (name, fastest, median, ninth decile) in ns: springs, and what they are held to."""
     samples = Samples.draw(chain, COUNT, seed=1)
     shared = ("task_stiffness", "equilibrium", "translation_stiffness", "rotation_stiffness")
     inputs = folder / "spring_inputs"
@@ -204,8 +204,8 @@ def springs_section(tables: dict[str, list[Row]]) -> list[str]:
         "## Springs, ns a configuration",
         "",
         "The trace spring: torque alone, and energy, torque and joint stiffness in one call (linearization), held to",
-        f"the plain hybrid joint stiffness in the same process, in turn, {SPRING_ROUNDS} rounds of {COUNT} configurations. The",
-        "fastest rounds are compared: others on a shared machine can only add. Bars: 0.9 and 1.6.",
+        f"the plain hybrid joint stiffness in the same process, in turn, {SPRING_ROUNDS} rounds of {COUNT} configurations.",
+        "The fastest rounds are compared: others on a shared machine can only add. Bars: 0.9 and 1.6.",
         "",
     ]
     for title, rows in tables.items():
