@@ -67,7 +67,7 @@ class Loop:
     """A control law in the loop.
 
     Args:
-        folder: where to compile.
+        folder: where to compile; what another process compiled there is taken.
         robot: folder of the generated iiwa 14.
         law: C file that implements law.h on the robot's controller.
         sources: C files of the robot's folder.
@@ -85,7 +85,8 @@ class Loop:
         path = folder / "loop.so"
         files = [HERE / "plant.c", HERE / "episode.c", law, *(robot / source for source in sources)]
         command = ["gcc", "-std=c99", *flags, "-shared", "-fPIC", f"-I{HERE}", f"-I{robot}", *map(str, files), "-lm"]
-        subprocess.run([*command, "-o", str(path)], check=True)
+        if not path.exists():
+            subprocess.run([*command, "-o", str(path)], check=True)
         self.library = ctypes.CDLL(str(path))
         sizes = {"N": N}
         known: dict[str, type] = {}
