@@ -55,7 +55,7 @@ class HostCuda:
         pointers = [None if array is None else ctypes.c_void_p(array.ctypes.data) for array in arrays]
         return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *pointers, None))
 
-    def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> np.ndarray:
+    def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> Any:
         """Vectors in stacks (count, m), the rest shared; ``spare`` is stride - count. Dense results (count, ...)."""
         kernel = self.kernels[name]
         count = len(arguments[0])
