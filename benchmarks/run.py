@@ -204,7 +204,7 @@ def springs_section(tables: dict[str, list[Row]]) -> list[str]:
         "## Springs, ns a configuration",
         "",
         "The trace spring: torque alone, and energy, torque and joint stiffness in one call (linearization), held to",
-        f"the plain hybrid joint stiffness in the same process, in turn, {SPRING_ROUNDS} rounds of {COUNT} postures. The",
+        f"the plain hybrid joint stiffness in the same process, in turn, {SPRING_ROUNDS} rounds of {COUNT}. The",
         "fastest rounds are compared: others on a shared machine can only add. Bars: 0.9 and 1.6.",
         "",
     ]
