@@ -26,7 +26,7 @@ from stiffgen.symbolic.model import casadi_function, folded
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda
-from support.project import ROOT, URDF, assert_close, compilers, kernels_of, require_compiler
+from support.project import ROOT, URDF, assert_close, kernels_of, require_compiler
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 
@@ -90,8 +90,39 @@ def test_single_precision_is_one_record(host, chain, tmp_path):
             assert 1e-9 < relative_error(found, expected) < 1e-5, name
 
 
-@pytest.mark.parametrize("case", ["slides and mimics", "two tips, tool at run time"])
-@pytest.mark.parametrize("compiler", compilers())
+def test_an_equilibrium_for_each_configuration(host, robot, chain):
+    """As a stack for the C code; in columns with a stride of their own, at least the count."""
+    samples = Samples.draw(chain, 37, seed=5)
+    ufuncs = kernels_of(robot, chain)
+    springs = {name: kernel for name, kernel in host.kernels.items() if kernel.group == "spring"}
+    assert len(springs) == 6
+    for name, kernel in springs.items():
+        given = [
+            samples.of(a, 0) if a.varying else g
+            for a, g in zip(kernel.arguments, arguments(kernel, samples), strict=True)
+        ]
+        assert given[1].shape == (37, 4, 4)
+        results = (as_results(each) for each in (host(name, *given, spare=2), ufuncs[name](*given)))
+        for found, expected in zip(*results, strict=True):
+            for one, other in zip(found, expected, strict=True):
+                assert_close(one, other)
+    kernel = springs["spring_energy"]
+    q, K, out = np.zeros((7, 4)), np.eye(3), np.full((1, 4), NOTHING)
+    assert host.launch(kernel, 4, 4, q, np.zeros((16, 3)), K, K, out) == 1
+    assert (out == NOTHING).all()
+    assert host.launch(kernel, 4, 4, q, np.zeros((16, 4)), K, K, out) == 0
+    assert (out != NOTHING).all()
+
+
+@pytest.mark.parametrize(
+    ("case", "compiler"),
+    [
+        ("slides and mimics", "clang"),
+        ("two tips, tool at run time", "gcc"),
+        pytest.param("slides and mimics", "gcc", marks=pytest.mark.slow),
+        pytest.param("two tips, tool at run time", "clang", marks=pytest.mark.slow),
+    ],
+)
 def test_other_chains(case, compiler, tmp_path):
     if case == "slides and mimics":
         urdf = tmp_path / "arm.urdf"
@@ -260,6 +291,7 @@ def test_cmake(folder, tmp_path):
     subprocess.run([tmp_path / "build" / "app"], check=True)
 
 
+@pytest.mark.slow
 def test_nvcc_takes_mimic_joints_and_the_benchmark(folder, tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(chain_urdf("rprmrr"))

@@ -20,6 +20,7 @@ from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
+from support.cuda_host import HostCuda
 from support.project import ROOT
 from support.runtime import compile_c
 
@@ -149,25 +150,15 @@ def test_cuda_on_the_host(urdf, tmp_path):
     texts = render(chain, "arm", cuda=CUDA, options=OPTIONS)
     for name in ("arm.cu", "arm_cuda.h"):
         (tmp_path / name).write_text(texts[name])
-    flags = ["-x", "c++", "-std=c++11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
-    library = ctypes.CDLL(str(compile_c(tmp_path / "cuda.so", *flags, tmp_path / "arm.cu", compiler="g++")))
+    host = HostCuda(tmp_path / "arm.cu", "arm", chain, tmp_path, options=OPTIONS)
     count = 5
     pool = argument_samples(chain, count, 3, OPTIONS)
-    for kernel in chain_kernels(chain, OPTIONS):
-        if not (kernel.batch and kernel.name.endswith("_vjp")):
+    for name, kernel in host.kernels.items():
+        if not name.endswith("_vjp"):
             continue
-        shared = {a: np.broadcast_to(pool[a][0], pool[a].shape) for a in kernel.arguments if is_shared(a)}
+        own = {a: len(a.shape) == 1 or a.own or a.varying for a in kernel.arguments}
+        shared = {a: np.broadcast_to(pool[a][0], pool[a].shape) for a in kernel.arguments if not own[a]}
         wanted = expected(chain, kernel, {**pool, **shared}, count)
-        given = [
-            np.ascontiguousarray(pool[a][0] if is_shared(a) else pool[a].reshape(count, -1).T) for a in kernel.arguments
-        ]
-        outs = [np.empty((each.shape[1], count)) for each in wanted]
-        function = library[f"arm_{kernel.qualified_name}_cuda"]
-        sizes = ctypes.c_size_t(count), ctypes.c_size_t(count)
-        assert function(*sizes, *map(pointer, (*given, *outs)), None) == 0
-        for out, each in zip(outs, wanted, strict=True):
-            assert relative_error(out.T, each) <= BOUND, kernel.qualified_name
-
-
-def is_shared(argument):
-    return len(argument.shape) != 1 and not argument.own
+        given = [pool[a][:count] if own[a] else pool[a][0] for a in kernel.arguments]
+        for found, each in zip(as_results(host(name, *given, spare=2)), wanted, strict=True):
+            assert relative_error(found.reshape(count, -1), each) <= BOUND, name

@@ -6,6 +6,9 @@ time. That shares nothing with CasADi's differentiation: each operation is exten
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -22,7 +25,7 @@ def _atan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     return result
 
 
-_BINARY = {
+_BINARY: dict[int, Callable[..., Any]] = {
     ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide, ca.OP_ATAN2: _atan2,
     ca.OP_LT: lambda a, b: _choice(a.real < b.real), ca.OP_LE: lambda a, b: _choice(a.real <= b.real),
     ca.OP_AND: lambda a, b: _choice((a.real != 0) & (b.real != 0)),
@@ -30,7 +33,7 @@ _BINARY = {
     ca.OP_IF_ELSE_ZERO: lambda a, b: np.where(a.real != 0, b, 0),
     ca.OP_CONSTPOW: lambda a, b: a**b, ca.OP_POW: lambda a, b: a**b,
 }  # fmt: skip
-_UNARY = {
+_UNARY: dict[int, Callable[..., Any]] = {
     ca.OP_NEG: np.negative, ca.OP_SIN: np.sin, ca.OP_COS: np.cos, ca.OP_SQRT: np.sqrt, ca.OP_SQ: np.square,
     ca.OP_ATAN: lambda a: np.arctan(a.real) + 1j * a.imag / (1 + a.real**2),
     ca.OP_TWICE: lambda a: 2 * a, ca.OP_INV: lambda a: 1 / a, ca.OP_NOT: lambda a: _choice(a.real == 0),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from stiffgen.emit.c import CFunction, Scope, TargetCode
 from stiffgen.emit.expressions import Operations
-from stiffgen.emit.target import BATCH, Target
+from stiffgen.emit.target import BATCH, SINGLE, Target
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
@@ -94,13 +94,16 @@ class ThreadResult:
 class ThreadPage:
     """A CUDA kernel: vectors and cotangents are each configuration's own, other matrices are shared by all.
 
+    A varying matrix has a stride of its own, 0 for a shared one.
+
     Attributes:
         definition: of the function of one thread.
         kernel: prototype of the function that runs it on all configurations.
         prototype: of the launch function.
         qualified_name: the kernel's.
         own: arguments that every configuration has its own of.
-        arrays: names of all arguments and results.
+        varying: arguments that it has, or that are shared by all.
+        arrays: what the launch function hands to that function: names of arguments, their strides, and results.
         given: C texts of the arguments that the thread's function is called with.
         results: what it gives.
         documentation: the comment over the launch function's prototype, in lines.
@@ -113,6 +116,7 @@ class ThreadPage:
     prototype: str
     qualified_name: str
     own: list[Array]
+    varying: list[Array]
     arrays: list[str]
     given: list[str]
     results: list[ThreadResult]
@@ -157,8 +161,8 @@ def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
 
 def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> KernelPage:
     """A kernel that was printed for one configuration; ``name`` is the robot's."""
-    parameters = [f"const double {_declared(array)}" for array in function.inputs]
-    parameters += [f"double {_declared(array)}" for array in function.outputs]
+    parameters = [f"const {SINGLE.number} {_declared(array)}" for array in function.inputs]
+    parameters += [f"{SINGLE.number} {_declared(array)}" for array in function.outputs]
     prototype = _fill(f"void {name}_{kernel.qualified_name}(", parameters) + ")"
     arrays, outputs = (*function.inputs, *function.outputs), len(function.outputs)
     return KernelPage(
@@ -184,10 +188,10 @@ def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) ->
 
 def batch_page(name: str, kernel: Kernel, function: CFunction) -> BatchPage:
     """A kernel that was printed for vectors of configurations; ``name`` is the robot's."""
-    parameters = ["size_t count"]
+    number, parameters = BATCH.scalar.name, ["size_t count"]
     for array in function.inputs:
-        parameters += [f"const double *{array.name}", f"ptrdiff_t {array.name}_step"]
-    parameters += [f"double *{array.name}" for array in function.outputs]
+        parameters += [f"const {number} *{array.name}", f"ptrdiff_t {array.name}_step"]
+    parameters += [f"{number} *{array.name}" for array in function.outputs]
     within = [f"const {BATCH.number} {_declared(array)}" for array in function.inputs]
     within += [f"{BATCH.number} {_declared(array)}" for array in function.outputs]
     one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{BATCH.suffix}(", within) + ")"
@@ -207,11 +211,20 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
         for array, argument in zip(function.inputs, kernel.arguments, strict=True)
         if len(array.shape) == 1 or argument.own
     ]
+    taken = zip(kernel.arguments, function.inputs, strict=True)
+    varying = [array for argument, array in taken if argument.varying]
     declared = [f"const {number} {_declared(array)}" for array in function.inputs]
     declared += [f"{number} {_declared(array)}" for array in function.outputs]
     one = _fill(f"{target.qualifier} void {kernel.qualified_name}_thread(", declared) + ")"
-    given = [f"const {number} *{array.name}" for array in function.inputs]
+    given, arrays = [], []
+    for array in function.inputs:
+        given.append(f"const {number} *{array.name}")
+        arrays.append(array.name)
+        if array in varying:
+            given.append(f"size_t {array.name}_stride")
+            arrays.append(f"{array.name}_stride")
     given += [f"{number} *{array.name}" for array in function.outputs]
+    arrays += [array.name for array in function.outputs]
     each = ["size_t count", "size_t stride", *(text.replace("*", "*__restrict__ ") for text in given)]
     launch = ["size_t count", "size_t stride", *given, "void *stream"]
     return ThreadPage(
@@ -220,8 +233,9 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
         prototype=_fill(f"int {name}_{kernel.qualified_name}_cuda(", launch) + ")",
         qualified_name=kernel.qualified_name,
         own=own,
-        arrays=[array.name for array in (*function.inputs, *function.outputs)],
-        given=[f"{array.name}_of_one" if array in own else array.name for array in function.inputs],
+        varying=varying,
+        arrays=arrays,
+        given=[f"{a.name}_of_one" if a in own or a in varying else a.name for a in function.inputs],
         results=[
             ThreadResult(array.name, array.size, array.shape[0] if argument.symmetric else 0)
             for argument, array in zip(kernel.results, function.outputs, strict=True)
@@ -370,6 +384,8 @@ def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
                 + ("upper triangle of " if argument.symmetric else "")
                 + text
             )
+        elif argument.varying:
+            text += f" a configuration, {argument.name}_stride apart; with {argument.name}_stride 0, shared"
         else:
             text += " a configuration" if len(shape) == 1 or argument.own else ", shared"
         lines += wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")

@@ -17,8 +17,8 @@ class Argument:
     """An argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
 
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
-    formulas have for an argument, ``plural`` its name where it holds one block a tip. ``own``: each of many
-    configurations has its own, even of a matrix.
+    formulas have for an argument, ``plural`` its name where it holds one block a tip. ``varying`` says of a matrix that
+    CUDA takes one for each configuration, too, as it does of vectors; ``own`` that it always does (a cotangent).
     """
 
     name: str
@@ -29,6 +29,7 @@ class Argument:
     symbol: str = ""
     plural: str = ""
     own: bool = False
+    varying: bool = False
 
     def of_all_tips(self, names: list[str]) -> Argument:
         """The argument that holds one block of this a tip, in the order of ``names``."""
