@@ -18,6 +18,8 @@ from filelock import FileLock
 import stiffgen
 from examples.bowl_wiping.tool import NAME, tool
 from stiffgen import open_robot
+from stiffgen.emit import build
+from support.fri_session import EXACT
 from support.project import ROOT, URDF
 
 
@@ -66,14 +68,25 @@ def robot(robot_folder: Path) -> ModuleType:
     return open_robot(robot_folder).module
 
 
+@pytest.fixture
+def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders are compiled without optimisation, in a third of the time: for tests that do not look at the compiler."""
+    monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
+
+
 @pytest.fixture(scope="session")
 def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """The arm with the bowl-wiping tool, generated and compiled once for all workers."""
+    """The arm with the bowl-wiping tool, generated and compiled once for all workers.
+
+    Its products and sums are rounded each: other builds of it compute the same bits (support/fri_session.py, EXACT).
+    """
     base = tmp_path_factory.getbasetemp()
     output = (base if worker_id == "master" else base.parent) / "robots"
     with FileLock(str(output) + ".lock"):
         if not (output / NAME).exists():
-            stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv("CC", f"{os.environ.get('CC', 'cc')} {EXACT}")
+                stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
     return output / NAME
 
 

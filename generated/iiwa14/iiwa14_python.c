@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "5fa7fb0eda6e99ec") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "56a1da64c7414e0a") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "6bd50964d77dbfc6") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "6fbd3b46845abcbe") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

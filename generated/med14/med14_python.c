@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "5f367529293f0d3d") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "4b1b37a0d48e9a19") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "a0512e88eeb98759") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "c11fd3c3e6a346f4") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

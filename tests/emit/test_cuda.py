@@ -8,14 +8,17 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import as_results
+from stiffgen.check.result import as_results, relative_error
 from stiffgen.check.verify import Samples
 from stiffgen.cli import main
+from stiffgen.emit.render import render
+from stiffgen.emit.target import CUDA, FLOAT
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
@@ -23,7 +26,7 @@ from stiffgen.symbolic.model import casadi_function, folded
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda
-from support.project import ROOT, URDF, assert_close, compilers, kernels_of, require_compiler
+from support.project import ROOT, URDF, assert_close, kernels_of, require_compiler
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 
@@ -72,8 +75,54 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
                 assert_close(one, other)
 
 
-@pytest.mark.parametrize("case", ["slides and mimics", "two tips, tool at run time"])
-@pytest.mark.parametrize("compiler", compilers())
+def test_single_precision_is_one_record(host, chain, tmp_path):
+    """A target with floats: no double is named, none computed with, and the values are those of doubles to 7 digits."""
+    texts = render(chain, "iiwa14", cuda=replace(CUDA, scalar=FLOAT))
+    source = tmp_path / "iiwa14.cu"
+    for file in (source.name, "iiwa14_cuda.h"):
+        (tmp_path / file).write_text(texts[file])
+        assert "double" not in texts[file]
+    floats = HostCuda(source, "iiwa14", chain, tmp_path, number=np.float32)
+    samples = Samples.draw(chain, 20, seed=11)
+    for name, kernel in host.kernels.items():
+        given = arguments(kernel, samples)
+        for found, expected in zip(as_results(floats(name, *given)), as_results(host(name, *given)), strict=True):
+            assert 1e-9 < relative_error(found, expected) < 1e-5, name
+
+
+def test_an_equilibrium_for_each_configuration(host, robot, chain):
+    """As a stack for the C code; in columns with a stride of their own, at least the count."""
+    samples = Samples.draw(chain, 37, seed=5)
+    ufuncs = kernels_of(robot, chain)
+    springs = {name: kernel for name, kernel in host.kernels.items() if kernel.group == "spring"}
+    assert len(springs) == 6
+    for name, kernel in springs.items():
+        given = [
+            samples.of(a, 0) if a.varying else g
+            for a, g in zip(kernel.arguments, arguments(kernel, samples), strict=True)
+        ]
+        assert given[1].shape == (37, 4, 4)
+        results = (as_results(each) for each in (host(name, *given, spare=2), ufuncs[name](*given)))
+        for found, expected in zip(*results, strict=True):
+            for one, other in zip(found, expected, strict=True):
+                assert_close(one, other)
+    kernel = springs["spring_energy"]
+    q, K, out = np.zeros((7, 4)), np.eye(3), np.full((1, 4), NOTHING)
+    assert host.launch(kernel, 4, 4, q, np.zeros((16, 3)), K, K, out) == 1
+    assert (out == NOTHING).all()
+    assert host.launch(kernel, 4, 4, q, np.zeros((16, 4)), K, K, out) == 0
+    assert (out != NOTHING).all()
+
+
+@pytest.mark.parametrize(
+    ("case", "compiler"),
+    [
+        ("slides and mimics", "clang"),
+        ("two tips, tool at run time", "gcc"),
+        pytest.param("slides and mimics", "gcc", marks=pytest.mark.slow),
+        pytest.param("two tips, tool at run time", "clang", marks=pytest.mark.slow),
+    ],
+)
 def test_other_chains(case, compiler, tmp_path):
     if case == "slides and mimics":
         urdf = tmp_path / "arm.urdf"
@@ -242,6 +291,7 @@ def test_cmake(folder, tmp_path):
     subprocess.run([tmp_path / "build" / "app"], check=True)
 
 
+@pytest.mark.slow
 def test_nvcc_takes_mimic_joints_and_the_benchmark(folder, tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(chain_urdf("rprmrr"))

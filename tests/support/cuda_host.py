@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,31 +20,60 @@ NOTHING = -77.0
 
 
 class HostCuda:
-    """NAME.cu as a shared library for the host."""
+    """NAME.cu as a shared library for the host; ``number`` is the type that it was printed for."""
 
-    def __init__(self, source: Path, name: str, chain: Chain, work: Path, compiler: str = "g++", level: str = "-O1"):
-        flags = ["-x", "c++", "-std=c++11", level, *STRICT, "-shared", "-fPIC", f"-I{source.parent}"]
+    def __init__(
+        self,
+        source: Path,
+        name: str,
+        chain: Chain,
+        work: Path,
+        compiler: str = "g++",
+        level: str = "-O1",
+        number: type[np.floating[Any]] = np.float64,
+    ) -> None:
+        flags = [
+            "-x",
+            "c++",
+            "-std=c++11",
+            level,
+            *STRICT,
+            "-Wdouble-promotion",
+            "-shared",
+            "-fPIC",
+            f"-I{source.parent}",
+        ]
         library = compile_c(work / f"{name}_cuda.so", *flags, source, compiler=require_compiler(compiler))
         self.library = ctypes.CDLL(str(library))
         self.name = name
+        self.number = number
         self.chain = chain
         self.kernels = {kernel.qualified_name: kernel for kernel in chain_kernels(chain) if kernel.batch}
 
     def launch(self, kernel: Kernel, count: int, stride: int, *arrays: np.ndarray | None) -> int:
         function = getattr(self.library, f"{self.name}_{kernel.qualified_name}_cuda")
-        pointers = [None if array is None else ctypes.c_void_p(array.ctypes.data) for array in arrays]
-        return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *pointers, None))
+        given: list[object] = []
+        for array, argument in zip(arrays, (*kernel.arguments, *kernel.results), strict=True):
+            given.append(None if array is None else ctypes.c_void_p(array.ctypes.data))
+            if argument.varying:  # shared in its own shape, in columns where each configuration has its own
+                given.append(ctypes.c_size_t(0 if array is None or array.shape == argument.shape else array.shape[1]))
+        return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *given, None))
 
-    def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> np.ndarray:
-        """Vectors in stacks (count, m), the rest shared; ``spare`` is stride - count. Dense results (count, ...)."""
+    def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> Any:
+        """Vectors in stacks (count, m), varying matrices in stacks or shared, the rest shared.
+
+        ``spare`` is stride - count; a varying matrix has a stride larger still. Dense results (count, ...).
+        """
         kernel = self.kernels[name]
         count = len(arguments[0])
         stride = count + spare
         given = [
-            self._columns(a, stride) if len(argument.shape) == 1 else np.ascontiguousarray(a)
+            self._columns(a.reshape(count, -1), stride + 3 * argument.varying)
+            if np.ndim(a) > len(argument.shape) or len(argument.shape) == 1
+            else np.ascontiguousarray(a, dtype=self.number)
             for a, argument in zip(arguments, kernel.arguments, strict=True)
         ]
-        outs = [np.full((self._rows(result) + 1, stride), NOTHING) for result in kernel.results]
+        outs = [np.full((self._rows(result) + 1, stride), NOTHING, dtype=self.number) for result in kernel.results]
         assert self.launch(kernel, count, stride, *given, *outs) == 0
         for out in outs:  # nothing is written beyond the end
             assert (out[-1] == NOTHING).all() and (out[:, count:] == NOTHING).all()
@@ -64,9 +94,8 @@ class HostCuda:
         dense[:, upper[0], upper[1]] = dense[:, upper[1], upper[0]] = found
         return dense
 
-    @staticmethod
-    def _columns(stack: np.ndarray, stride: int) -> np.ndarray:
+    def _columns(self, stack: np.ndarray, stride: int) -> np.ndarray:
         """Entry k of configuration c at [k, c]; what lies beyond the last configuration must not be read."""
-        columns = np.full((stack.shape[1], stride), np.nan)
+        columns = np.full((stack.shape[1], stride), np.nan, dtype=self.number)
         columns[:, : len(stack)] = stack.T
         return columns

@@ -45,7 +45,7 @@ class Springs:
 
     @property
     def _G(self) -> Array:
-        return np.trace(self.rotation) / 2 * np.eye(3) - self.rotation
+        return np.asarray(np.trace(self.rotation) / 2 * np.eye(3) - self.rotation)
 
     def energy(self, q: Array) -> float:
         """U [J]."""
@@ -108,7 +108,7 @@ class Springs:
             values = np.linalg.eigvalsh((slope + slope.T) / 2)
             if values[0] <= 0:
                 return None
-        return q, values
+        return q, np.asarray(values, dtype=float)
 
     def _left(self, q: Array, load: Array, bias: Array) -> Array:
         return np.asarray(self.jacobian(q).T @ load + bias - self.gradient(q))
