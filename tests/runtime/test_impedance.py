@@ -651,7 +651,7 @@ def test_names_and_libraries(robot_folder: Path, tmp_path: Path) -> None:
         for line in done.stdout.splitlines():
             *_, kind, name = line.split()
             (undefined if kind == "U" else own).add(name)
-            # what self_check reads to defeat the compiler is const and volatile, which some compilers do not keep read-only
+            # what self_check reads is const and volatile, which compilers may put beside variables
             constant = source == "iiwa14.c" and name.split(".")[0] in ("angles", "large")
             assert kind not in "dDbBC" or constant, f"{source} has a variable that changes: {name}"
             assert kind.islower() or kind == "U" or name.startswith("iiwa14_"), name
