@@ -17,7 +17,7 @@ import pytest
 import stiffgen
 from stiffgen.check.result import BOUND, as_results, relative_error
 from stiffgen.check.springs import by_hand
-from stiffgen.check.verify import References, check_kernels, gamma_F, joint_potential_arguments, kinetic_hessian
+from stiffgen.check.verify import References, check_kernels, dynamics_references, gamma_F, joint_potential_arguments
 from stiffgen.emit.render import render
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
@@ -155,8 +155,7 @@ def expected_values(references):
     q, wrench = samples.q, samples.wrench
     wanted = {
         "forward_kinematics": ((q,), references.pose),
-        "mass_matrix": ((q,), kinetic_hessian(references.chain, q)),
-    }
+    } | dynamics_references(references.chain, samples)
     for rep in REPRESENTATIONS:
         derivative, correction = references.derivative[rep], gamma_F(rep, wrench)
         for name, arguments, result in (

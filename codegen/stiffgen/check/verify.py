@@ -8,7 +8,7 @@ What the kernels compute in closed form is computed here another way, from the c
 * Gamma F: the matrix forms in cross-product matrices, written down;
 * joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
   U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
-* mass matrix: the Hessian of the kinetic energy by the joint velocities.
+* mass matrix, bias forces and gravity: kinetic and potential energy, differentiated (:mod:`stiffgen.check.dynamics`).
 
 Errors are relative to the largest entry of the reference.
 """
@@ -29,6 +29,7 @@ import numpy as np
 from stiffgen.check.batches import LONG, check_c_batches, check_stacks
 from stiffgen.check.bounds import check_bounds
 from stiffgen.check.controller import check_controller
+from stiffgen.check.dynamics import differentiated as differentiated_energies
 from stiffgen.check.files import check_files, check_tables, check_urdf
 from stiffgen.check.not_finite import check_not_finite
 from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
@@ -65,6 +66,8 @@ class Samples:
     upper: Array
     zone: Array
     limit_stiffness: Array
+    velocity: Array
+    gravity: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -100,6 +103,8 @@ class Samples:
             upper=q + np.where(at_upper, near[1], away[1]),
             zone=joints.uniform(0.2, 0.4, count),
             limit_stiffness=joints.uniform(50.0, 500.0, q.shape),
+            velocity=joints.normal(size=q.shape),
+            gravity=joints.normal(size=(count, 3)) * 6.0,
         )
 
     def of(self, argument: Argument, seed: int) -> Array:
@@ -324,20 +329,25 @@ class References:
         return stiffness
 
 
-def kinetic_hessian(chain: Chain, q: Array) -> Array:
-    """Mass matrices at postures (count, n): Hessian of the kinetic energy of all bodies by the joint velocities."""
+def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[Array, ...], Array]]:
+    """Arguments and reference values of the kernels of a robot's masses, those of the whole tree, by qualified name."""
+    if not chain.masses:
+        return {}
+    q, velocity, gravity = samples.q, samples.velocity, samples.gravity
     symbol = ca.SX.sym("q", chain.dof)
-    total = ca.SX(chain.dof, chain.dof)
-    for joint, pose in zip(chain.joints, joint_poses(chain, symbol), strict=True):
-        xx, xy, xz, yy, yz, zz = joint.body.tensor
-        tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        moment = ca.skew(ca.DM(joint.body.moment))
-        # Kinetic energy 1/2 (m v.v + 2 v.(w x mc) + w.I w) as a 6x6 form on the frame's body twist.
-        form = ca.vertcat(ca.horzcat(joint.body.mass * ca.DM.eye(3), -moment), ca.horzcat(moment, tensor))
-        jacobian = _jacobian(pose, symbol, "body")
-        total += jacobian.T @ form @ jacobian
-    function = ca.Function("M", [symbol], [ca.densify(total)], {})
-    return np.stack([np.asarray(function(each)) for each in q])
+    expected = differentiated_energies(chain, joint_poses(chain, symbol), symbol, (q, velocity, gravity))
+    given = {"mass_matrix": (q,), "bias_forces": (q, velocity, gravity)}
+    return {name: (given.get(name, (q, gravity)), reference) for name, reference in expected.items()}
+
+
+def _dynamics_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[Check]:
+    checks = []
+    for name, (given, reference) in dynamics_references(chain, samples).items():
+        value = kernels[name](*given)
+        checks.append(compared(name, "differentiated energies", value, reference))
+        if name.endswith(("_matrix", "_stiffness")):
+            checks.append(_symmetry(name, value))
+    return checks
 
 
 def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
@@ -353,8 +363,6 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
         checks.append(compared(prefix + name, oracle, kernels[prefix + name](*arguments), reference))
 
     add("forward_kinematics", "product of poses", references.pose, *posture)
-    if references.chain.masses and not prefix:
-        add("mass_matrix", "Hessian of the kinetic energy", kinetic_hessian(references.chain, samples.q), samples.q)
     for rep in REPRESENTATIONS:
         derivative, kinematic = references.derivative[rep], references.kinematic_stiffness(rep)
         add(f"{rep}_jacobian", "differentiated pose", references.jacobian[rep], *posture)
@@ -370,7 +378,7 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
         Kq = kernels[f"{prefix}{rep}_joint_stiffness"](*posture, wrench, samples.task_stiffness)
         checks.append(_symmetry(f"{prefix}{rep}_joint_stiffness", Kq))
     if not prefix:
-        checks += _joint_potential_checks(kernels, samples)
+        checks += _dynamics_checks(kernels, references.chain, samples) + _joint_potential_checks(kernels, samples)
     return checks + _potential_checks(kernels, references, prefix) + _spring_checks(kernels, references, prefix)
 
 
@@ -447,11 +455,8 @@ def check_robot(
         return check_kernels(kernels, References(chain, count, seed, options=options))
     q = Samples.draw(chain, count, seed).q
     tips = [References(chain.branch(tip), count, seed + index, q, options) for index, tip in enumerate(chain.tips)]
-    checks = []
-    if chain.masses:
-        reference = kinetic_hessian(chain, q)
-        checks.append(compared("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), reference))
-    checks += _joint_potential_checks(kernels, Samples.draw(chain, count, seed))
+    whole = Samples.draw(chain, count, seed)
+    checks = _dynamics_checks(kernels, chain, whole) + _joint_potential_checks(kernels, whole)
     for tip, references in zip(chain.tips, tips, strict=True):
         checks += check_kernels(kernels, references, f"{tip.name}_")
     stacked = [np.stack(each, axis=1) for each in zip(*map(_contact, tips), strict=True)]

@@ -428,6 +428,12 @@ def _tips(description: Description, tip: str | Sequence[str] | None) -> list[str
     return tips
 
 
+_GROUPS_AND_KERNELS = (
+    "body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "mass_matrix", "bias_forces",
+)  # fmt: skip
+"""What stands beside the tips' names in a module."""
+
+
 def _tip_names(tips: Sequence[str]) -> list[str]:
     """Identifiers of several tips, told apart by a number where links' names give the same one."""
     if len(tips) == 1:
@@ -436,7 +442,17 @@ def _tip_names(tips: Sequence[str]) -> list[str]:
     for tip in tips:
         name = first = identifier(tip)
         number = 2
-        while name in names or name in ("body", "spatial", "hybrid", "spring", "posture", "limits", "mass_matrix"):
+        while name in names or name in (
+            "body",
+            "spatial",
+            "hybrid",
+            "spring",
+            "posture",
+            "limits",
+            "gravity",
+            "mass_matrix",
+            "bias_forces",
+        ):
             name, number = f"{first}_{number}", number + 1
         names.append(name)
     return names

@@ -45,6 +45,12 @@ TOOL_POSE = Argument(
     "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation",
     symbol="T", plural="tool_poses",
 )  # fmt: skip
+VELOCITY = Argument(
+    "velocity", ("n",), "rad/s or m/s", "rates of the joint positions", symbol="dq"
+)  # fmt: skip
+GRAVITY = Argument(
+    "gravity", (3,), "m/s^2", "acceleration of free fall in base axes, (0, 0, -9.81) where z points up", symbol="g"
+)  # fmt: skip
 _WRENCH_FRAME = {
     "body": "in tip axes, moment about the tip's origin",
     "spatial": "in base axes, moment about the base's origin",

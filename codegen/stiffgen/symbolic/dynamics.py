@@ -1,4 +1,4 @@
-"""CasADi expressions of the joint-space mass matrix, by composite bodies in link axes.
+"""CasADi expressions of the joint-space mass matrix, by composite bodies in link axes, and of the bias forces.
 
 M_ij = J_i . h_j for every joint i on the way from the base to joint j, where h_j = I^c_j J_j is the momentum of
 everything beyond joint j at a unit rate of joint j (Featherstone, Rigid Body Dynamics Algorithms, 2008,
@@ -10,6 +10,10 @@ J_i . h_j an entry of h_j as link i sees it. What keeps it short, and independen
 * What of a link does not feel its joint's motion is counted with the link before (base inertial parameters: Gautier
   and Khalil 1990): the mass of a turning link, its first moment along the axis, and a rod's inertia along it; the
   inertia tensor of a sliding one. This is done once, with 50 digits.
+
+The bias forces C(q, dq) dq + g(q) come from one pass outwards, for rates and accelerations, and one pass inwards, for
+forces (recursive Newton-Euler algorithm: Luh, Walker and Paul 1980), in the same axes and with the same parameters,
+which change neither. The base is taken to accelerate against gravity.
 """
 
 from __future__ import annotations
@@ -18,9 +22,9 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from stiffgen.robot.chain import Body, Chain
-from stiffgen.robot.geometry import Inertia, Matrix, Placement, Vector, aligning_rotation, mpf
-from stiffgen.symbolic.kinematics import Expressions, Section, cross, joint_position
+from stiffgen.robot.chain import Body, Chain, Joint
+from stiffgen.robot.geometry import Inertia, Placement, aligning_rotation, mpf
+from stiffgen.symbolic.kinematics import Expressions, Section, constant, cross, joint_position
 
 _ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
 """The axis of every joint, in the axes of its link."""
@@ -91,6 +95,76 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
     return Expressions(ca.densify(ca.horzcat(*stacked)), tuple(sections))
 
 
+def bias_forces(chain: Chain, q: ca.SX, velocity: ca.SX, gravity: ca.SX) -> Expressions:
+    """Forces (number of joints) that the joints need to move at constant rates: Coriolis, centrifugal and gravity's."""
+    links = _links(chain)
+    sections: list[Section] = []
+    rates = [joint.multiplier * velocity[joint.coordinate] for joint in chain.joints]
+    turns: list[_Turn] = [None if joint.prismatic else _sine_cosine(chain, joint, q) for joint in chain.joints]
+    named = {f"{letter}{k}": turn[i] for k, turn in enumerate(turns) if turn for i, letter in enumerate("sc")}
+    sections.append(Section("sine and cosine of each joint angle", named))
+    zero = ca.SX(3, 1)
+    motions: list[tuple[ca.SX, ca.SX, ca.SX]] = []
+    wrenches: list[tuple[ca.SX, ca.SX]] = []
+    for index, (joint, link, turn, rate) in enumerate(zip(chain.joints, links, turns, rates, strict=True)):
+        turning, turning_rate, linear = motions[joint.parent] if joint.parent >= 0 else (zero, zero, -gravity)
+        shift, relative = _shift(chain, joint, link, q), rate * _ALONG
+        linear = linear + cross(turning_rate, shift) + cross(turning, cross(turning, shift))
+        turning, turning_rate, linear = (
+            _into_link(each, link.rotation, turn) for each in (turning, turning_rate, linear)
+        )
+        if joint.prismatic:
+            linear = linear + 2 * cross(turning, relative)
+        else:
+            turning, turning_rate = turning + relative, turning_rate + cross(turning, relative)
+        motion = ca.densify(turning), ca.densify(turning_rate), ca.densify(linear)
+        title = f"link of joint {joint.name}: angular velocity w{index} and its rate e{index}, acceleration a{index}"
+        letters = zip(("w", "e", "a"), motion, strict=True)
+        sections.append(Section(title, {f"{letter}{index}_": each for letter, each in letters}))
+        motions.append(motion)
+        wrenches.append(_rate_of_momentum(link, *motion))
+    forces: list[ca.SX] = [ca.SX()] * len(links)
+    for index in reversed(range(len(links))):
+        joint, link = chain.joints[index], links[index]
+        force, moment = wrenches[index]
+        forces[index] = (force if joint.prismatic else moment)[2]
+        if joint.parent < 0:
+            continue
+        force, moment = (_out_of_link(each, link.rotation, turns[index]) for each in (force, moment))
+        moment = moment + cross(_shift(chain, joint, link, q), force)
+        title = f"force f{index} and moment n{index} of everything from joint {joint.name} outwards, seen before it"
+        sections.append(Section(title, {f"f{index}_": ca.densify(force), f"n{index}_": ca.densify(moment)}))
+        outer_force, outer_moment = wrenches[joint.parent]
+        wrenches[joint.parent] = outer_force + force, outer_moment + moment
+    return Expressions(ca.densify(ca.vertcat(*forces)), tuple(sections))
+
+
+def _rate_of_momentum(link: _Link, turning: ca.SX, turning_rate: ca.SX, linear: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Force and moment about the link's origin that accelerate it (Newton, Euler)."""
+    moved = cross(turning, link.moment)
+    force = link.mass * linear + cross(turning_rate, link.moment) + cross(turning, moved)
+    moment = link.tensor @ turning_rate + cross(turning, link.tensor @ turning) + cross(link.moment, linear)
+    return force, moment
+
+
+def _shift(chain: Chain, joint: Joint, link: _Link, q: ca.SX) -> ca.SX:
+    """Where a link's origin stands, seen from the link before."""
+    if not joint.prismatic:
+        return link.translation
+    return link.translation + link.rotation[:, 2] * joint_position(chain, joint, q)
+
+
+def _into_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:
+    """A vector of the link before in the axes of a link."""
+    vector = rotation.T @ vector
+    return ca.densify(vector if turn is None else _turned(vector, (-turn[0], turn[1])))
+
+
+def _out_of_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:
+    """The way back."""
+    return ca.densify(rotation @ (vector if turn is None else _turned(vector, turn)))
+
+
 _Turn = tuple[ca.SX, ca.SX] | None
 """Sine and cosine of a joint's angle, None where the mass matrix does not depend on it or the joint slides."""
 
@@ -102,12 +176,16 @@ def _turns(chain: Chain, q: ca.SX, sections: list[Section]) -> list[_Turn]:
         if joint.prismatic or joint.parent < 0:
             turns.append(None)
             continue
-        position = joint_position(chain, joint, q)
-        sine, cosine = ca.sin(position), ca.cos(position)
+        sine, cosine = _sine_cosine(chain, joint, q)
         section.values |= {f"s{index}": sine, f"c{index}": cosine}
         turns.append((sine, cosine))
     sections.append(section)
     return turns
+
+
+def _sine_cosine(chain: Chain, joint: Joint, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    position = joint_position(chain, joint, q)
+    return ca.sin(position), ca.cos(position)
 
 
 def _frames(
@@ -166,9 +244,7 @@ def _momenta(
             linear, angular = _ALONG * linear, _ALONG * angular
         momenta[index] = linear, angular
         if joint.parent >= 0:
-            shift = link.translation
-            if joint.prismatic:
-                shift = shift + link.rotation[:, 2] * joint_position(chain, joint, q)
+            shift = _shift(chain, joint, link, q)
             moment, tensor = link.rotation @ moment, _symmetric(link.rotation @ tensor @ link.rotation.T)
             moment, tensor = _moved(mass, moment, tensor, shift)
             outer = beyond[joint.parent]
@@ -225,7 +301,7 @@ def _links(chain: Chain) -> list[_Link]:
             bodies[joint.parent] += still.seen_from(places[index])
         rotation, translation = places[index].rounded()
         mass, moment, tensor = (total - still).rounded(scale=total)
-        links.append(_Link(_constant(rotation), _constant(translation), mass, _constant(moment), _constant(tensor)))
+        links.append(_Link(constant(rotation), constant(translation), mass, constant(moment), constant(tensor)))
     return links[::-1]
 
 
@@ -242,7 +318,3 @@ def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:
 def _inertia(body: Body) -> Inertia:
     xx, xy, xz, yy, yz, zz = map(mpf, body.tensor)
     return Inertia(mpf(body.mass), tuple(map(mpf, body.moment)), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
-
-
-def _constant(matrix: Matrix | Vector) -> ca.SX:
-    return ca.SX(ca.sparsify(ca.DM(matrix)))

@@ -294,6 +294,47 @@ _MASS_MATRIX = Kernel(
 )  # fmt: skip
 
 
+_BIAS = Argument(
+    "bias_forces", ("n",), "N m or N", "C(q, dq) dq + dU/dq; add M ddq and it is the torque that the motion takes"
+)
+_GRAVITY_ENERGY = Argument(
+    "energy", (), "J", "potential energy U, 0 where the centre of mass of all moving links lies at the base's height"
+)  # fmt: skip
+_GRAVITY_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq: torque that holds the robot against gravity")
+_GRAVITY_STIFFNESS = Argument("joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2, bitwise symmetric", symmetric=True)
+
+
+def _gravity_kernel(result: Argument, summary: str, equation: str, program: Callable[..., Program]) -> Kernel:
+    given = arguments.Q, arguments.GRAVITY
+    made = partial(program, result=result)
+    return Kernel(result.name, "gravity", given, (result,), summary, equation, made, _MASS_MATRIX.note, batch=True)
+
+
+_DYNAMICS = (
+    _MASS_MATRIX,
+    Kernel(
+        "bias_forces", None, (arguments.Q, arguments.VELOCITY, arguments.GRAVITY), (_BIAS,),
+        "Bias forces: Coriolis, centrifugal and gravity's.",
+        "C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)",
+        partial(programs.bias_forces, result=_BIAS),
+        f"With gravity zero: Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
+        batch=True,
+    ),
+    _gravity_kernel(
+        _GRAVITY_ENERGY, "Potential energy of gravity.", "U = -g . sum of m_k c_k", programs.gravity_energy
+    ),
+    _gravity_kernel(
+        _GRAVITY_GRADIENT, "Gravity torque: gradient of the potential energy.", "dU/dq_j = -g . w_j",
+        programs.gravity_gradient,
+    ),
+    _gravity_kernel(
+        _GRAVITY_STIFFNESS, "Joint stiffness of gravity: Hessian of the potential energy.",
+        "d2U/dq_i dq_j = a_i . (g x w_j)", programs.gravity_joint_stiffness,
+    ),
+)  # fmt: skip
+"""What a robot's masses make."""
+
+
 def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
     energy = Argument("energy", (), "J", "energy U of the potential")
     torque = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the potential puts on the joints")
@@ -323,7 +364,7 @@ def _serial(
     springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True
 ) -> tuple[Kernel, ...]:
     first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool)
-    return (first, *((_MASS_MATRIX,) if masses else ()), *others, *_OF_JOINTS)
+    return (first, *(_DYNAMICS if masses else ()), *others, *_OF_JOINTS)
 
 
 KERNELS: tuple[Kernel, ...] = _serial()
@@ -350,4 +391,4 @@ def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...
     if len(chain.tips) == 1:
         return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses)
     per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, runtime_tool=chain.runtime_tool)]
-    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain, springs), *_OF_JOINTS)
+    return (*(_DYNAMICS if chain.masses else ()), *per_tip, *_total_kernels(chain, springs), *_OF_JOINTS)

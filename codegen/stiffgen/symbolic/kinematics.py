@@ -38,7 +38,8 @@ class Expressions:
     sections: tuple[Section, ...]
 
 
-def _constant(matrix: Matrix | Vector) -> ca.SX:
+def constant(matrix: Matrix | Vector) -> ca.SX:
+    """A matrix or column of numbers."""
     # Exact zeros become structural ones, so that products with them vanish from the graph.
     return ca.SX(ca.sparsify(ca.DM(matrix)))
 
@@ -127,20 +128,22 @@ class PoseRecursion:
         if trig.values:
             self.sections.append(trig)
 
-    def frame(self, title: str, tag: str, rotation: ca.SX, translation: ca.SX) -> None:
-        """Name a frame's entries R<tag>_ij and p<tag>_i."""
-        self.sections.append(Section(title, {f"R{tag}_": ca.densify(rotation), f"p{tag}_": ca.densify(translation)}))
+    def frame(self, index: int, axes: str, rotation: ca.SX, translation: ca.SX) -> None:
+        """Name the entries R<index>_ij and p<index>_i of a joint's frame, seen in base or tip axes."""
+        title = f"{frame_title(self.chain, index)}: rotation R{index}, origin p{index}, in {axes} axes"
+        values = {f"R{index}_": ca.densify(rotation), f"p{index}_": ca.densify(translation)}
+        self.sections.append(Section(title, values))
 
     def local(self, index: int) -> ca.SX:
         """Rotation of joint ``index``'s auxiliary frame at zero, in the frame before it."""
         joint, align = self.chain.joints[index], self.axes[index].align
-        rotation = _constant(joint.rotation)
-        return rotation if align is None else rotation @ _constant(align)
+        rotation = constant(joint.rotation)
+        return rotation if align is None else rotation @ constant(align)
 
     def after(self, index: int) -> ca.SX:
         """Constant rotation from joint ``index``'s auxiliary frame back to its URDF frame."""
         align = self.axes[index].align
-        return _IDENTITY if align is None else _constant(align).T
+        return _IDENTITY if align is None else constant(align).T
 
     def axis(self, index: int, rotation: ca.SX) -> ca.SX:
         """Joint ``index``'s axis, given the rotation of its auxiliary frame."""
@@ -157,7 +160,7 @@ def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[Frame]]:
     frames: list[Frame] = []
     for index, joint in enumerate(chain.joints):
         rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (_IDENTITY, ca.SX.zeros(3), None)
-        origin = origin + rotation @ _constant(joint.translation)
+        origin = origin + rotation @ constant(joint.translation)
         auxiliary = rotation @ r.local(index)
         axis = r.axis(index, auxiliary)
         turn = r.rotations[index]
@@ -165,14 +168,14 @@ def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[Frame]]:
             origin = origin + axis * r.positions[index]
         else:
             auxiliary = auxiliary @ turn
-        r.frame(_title(chain, index) + ", in base axes", str(index), auxiliary, origin)
+        r.frame(index, "base", auxiliary, origin)
         frames.append((auxiliary @ r.after(index), origin, axis))
     return r, frames
 
 
 def _tip_in_joint(chain: Chain, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
     """Rotation and origin of the tip, or of the tool at it, in the last joint's frame."""
-    rotation, origin = _constant(chain.tip_rotation), _constant(chain.tip_translation)
+    rotation, origin = constant(chain.tip_rotation), constant(chain.tip_translation)
     if tool_pose is None:
         return rotation, origin
     return rotation @ tool_pose[:3, :3], origin + rotation @ tool_pose[:3, 3]
@@ -184,9 +187,9 @@ def _tip_in_base(chain: Chain, frames: list[Frame], tool_pose: ca.SX | None) -> 
     return ca.densify(rotation @ tip_rotation), ca.densify(origin + rotation @ tip_origin)
 
 
-def _title(chain: Chain, index: int) -> str:
-    joint = chain.joints[index]
-    return f"frame of joint {joint.name}: rotation R{index}, origin p{index}"
+def frame_title(chain: Chain, index: int) -> str:
+    """What the sections of pose recursions are called."""
+    return f"frame of joint {chain.joints[index].name}"
 
 
 def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
@@ -252,7 +255,7 @@ def _body_jacobian(chain: Chain, q: ca.SX, tool_pose: ca.SX | None) -> Expressio
         joint = chain.joints[index]
         auxiliary = rotation @ r.after(index).T
         axis = r.axis(index, auxiliary)
-        r.frame(_title(chain, index) + ", in tip axes", str(index), auxiliary, origin)
+        r.frame(index, "tip", auxiliary, origin)
         columns.append(spatial_column(joint, origin, axis))  # the tip frame plays the base's part
         turn = r.rotations[index]
         if turn is None:
@@ -260,5 +263,5 @@ def _body_jacobian(chain: Chain, q: ca.SX, tool_pose: ca.SX | None) -> Expressio
         else:
             auxiliary = auxiliary @ turn.T
         rotation = auxiliary @ r.local(index).T
-        origin = origin - rotation @ _constant(joint.translation)
+        origin = origin - rotation @ constant(joint.translation)
     return Expressions(ca.densify(ca.horzcat(*reversed(columns))), tuple(r.sections))

@@ -12,8 +12,8 @@ from functools import partial
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import dynamics, joint_potentials, kinematics, springs, stiffness
-from stiffgen.symbolic.arguments import POSE, Argument, Q, posture
+from stiffgen.symbolic import dynamics, gravity, joint_potentials, kinematics, springs, stiffness
+from stiffgen.symbolic.arguments import GRAVITY, POSE, VELOCITY, Argument, Q, posture
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
@@ -41,6 +41,15 @@ def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Progra
     m = len(chain.joints)
     joints = Array(f"{target.name}_of_joints", (m, m, *target.shape[2:]))
     return (*steps(joints), SumJoints(joints, target, mirror=mirror))
+
+
+def _vector_of_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program]) -> Program:
+    """Let ``steps`` write a result [j] for joints, then gather into coordinates where joints mimic."""
+    target = result.array(chain)
+    if not chain.coupled:
+        return steps(target)
+    joints = Array(f"{target.name}_of_joints", (len(chain.joints),))
+    return *steps(joints), SumJoints(joints, target)
 
 
 def _pairs(left: Array, right: Array, over: Over, target: Array, comment: str, *, mirror: bool = False) -> Map:
@@ -214,13 +223,75 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J and the momenta h that they cause"
         recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
-        if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
-            return recursion, _pairs(J, h, "i<=j", target, "M_ij = J_i . h_j for i<=j, mirrored", mirror=True)
-        nothing = Map(
-            "joints of different branches: 0", "i<=j", Operand(target, "ij"), (), lambda: ca.SX(0), mirror=True
-        )
-        over: Over = "i on the way to j"
-        return recursion, nothing, _pairs(J, h, over, target, f"M_ij = J_i . h_j for {over}, mirrored", mirror=True)
+        return recursion, *_pairs_on_the_way(chain, J, h, target, "M_ij = J_i . h_j", ca.dot)
+
+    return _over_joints(chain, result, steps, mirror=True)
+
+
+def _pairs_on_the_way(
+    chain: Chain, left: Array, right: Array, target: Array, formula: str, body: Callable[..., ca.SX]
+) -> Program:
+    """A symmetric target_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
+    operands = Operand(left, "i"), Operand(right, "j")
+    if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
+        return (Map(f"{formula} for i<=j, mirrored", "i<=j", Operand(target, "ij"), operands, body, mirror=True),)
+    nothing = Map("joints of different branches: 0", "i<=j", Operand(target, "ij"), (), lambda: ca.SX(0), mirror=True)
+    over: Over = "i on the way to j"
+    return nothing, Map(f"{formula} for {over}, mirrored", over, Operand(target, "ij"), operands, body, mirror=True)
+
+
+def bias_forces(chain: Chain, result: Argument) -> Program:
+    """Forces at constant rates, joint by joint, gathered into coordinates."""
+    return _vector_of_joints(
+        chain,
+        result,
+        lambda target: (
+            Block(
+                (target,),
+                dynamics.bias_forces,
+                tuple(argument.array(chain) for argument in (Q, VELOCITY, GRAVITY)),
+                heading="the joints' forces: what acts along their axes",
+            ),
+        ),
+    )
+
+
+def gravity_energy(chain: Chain, result: Argument) -> Program:
+    """Potential energy of all bodies."""
+    given = Q.array(chain), GRAVITY.array(chain)
+    heading = "U = -g . first moment of all bodies about the base"
+    return (Block((result.array(chain),), gravity.potential_energy, given, heading=heading),)
+
+
+def _gravity_columns(chain: Chain) -> tuple[Block, Array]:
+    array = Array("C", (6, len(chain.joints)))
+    heading = "axes a of turning joints (rows 0..2), and moment rates w (rows 3..5)"
+    meaning = "Axes a_j of turning joints, and the first moment w_j that a unit rate of joint j moves, in base axes"
+    given = (Q.array(chain),)
+    return Block((array,), gravity.axes_and_moment_rates, given, "gravity_columns", heading, meaning, 1), array
+
+
+def gravity_gradient(chain: Chain, result: Argument) -> Program:
+    """DU/dq joint by joint, gathered into coordinates."""
+    recursion, C = _gravity_columns(chain)
+    operands = Operand(C, "j"), Operand(GRAVITY.array(chain), "")
+
+    def steps(target: Array) -> Program:
+        return recursion, Map("dU/dq_j = -g . w_j", "j", Operand(target, "j"), operands, gravity.moment_rate)
+
+    return _vector_of_joints(chain, result, steps)
+
+
+def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
+    """d2U/dq2."""
+
+    def steps(target: Array) -> Program:
+        recursion, C = _gravity_columns(chain)
+        u = Array("u", (3, len(chain.joints)))
+        operands = Operand(C, "j"), Operand(GRAVITY.array(chain), "")
+        covectors = Map("u_j = g x w_j", "j", Operand(u, "j"), operands, gravity.covector)
+        formula = "Kq_ij = a_i . u_j"
+        return recursion, covectors, *_pairs_on_the_way(chain, C, u, target, formula, gravity.second_derivative)
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -257,16 +328,14 @@ def spring_joint_terms(
         targets, parts = [energy.array(chain), *targets], "U" + parts
     program: Program = (columns, _spring_block(chain, spring, pose, tuple(targets), parts))
     if torque:
-        target = torque.array(chain)
-        per_joint = Array(f"{target.name}_of_joints", (m,)) if chain.coupled else target
-        program += (
-            Map(
-                "torque_j = -J_j . F", "j", Operand(per_joint, "j"), (Operand(J, "j"), Operand(F, "")),
-                lambda column, wrench: ca.SX(-ca.dot(column, wrench)),
-            ),
-        )  # fmt: skip
-        if chain.coupled:
-            program += (SumJoints(per_joint, target),)
+        operands = Operand(J, "j"), Operand(F, "")
+
+        def dot(column: ca.SX, wrench: ca.SX) -> ca.SX:
+            return ca.SX(-ca.dot(column, wrench))
+
+        program += _vector_of_joints(
+            chain, torque, lambda target: (Map("torque_j = -J_j . F", "j", Operand(target, "j"), operands, dot),)
+        )
     if joint_stiffness:
         program += _over_joints(chain, joint_stiffness, lambda target: _tangent(J, F, K, "hybrid", target), mirror=True)
     return program
