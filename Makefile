@@ -10,6 +10,7 @@
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make random-warnings  gcc at every level on random robots
+# make docs       these pages and the reference as a site, into build/site/html/
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 # make closed-loop  the controller on a simulated arm: 500 random situations, 100 000 adversarial energy schedules, 10^7
 #                   hostile steps with 10^5 bit flips under sanitizers; each part also alone: settle, energy, hostile
@@ -25,7 +26,7 @@ FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings soak closed-loop settle energy hostile clean
+.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings docs soak closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -118,6 +119,15 @@ closed-loop: settle energy hostile
 
 settle energy hostile: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/$@.py $(OPTIONS)
+
+$(VENV)/installed-docs: $(VENV)/installed
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@touch $@
+
+docs: $(VENV)/installed-docs
+	$(BIN)/python docs/site/pages.py build/site/pages
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -E -c docs/site build/site/pages build/site/html
+	@echo "open build/site/html/index.html"
 
 clean:
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis

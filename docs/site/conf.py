@@ -1,0 +1,41 @@
+"""Sphinx: the repository's own pages, staged by pages.py, with the reference made from the tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from docutils.nodes import SkipNode
+from latex2mathml.converter import convert
+
+import stiffgen
+
+project, author, version = "stiffgen", "the authors of stiffgen", stiffgen.__version__
+release = version
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+root_doc = "index"
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_class_signature = "mixed"
+html_theme = "furo"
+html_title = f"stiffgen {version}"
+html_copy_source = False
+html_show_sphinx = False
+html_math_renderer = "mathml"
+pygments_style, pygments_dark_style = "default", "monokai"
+
+
+def _inline(writer: Any, node: Any) -> None:
+    writer.body.append(convert(node.astext()))
+    raise SkipNode
+
+
+def _block(writer: Any, node: Any) -> None:
+    writer.body.append(f"<div>{convert(node.astext(), display='block')}</div>")
+    raise SkipNode
+
+
+def setup(app: Any) -> None:
+    """Equations as MathML, which browsers draw themselves: the site needs no script from elsewhere."""
+    app.add_html_math_renderer("mathml", (_inline, None), (_block, None))

@@ -1,0 +1,197 @@
+"""Stages the site's pages: the repository's own files where they lie, and the reference made from the tables.
+
+python docs/site/pages.py FOLDER
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import stiffgen
+from stiffgen.emit import fields
+from stiffgen.emit.fields import Field
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import KINDS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = (
+    "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*.svg", "urdf/README.md", "benchmarks/RESULTS.md",
+    "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg", "codegen/stiffgen/emit/README.md",
+)  # fmt: skip
+CONTENTS = {
+    "Concepts": ("docs/theory", "docs/glossary"),
+    "Use": ("docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze", "docs/troubleshooting"),
+    "Evidence": ("docs/performance", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
+    "Reference": (
+        "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
+    ),
+    "Development": ("docs/README", "docs/design", "CONTRIBUTING", "codegen/stiffgen/emit/README", "CHANGELOG"),
+}  # fmt: skip
+GROUPS = {
+    "body": "Body representation: tip axes, at the tip's origin",
+    "spatial": "Spatial representation: base axes, at the base's origin",
+    "hybrid": "Hybrid representation: base axes, at the tip's origin",
+}
+
+
+def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """A Markdown table; a bar in a cell is escaped."""
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+
+def shape(argument: Argument, chain: Chain) -> str:
+    """``6 x 7``, or ``1`` for a number."""
+    return " x ".join(map(str, argument.array(chain).shape)) or "1"
+
+
+def function(kernel: Kernel, chain: Chain) -> str:
+    """A kernel's section: what, from which equation, names in C and Python, arguments and results."""
+    names = ", ".join(argument.name for argument in kernel.arguments)
+    path = ".".join(("iiwa14", *kernel.path, kernel.name))
+    results = ", ".join(argument.name for argument in kernel.results)
+    rows = [
+        (way, f"`{argument.name}`", shape(argument, chain), argument.unit, argument.meaning)
+        for way, arguments in (("in", kernel.arguments), ("out", kernel.results))
+        for argument in arguments
+    ]
+    note = f"\n{kernel.note}\n" if kernel.note else ""
+    batch = f"; for many configurations `iiwa14_{kernel.qualified_name}_batch`" if kernel.batch else ""
+    return (
+        f"### {kernel.qualified_name}\n\n{kernel.summary}\n\n`{kernel.equation}`\n{note}\n"
+        f"Python: `{path}({names})`, C: `iiwa14_{kernel.qualified_name}({names}, {results})`{batch}.\n\n"
+        + table(("", "name", "shape", "unit", "meaning"), rows)
+    )
+
+
+def functions() -> str:
+    """Every function of a robot with all springs, from the kernel table."""
+    chain = stiffgen.load_chain(ROOT / "urdf" / "iiwa14.urdf")
+    springs = SpringOptions(kinds=KINDS)
+    parts = [
+        "# Functions of a robot\n\n"
+        "Of the iiwa 14, with every spring that `--spring` knows; another robot has another number of joints, and its "
+        "own name for `iiwa14`. Units are SI and radians, matrices row-major. Wrenches are those that **the "
+        "environment applies to the robot**. In Python leading dimensions broadcast, in C one call takes one "
+        "configuration. NaN or infinity in an argument gives NaN in every entry that depends on it.\n"
+    ]
+    group: str | None = ""
+    for kernel in sorted(chain_kernels(chain, springs), key=lambda kernel: kernel.group is not None):
+        if kernel.group != group:
+            group = kernel.group
+            parts.append(f"## {GROUPS.get(group or '', f'`{group}`') if group else 'Pose and masses'}\n")
+        parts.append(function(kernel, chain))
+    return "\n".join(parts)
+
+
+def extent(field: Field) -> str:
+    """``tips x 3 x 3``; ``1`` for a number."""
+    return " x ".join(map(str, field.shape)) or "1"
+
+
+def controller() -> str:
+    """Configuration, input and output of a controller's step, from the fields' table."""
+
+    def row(field: Field) -> tuple[str, ...]:
+        default = f"; {field.rule}; default `{field.default.format(name='NAME')}`" if field.default else ""
+        return f"`{field.name}`", extent(field), field.unit, field.meaning + default
+
+    config, given, results = (
+        table(("field", "shape", "unit", "meaning"), map(row, which))
+        for which in (fields.CONFIG, fields.INPUT, fields.OUTPUT)
+    )
+    return (
+        "# Fields of the controller\n\n"
+        "The members of `NAME_impedance_config`, `NAME_impedance_input` and `NAME_impedance_output`; in Python the "
+        "same names, by keyword. n is the number of coordinates; the extent `tips` is left out where there is one. "
+        "[The controller's page](../docs/controller.md) has the law.\n\n"
+        f"## Configuration\n\n{config}\n## Input of a step\n\n{given}\n## Output of a step\n\n{results}"
+    )
+
+
+def faults() -> str:
+    """Modes, faults with their reasons, status bits and errors, from the same table."""
+    reasons = [
+        (f"`{name}`", cause, dict(fields.FAULTS)[cause], meaning)
+        for name, cause, meaning in fields.REASONS
+        if name != "none"
+    ]
+    pairs = {
+        title: [(f"`{name}`", meaning) for name, meaning in which]
+        for title, which in (
+            ("Modes", fields.MODES), ("Status bits", fields.STATUS), ("Errors beyond single fields", fields.ERRORS),
+        )
+    }  # fmt: skip
+    sections = "\n".join(f"## {title}\n\n{table(('name', 'meaning'), rows)}" for title, rows in pairs.items())
+    return (
+        "# Status, faults, errors\n\n"
+        "In C each name has the robot's prefix (`IIWA14_STATUS_MOVING`); in Python they are members of enumerations."
+        "\n\n"
+        f"## Reasons of faults\n\n{table(('reason', 'class', 'class means', 'meaning'), reasons)}\n{sections}"
+    )
+
+
+def python() -> str:
+    """Public names of the package, for Sphinx' autodoc."""
+    parts = ["# The generator in Python\n"]
+    for name in (name for name in stiffgen.__all__ if not name.startswith("__")):
+        kind, members = ("class", "   :members:\n") if isinstance(getattr(stiffgen, name), type) else ("function", "")
+        parts.append(f"```{{eval-rst}}\n.. auto{kind}:: stiffgen.{name}\n{members}```\n")
+    return "\n".join(parts)
+
+
+def help_of(*command: str) -> str:
+    """What ``stiffgen COMMAND --help`` prints."""
+    environment = os.environ | {"COLUMNS": "96", "NO_COLOR": "1"}
+    run = [sys.executable, "-m", "stiffgen.cli", *command, "--help"]
+    return subprocess.run(run, check=True, capture_output=True, text=True, env=environment).stdout
+
+
+def command_line() -> str:
+    """Help of every command."""
+    overview = help_of()
+    names = re.findall(r"^ {4}([a-z]+) ", overview, re.MULTILINE)
+    parts = [f"# Command line\n\n```text\n{overview}```\n"]
+    parts += [f"## stiffgen {name}\n\n```text\n{help_of(name)}```\n" for name in names]
+    return "\n".join(parts)
+
+
+def index() -> str:
+    """The first page: the README, and the table of contents."""
+    parts = [(ROOT / "README.md").read_text()]
+    for part, pages in CONTENTS.items():
+        parts.append(f"```{{toctree}}\n:hidden:\n:caption: {part}\n\n" + "\n".join(pages) + "\n```\n")
+    return "\n".join(parts)
+
+
+def stage(folder: Path) -> None:
+    """Write every page into a folder, which is emptied first."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for pattern in PAGES:
+        for file in sorted(ROOT.glob(pattern)):
+            target = folder / file.relative_to(ROOT)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if file.suffix == ".md":
+                target.write_text(file.read_text().replace("(../README.md", "(../index.md"))
+            else:
+                shutil.copyfile(file, target)
+    (folder / "index.md").write_text(index())
+    (folder / "reference").mkdir()
+    for page in (functions, controller, faults, python, command_line):
+        (folder / "reference" / f"{page.__name__}.md").write_text(page())
+
+
+if __name__ == "__main__":
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("folder", type=Path)
+    stage(arguments.parse_args().folder)
