@@ -224,7 +224,7 @@ def mutated(request, chain, references, tmp_path_factory):
     loops (and the shape of the Jacobian).
     """
     if request.param == "iiwa14":
-        return chain, references, ("mass_matrix",)
+        return chain, references, ("mass_matrix", "bias_forces")
     urdf = tmp_path_factory.mktemp("skew") / "skew.urdf"
     urdf.write_text(
         chain_urdf({"skew": "rrpmr", "turning": "rrrrrr"}[request.param]).replace('"0 0 1"', '"0.48 0.6 0.64"')

@@ -120,6 +120,8 @@ def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> 
         "tool": _tool(chain),
         "example": _example(chain),
         "n": chain.dof,
+        "positions": len(chain.coordinates),
+        "fixed": "world" if chain.floating else "base",
         "controller": controller_context(name, chain),
         "scopes": [_scope(scope) for scope in single.scopes],
         "representations": REPRESENTATIONS,
@@ -219,13 +221,14 @@ def _example(chain: Chain) -> _Example:
     if several:
         many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
         values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
+    asked = ("base_pose", chain.floating), ("tool_pose", chain.runtime_tool)
     given = list(values.items())[0 if chain.runtime_tool else 1 :]
     return _Example(
-        posture=(0.1, 0.2, 0.3)[: chain.dof],
+        posture=(0.1, 0.2, 0.3)[: len(chain.coordinates)],
         jacobian=f"{first}hybrid_jacobian",
         stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
-        poses=(("tool_pose", identity),) if chain.runtime_tool else (),
-        arguments=tuple(given),
+        poses=tuple((pose, identity) for pose, is_given in asked if is_given),
+        arguments=((("base_pose", "np.eye(4)"),) if chain.floating else ()) + tuple(given),
     )
 
 
@@ -249,8 +252,9 @@ def _cuda(chain: Chain, name: str, threads: TargetCode) -> dict[str, Any]:
 
 
 def _thread(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> dict[str, Any]:
-    """A CUDA kernel: vectors are each configuration's own, matrices among the arguments are shared by all."""
-    own = [array for array in function.inputs if len(array.shape) == 1]
+    """A CUDA kernel: postures and vectors are each configuration's own, other matrices are shared by all."""
+    given_in = zip(kernel.arguments, function.inputs, strict=True)
+    own = [array for argument, array in given_in if _is_own(argument)]
     results = [
         {
             "name": array.name,
@@ -285,6 +289,11 @@ def _thread(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> dic
     }
 
 
+def _is_own(argument: Argument) -> bool:
+    """Whether each configuration of a CUDA launch has its own values of an argument."""
+    return argument.of_posture or len(argument.shape) == 1
+
+
 def _stored(result: Argument, chain: Chain) -> int:
     """Numbers that a CUDA kernel stores of a result: of a symmetric matrix, the upper triangle."""
     array = result.array(chain)
@@ -304,7 +313,7 @@ def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
                 + text
             )
         else:
-            text += " a configuration" if len(shape) == 1 else ", shared"
+            text += " a configuration" if _is_own(argument) else ", shared"
         lines += _wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")
     return lines
 

@@ -24,7 +24,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Body, Chain, Joint
 from stiffgen.robot.geometry import Inertia, Placement, aligning_rotation, mpf
-from stiffgen.symbolic.kinematics import Expressions, Section, constant, cross, joint_position
+from stiffgen.symbolic.kinematics import Expressions, Posture, Section, constant, cross, joint_position
 
 _ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
 """The axis of every joint, in the axes of its link."""
@@ -49,7 +49,7 @@ def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
 
     Every h_j is taken from link to link towards the base: the fewest operations, but quadratic in length.
     """
-    links = _links(chain)
+    links, _ = _links(chain)
     sections: list[Section] = []
     turns = _turns(chain, q, sections)
     result = ca.SX.zeros(len(links), len(links))
@@ -77,7 +77,7 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
     Both are taken about the origin of the first joint on the way to joint j and in the axes of its link. The length is
     linear in the number of joints; the products J_i . h_j are left to a loop.
     """
-    links = _links(chain)
+    links, _ = _links(chain)
     sections: list[Section] = []
     turns = _turns(chain, q, sections)
     frames = _frames(chain, links, turns, q, sections)
@@ -95,19 +95,37 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
     return Expressions(ca.densify(ca.horzcat(*stacked)), tuple(sections))
 
 
-def bias_forces(chain: Chain, q: ca.SX, velocity: ca.SX, gravity: ca.SX) -> Expressions:
-    """Forces (number of joints) that the joints need to move at constant rates: Coriolis, centrifugal and gravity's."""
-    links = _links(chain)
+def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
+    """Forces (number of joints) that the joints need to move at constant rates: Coriolis, centrifugal and gravity's.
+
+    ``given``: the base's pose if it floats, q, velocity, gravity. A floating base's rates are those of its body twist,
+    and what it needs is a wrench at the base link's origin in its axes.
+    """
+    *posture, velocity, gravity = given
+    at = Posture.of(chain, posture)
+    q, (base_rotation, _), own = at.q, at.base, chain.base_joints
+    links, base_link = _links(chain)
     sections: list[Section] = []
     rates = [joint.multiplier * velocity[joint.coordinate] for joint in chain.joints]
-    turns: list[_Turn] = [None if joint.prismatic else _sine_cosine(chain, joint, q) for joint in chain.joints]
+    turns: list[_Turn] = [
+        None if joint.prismatic or index < own else _sine_cosine(chain, joint, q)
+        for index, joint in enumerate(chain.joints)
+    ]
     named = {f"{letter}{k}": turn[i] for k, turn in enumerate(turns) if turn for i, letter in enumerate("sc")}
     sections.append(Section("sine and cosine of each joint angle", named))
     zero = ca.SX(3, 1)
+    falling = ca.densify(-(base_rotation.T @ gravity))
     motions: list[tuple[ca.SX, ca.SX, ca.SX]] = []
     wrenches: list[tuple[ca.SX, ca.SX]] = []
+    if base_link is not None:
+        # The twist's rate is zero in the base's own axes: there the origin accelerates by w x v.
+        turning = velocity[3:6]
+        motions = own * [(turning, zero, falling + cross(turning, velocity[:3]))]
+        wrenches = own * [_rate_of_momentum(base_link, *motions[0])]
     for index, (joint, link, turn, rate) in enumerate(zip(chain.joints, links, turns, rates, strict=True)):
-        turning, turning_rate, linear = motions[joint.parent] if joint.parent >= 0 else (zero, zero, -gravity)
+        if index < own:
+            continue
+        turning, turning_rate, linear = motions[joint.parent] if joint.parent >= 0 else (zero, zero, falling)
         shift, relative = _shift(chain, joint, link, q), rate * _ALONG
         linear = linear + cross(turning_rate, shift) + cross(turning, cross(turning, shift))
         turning, turning_rate, linear = (
@@ -124,7 +142,7 @@ def bias_forces(chain: Chain, q: ca.SX, velocity: ca.SX, gravity: ca.SX) -> Expr
         motions.append(motion)
         wrenches.append(_rate_of_momentum(link, *motion))
     forces: list[ca.SX] = [ca.SX()] * len(links)
-    for index in reversed(range(len(links))):
+    for index in reversed(range(own, len(links))):
         joint, link = chain.joints[index], links[index]
         force, moment = wrenches[index]
         forces[index] = (force if joint.prismatic else moment)[2]
@@ -136,6 +154,8 @@ def bias_forces(chain: Chain, q: ca.SX, velocity: ca.SX, gravity: ca.SX) -> Expr
         sections.append(Section(title, {f"f{index}_": ca.densify(force), f"n{index}_": ca.densify(moment)}))
         outer_force, outer_moment = wrenches[joint.parent]
         wrenches[joint.parent] = outer_force + force, outer_moment + moment
+    if own:
+        forces[:own] = [each for part in wrenches[own - 1] for each in ca.vertsplit(part)]
     return Expressions(ca.densify(ca.vertcat(*forces)), tuple(sections))
 
 
@@ -173,7 +193,7 @@ def _turns(chain: Chain, q: ca.SX, sections: list[Section]) -> list[_Turn]:
     section = Section("sine and cosine of each joint angle")
     turns: list[_Turn] = []
     for index, joint in enumerate(chain.joints):
-        if joint.prismatic or joint.parent < 0:
+        if joint.prismatic or joint.parent < 0 or index < chain.base_joints:
             turns.append(None)
             continue
         sine, cosine = _sine_cosine(chain, joint, q)
@@ -282,8 +302,10 @@ def _symmetric(matrix: ca.SX) -> ca.SX:
     return ca.triu2symm(ca.triu(matrix))
 
 
-def _links(chain: Chain) -> list[_Link]:
-    """Every link with what does not feel its joint's motion counted with the link before."""
+def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
+    """Every link with what does not feel its joint's motion counted with the link before; and, of a floating base, the
+    base link with all that is counted with it.
+    """
     joints = chain.joints
     aligned = [Placement.turned(aligning_rotation(joint.axis)) for joint in joints]
     places = []
@@ -294,15 +316,19 @@ def _links(chain: Chain) -> list[_Link]:
         )
     bodies = [_inertia(joint.body).seen_from(own.inverse()) for joint, own in zip(joints, aligned, strict=True)]
     links: list[_Link] = []
+    base_link = None
     for index in reversed(range(len(joints))):
         joint, total = joints[index], bodies[index]
+        if index == chain.base_joints - 1:
+            mass, moment, tensor = total.rounded()
+            base_link = _Link(ca.SX.eye(3), ca.SX.zeros(3), mass, constant(moment), constant(tensor))
         still = _insensitive(total, prismatic=joint.prismatic)
         if joint.parent >= 0:
             bodies[joint.parent] += still.seen_from(places[index])
         rotation, translation = places[index].rounded()
         mass, moment, tensor = (total - still).rounded(scale=total)
         links.append(_Link(constant(rotation), constant(translation), mass, constant(moment), constant(tensor)))
-    return links[::-1]
+    return links[::-1], base_link
 
 
 def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:

@@ -20,20 +20,30 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kinematics import Expressions, PoseRecursion, Section, constant, cross, frame_title
 
 
-def potential_energy(chain: Chain, q: ca.SX, gravity: ca.SX) -> Expressions:
-    """U [J], 0 where the centre of mass of all moving bodies lies at the base's height."""
-    moved = _MovedMasses(chain, q)
-    return Expressions(-ca.dot(gravity, moved.first_moment), tuple(moved.sections))
-
-
 def axes_and_moment_rates(chain: Chain, q: ca.SX) -> Expressions:
-    """A (6 x number of joints) matrix: rows 0..2 the axes a_j of turning joints (sliding ones: 0), rows 3..5 w_j."""
+    """A (6 x number of joints) matrix, row by row: rows 0..2 the axes a_j of turning joints (sliding ones: 0), rows
+    3..5 w_j; below it the first moment (3) of all bodies about the base's origin.
+    """
     moved = _MovedMasses(chain, q)
     columns = []
     for joint, axis, mass, moment in zip(chain.joints, moved.axes, moved.masses, moved.moments, strict=True):
         slides = joint.prismatic
         columns.append(ca.vertcat(ca.SX.zeros(3), mass * axis) if slides else ca.vertcat(axis, cross(axis, moment)))
-    return Expressions(ca.densify(ca.horzcat(*columns)), tuple(moved.sections))
+    rows = ca.vec(ca.horzcat(*columns).T)
+    return Expressions(ca.densify(ca.vertcat(rows, moved.first_moment)), tuple(moved.sections))
+
+
+def potential_energy(chain: Chain, first_moment: ca.SX, gravity: ca.SX, base_pose: ca.SX | None = None) -> Expressions:
+    """U [J], 0 where the centre of mass lies at the base's height, or that of the world's origin if the base floats."""
+    if base_pose is not None:
+        mass = sum(joint.body.mass for joint in chain.joints)
+        first_moment = base_pose[:3, :3] @ first_moment + mass * base_pose[:3, 3]
+    return Expressions(ca.SX(-ca.dot(gravity, first_moment)), ())
+
+
+def in_base_axes(base_pose: ca.SX, gravity: ca.SX) -> ca.SX:
+    """The acceleration of free fall in the axes of a floating base."""
+    return base_pose[:3, :3].T @ gravity
 
 
 def moment_rate(column: ca.SX, gravity: ca.SX) -> ca.SX:
@@ -62,7 +72,11 @@ class _MovedMasses:
         rotations: list[ca.SX] = []
         offsets: list[ca.SX] = []  # from the origin of the joint before
         self.axes: list[ca.SX] = []
-        for index, joint in enumerate(chain.joints):
+        for k in range(chain.base_joints):  # in the base's own axes
+            rotations.append(ca.SX.eye(3))
+            offsets.append(ca.SX.zeros(3))
+            self.axes.append(ca.SX.eye(3)[:, k % 3])
+        for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
             before = rotations[joint.parent] if joint.parent >= 0 else ca.SX.eye(3)
             offset, auxiliary = before @ constant(joint.translation), before @ r.local(index)
             axis, turn = r.axis(index, auxiliary), r.rotations[index]
@@ -81,8 +95,10 @@ class _MovedMasses:
         for index in reversed(range(len(chain.joints))):
             joint, mass = chain.joints[index], self.masses[index]
             moment = self.moments[index] = ca.densify(self.moments[index])
-            title = f"first moment s{index} [kg m] about joint {joint.name}'s origin of everything beyond it"
-            r.sections.append(Section(title, {f"s{index}_": moment}))
+            if index >= chain.base_joints - 1:
+                point = f"joint {joint.name}'s origin" if index >= chain.base_joints else "the base link's origin"
+                title = f"first moment s{index} [kg m] about {point} of everything beyond it"
+                r.sections.append(Section(title, {f"s{index}_": moment}))
             seen = moment + mass * offsets[index]
             if joint.parent >= 0:
                 self.masses[joint.parent] += mass
