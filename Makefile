@@ -9,6 +9,7 @@
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
+# make spring-digits  every spring with all axes against 60 digits, 1000 poses a case (some minutes)
 # make random-warnings  gcc at every level on random robots
 # make docs       these pages and the reference as a site, into build/site/html/
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
@@ -26,7 +27,7 @@ FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings docs soak closed-loop settle energy hostile clean
+.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings docs soak spring-digits closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -107,7 +108,7 @@ bench-cuda: $(VENV)/installed
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)
 
 spring-digits: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/springs_digits.py
+	PYTHONPATH=tests:. $(BIN)/python tests/long/springs_digits.py $(OPTIONS)
 
 random-warnings: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/compiler_warnings.py

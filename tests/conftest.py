@@ -18,6 +18,7 @@ from filelock import FileLock
 import stiffgen
 from examples.bowl_wiping.tool import NAME, tool
 from stiffgen import open_robot
+from support.fri_session import EXACT
 from support.project import ROOT, URDF
 
 
@@ -68,12 +69,17 @@ def robot(robot_folder: Path) -> ModuleType:
 
 @pytest.fixture(scope="session")
 def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """The arm with the bowl-wiping tool, generated and compiled once for all workers."""
+    """The arm with the bowl-wiping tool, generated and compiled once for all workers.
+
+    Its products and sums are rounded each: other builds of it compute the same bits (support/fri_session.py, EXACT).
+    """
     base = tmp_path_factory.getbasetemp()
     output = (base if worker_id == "master" else base.parent) / "robots"
     with FileLock(str(output) + ".lock"):
         if not (output / NAME).exists():
-            stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv("CC", f"{os.environ.get('CC', 'cc')} {EXACT}")
+                stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
     return output / NAME
 
 

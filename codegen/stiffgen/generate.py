@@ -8,6 +8,7 @@ from pathlib import Path
 from stiffgen.emit.build import build_module
 from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
 from stiffgen.emit.render import render
+from stiffgen.emit.target import CUDA
 from stiffgen.errors import OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
 from stiffgen.names import checked_identifier, identifier
@@ -81,7 +82,7 @@ def generate(
     if not force:
         refuse_another_robot(target, chain)
     progress(f"deriving and printing the kernels of {name}")
-    texts = render(chain, name, cuda=cuda, options=springs)
+    texts = render(chain, name, cuda=CUDA if cuda else None, options=springs)
     with swapped_in(target) as staging:
         for file, text in texts.items():
             (staging / file).write_text(text, encoding="utf-8", newline="\n")

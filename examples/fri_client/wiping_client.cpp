@@ -476,7 +476,9 @@ bool WipingClient::fill_input()
 void WipingClient::watch_controller()
 {
     record_.reset = 0;
-    good_time_ = faulted_ && valid_ ? good_time_ + clock_.periods() * sample_time_ : 0.0;
+    /* What was lost in between was no good sample. */
+    const bool good = faulted_ && valid_ && clock_.lost() < config_.missed_limit;
+    good_time_ = good ? good_time_ + sample_time_ : 0.0;
     if (!faulted_ || let_go_ != LET_GO_NONE) {
         return;
     }

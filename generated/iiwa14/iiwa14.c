@@ -278,6 +278,14 @@ static inline void clear(int size, double *to)
     }
 }
 
+/* Copy rows of N numbers that are stride apart into a matrix. */
+static inline void copy_rows(const double *from, int stride, int rows, double *to)
+{
+    for (int k = 0; k < rows; ++k) {
+        memcpy(&to[N * k], &from[stride * k], N * sizeof to[0]);
+    }
+}
+
 /* Copy the upper triangle of a matrix of n rows to both triangles of another one. */
 static inline void copy_symmetric(const double *from, int n, double *to)
 {
@@ -1678,9 +1686,7 @@ void iiwa14_body_jacobian(const double q[7], double jacobian[42])
     lanes J[6][PADDED];
 
     body_columns(q, J);
-    for (int k = 0; k < 6; ++k) {
-        memcpy(&jacobian[N * k], J[k], N * sizeof(double));
-    }
+    copy_rows((const double *)J, LANES * PADDED, 6, jacobian);
 }
 
 /*
@@ -1955,9 +1961,7 @@ void iiwa14_spatial_jacobian(const double q[7], double jacobian[42])
     lanes J[6][PADDED];
 
     spatial_columns(q, J);
-    for (int k = 0; k < 6; ++k) {
-        memcpy(&jacobian[N * k], J[k], N * sizeof(double));
-    }
+    copy_rows((const double *)J, LANES * PADDED, 6, jacobian);
 }
 
 /*
@@ -2230,9 +2234,7 @@ void iiwa14_hybrid_jacobian(const double q[7], double jacobian[42])
     lanes J[6][PADDED];
 
     hybrid_columns(q, J);
-    for (int k = 0; k < 6; ++k) {
-        memcpy(&jacobian[N * k], J[k], N * sizeof(double));
-    }
+    copy_rows((const double *)J, LANES * PADDED, 6, jacobian);
 }
 
 /*

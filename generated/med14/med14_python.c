@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "7e55309e9c5d6712") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "aaed7d5b9c6a4b18") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

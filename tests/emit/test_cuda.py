@@ -8,14 +8,17 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import as_results
+from stiffgen.check.result import as_results, relative_error
 from stiffgen.check.verify import Samples
 from stiffgen.cli import main
+from stiffgen.emit.render import render
+from stiffgen.emit.target import CUDA, FLOAT
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
@@ -70,6 +73,21 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
         for found, expected in zip(*results, strict=True):
             for one, other in zip(found, expected, strict=True):
                 assert_close(one, other)
+
+
+def test_single_precision_is_one_record(host, chain, tmp_path):
+    """A target with floats: no double is named, none computed with, and the values are those of doubles to 7 digits."""
+    texts = render(chain, "iiwa14", cuda=replace(CUDA, scalar=FLOAT))
+    source = tmp_path / "iiwa14.cu"
+    for file in (source.name, "iiwa14_cuda.h"):
+        (tmp_path / file).write_text(texts[file])
+        assert "double" not in texts[file]
+    floats = HostCuda(source, "iiwa14", chain, tmp_path, number=np.float32)
+    samples = Samples.draw(chain, 20, seed=11)
+    for name, kernel in host.kernels.items():
+        given = arguments(kernel, samples)
+        for found, expected in zip(as_results(floats(name, *given)), as_results(host(name, *given)), strict=True):
+            assert 1e-9 < relative_error(found, expected) < 1e-5, name
 
 
 @pytest.mark.parametrize("case", ["slides and mimics", "two tips, tool at run time"])

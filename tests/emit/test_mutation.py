@@ -19,6 +19,7 @@ from stiffgen.check.result import BOUND, as_results, relative_error
 from stiffgen.check.springs import by_hand
 from stiffgen.check.verify import References, check_kernels, dynamics_references, gamma_F, joint_potential_arguments
 from stiffgen.emit.render import render
+from stiffgen.emit.target import CUDA
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
@@ -237,7 +238,7 @@ def mutated(request, chain, references, tmp_path_factory):
 def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     """Exchange one sign of the printed bodies at a time: single calls and batches, or CUDA."""
     chain, references, left_out = mutated
-    texts = render(chain, "robot", cuda=True)
+    texts = render(chain, "robot", cuda=CUDA)
     file = "robot.c" if vehicle == "C" else "robot.cu"
     texts[file], places = with_switches(texts[file], left_out)
     for name, text in texts.items():

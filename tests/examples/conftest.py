@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
 import subprocess
 import threading
@@ -17,6 +19,7 @@ from examples.fri_robot.emulator import Emulator
 from examples.fri_robot.replay import read_client_log
 from support.fri_python_client import emulate, free_port
 from support.fri_run import Run
+from support.fri_session import SANITIZERS, build_robot, compilers, run_cmake
 from support.project import ROOT
 
 CLIENT = ROOT / "examples" / "fri_client"
@@ -24,13 +27,33 @@ TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 
 
 @pytest.fixture(scope="session")
-def client_program(
+def robot_library(
     tmp_path_factory: pytest.TempPathFactory, worker_id: str, plate_folder: Path
-) -> Callable[[str], Path]:
-    """The client of an FRI version, built once for all workers, with the machine's instructions as the NumPy module.
+) -> Callable[[str, str], list[str]]:
+    """The library of the robot with the plate, of a compiler with flags, built once for all workers; CMake options.
 
-    Those of 1.15 and 2.5 are built with sanitizers.
+    It computes the same bits as the NumPy module of ``plate_folder``.
     """
+    base = tmp_path_factory.getbasetemp()
+    output = (base if worker_id == "master" else base.parent) / "fri-robot"
+
+    def library(compiler: str, flags: str) -> list[str]:
+        folder = output / re.sub(r"\W+", "_", compiler + flags)
+        output.mkdir(exist_ok=True)
+        with FileLock(f"{folder}.lock"):
+            options = folder / "options.json"
+            if not options.exists():
+                options.write_text(json.dumps(build_robot(plate_folder, folder, compiler=compiler, flags=flags)))
+        return list(json.loads(options.read_text()))
+
+    return library
+
+
+@pytest.fixture(scope="session")
+def client_program(
+    tmp_path_factory: pytest.TempPathFactory, worker_id: str, robot_library: Callable[[str, str], list[str]]
+) -> Callable[[str], Path]:
+    """The client of an FRI version, built once for all workers. Those of 1.15 and 2.5 are built with sanitizers."""
     tools = ("cmake", "g++", "protoc")
     missing = [tool for tool in tools if shutil.which(tool) is None]
     if not shutil.which("nanopb_generator") and not shutil.which("nanopb_generator.py"):
@@ -48,14 +71,9 @@ def client_program(
         output.mkdir(exist_ok=True)
         with FileLock(str(folder) + ".lock"):
             if not (folder / "fri_wiping").exists():
-                options = [f"-DOPEN_FRI_VERSION={version}", f"-DROBOT_DIR={plate_folder}", "-DROBOT_NAME=iiwa14_plate"]
-                options += ["-DIIWA14_PLATE_NATIVE=ON"]
-                if version != "2.7":  # those of the slow tests: with sanitizers
-                    flags = "-O2 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all"
-                    options += ["-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={flags}", f"-DCMAKE_CXX_FLAGS={flags}"]
-                for command in (["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"]):
-                    done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
-                    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+                flags = "-O1" if version == "2.7" else SANITIZERS  # the others are those of the slow tests
+                options = [f"-DOPEN_FRI_VERSION={version}", *robot_library("gcc", flags), *compilers("gcc", flags)]
+                run_cmake(["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"])
         return folder / "fri_wiping"
 
     return build

@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from examples.bowl_wiping.plant import START_POSTURE
-from examples.fri_robot.messages import VERSIONS
-from support.fri_run import Run
+from support.fri_run import Run, versions
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
 TIMES = {1: (0.100, 0.220), 5: (0.470, 1.070), 10: (0.940, 2.140)}
@@ -26,9 +25,6 @@ REST = 0.3
 RELEASE = 0.3
 """[s] within which the torque must be down."""
 TOLERANT = ("--thresholds", 0.6, 0.5, 0.3)
-versions = pytest.mark.parametrize(
-    "version", [pytest.param(version, marks=() if version == "2.7" else pytest.mark.slow) for version in VERSIONS]
-)
 
 
 @pytest.fixture
@@ -282,19 +278,6 @@ def test_what_stands_still_is_named(scenario: Scenario, version: str, what: str,
     run = scenario(version, f"standing@0.03-99:{what}", *options, client=("--timeout", 400), lockstep=False)
     assert run.code == FAULT
     assert text in last_line(run)
-
-
-# ---- lateness --------------------------------------------------------------------------------------------------------
-
-
-@versions
-def test_after_a_stop_the_newest_is_answered(scenario: Scenario, version: str) -> None:
-    at = [(1.6, lambda p: p.send_signal(signal.SIGSTOP)), (2.0, lambda p: p.send_signal(signal.SIGCONT))]
-    run = scenario(version, "", "--thresholds", 0.05, 0.04, 0.03, lockstep=False, at=at)
-    assert run.code in (DONE, EARLY)
-    assert run.faults["overtaken"] > 40
-    assert run.robot.log["accepted"].max() < 20  # not all 80 answers in one cycle
-    assert run.faults["lost_messages"] == 0  # they came, too late
 
 
 # ---- the robot's own states -----------------------------------------------------------------------------------------

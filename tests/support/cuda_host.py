@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +20,33 @@ NOTHING = -77.0
 
 
 class HostCuda:
-    """NAME.cu as a shared library for the host."""
+    """NAME.cu as a shared library for the host; ``number`` is the type that it was printed for."""
 
-    def __init__(self, source: Path, name: str, chain: Chain, work: Path, compiler: str = "g++", level: str = "-O1"):
-        flags = ["-x", "c++", "-std=c++11", level, *STRICT, "-shared", "-fPIC", f"-I{source.parent}"]
+    def __init__(
+        self,
+        source: Path,
+        name: str,
+        chain: Chain,
+        work: Path,
+        compiler: str = "g++",
+        level: str = "-O1",
+        number: type[np.floating[Any]] = np.float64,
+    ) -> None:
+        flags = [
+            "-x",
+            "c++",
+            "-std=c++11",
+            level,
+            *STRICT,
+            "-Wdouble-promotion",
+            "-shared",
+            "-fPIC",
+            f"-I{source.parent}",
+        ]
         library = compile_c(work / f"{name}_cuda.so", *flags, source, compiler=require_compiler(compiler))
         self.library = ctypes.CDLL(str(library))
         self.name = name
+        self.number = number
         self.chain = chain
         self.kernels = {kernel.qualified_name: kernel for kernel in chain_kernels(chain) if kernel.batch}
 
@@ -40,10 +61,10 @@ class HostCuda:
         count = len(arguments[0])
         stride = count + spare
         given = [
-            self._columns(a, stride) if len(argument.shape) == 1 else np.ascontiguousarray(a)
+            self._columns(a, stride) if len(argument.shape) == 1 else np.ascontiguousarray(a, dtype=self.number)
             for a, argument in zip(arguments, kernel.arguments, strict=True)
         ]
-        outs = [np.full((self._rows(result) + 1, stride), NOTHING) for result in kernel.results]
+        outs = [np.full((self._rows(result) + 1, stride), NOTHING, dtype=self.number) for result in kernel.results]
         assert self.launch(kernel, count, stride, *given, *outs) == 0
         for out in outs:  # nothing is written beyond the end
             assert (out[-1] == NOTHING).all() and (out[:, count:] == NOTHING).all()
@@ -64,9 +85,8 @@ class HostCuda:
         dense[:, upper[0], upper[1]] = dense[:, upper[1], upper[0]] = found
         return dense
 
-    @staticmethod
-    def _columns(stack: np.ndarray, stride: int) -> np.ndarray:
+    def _columns(self, stack: np.ndarray, stride: int) -> np.ndarray:
         """Entry k of configuration c at [k, c]; what lies beyond the last configuration must not be read."""
-        columns = np.full((stack.shape[1], stride), np.nan)
+        columns = np.full((stack.shape[1], stride), np.nan, dtype=self.number)
         columns[:, : len(stack)] = stack.T
         return columns

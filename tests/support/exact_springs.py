@@ -1,7 +1,8 @@
 """Energies of springs differentiated with 60 digits along the kinematics of the URDF's own numbers.
 
 Numbers carry their first and second derivatives (jets) through the textbook formula of each energy: nothing of the
-kernels' code, no closed form of a gradient or a Hessian enters.
+kernels' code, no closed form of a gradient or a Hessian enters. The numbers are balls (Arb, in python-flint), which
+bound what 60 digits lose.
 """
 
 from __future__ import annotations
@@ -10,13 +11,11 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from typing import Any
 
-import mpmath
+import flint
 import numpy as np
+from flint import arb, arb_mat
 
-from support.exact_chain import numbers, origin
-
-mp = mpmath.mp.clone()
-mp.dps = 60
+flint.ctx.dps = 60
 
 
 def exact(array: Any) -> np.ndarray:
@@ -24,17 +23,31 @@ def exact(array: Any) -> np.ndarray:
     values = np.asarray(array)
     out = np.empty(values.shape, dtype=object)
     for index in np.ndindex(values.shape):
-        out[index] = mp.mpf(float(values[index]) if values.dtype != object else values[index])
+        out[index] = values[index] if isinstance(values[index], arb) else arb(float(values[index]))
     return out
+
+
+def floats(array: Any) -> np.ndarray:
+    """Rounded to doubles."""
+    if isinstance(array, arb_mat):
+        return np.array([float(x) for x in array.entries()]).reshape(array.nrows(), array.ncols())
+    return np.array([float(x) for x in np.ravel(array)]).reshape(np.shape(array))
 
 
 @dataclass
 class Jet:
-    """A number with gradient (k) and Hessian (k, k)."""
+    """A number with gradient (1, k) and Hessian (k, k)."""
 
-    value: Any
-    first: np.ndarray
-    second: np.ndarray
+    value: arb
+    first: arb_mat
+    second: arb_mat
+
+    @staticmethod
+    def variables(values: Any) -> np.ndarray:
+        """Jets of the values by themselves."""
+        k = len(values)
+        units = [arb_mat(1, k, [arb(i == j) for j in range(k)]) for i in range(k)]
+        return np.array([Jet(v, u, arb_mat(k, k)) for v, u in zip(exact(values), units, strict=True)], dtype=object)
 
     def __add__(self, other: Any) -> Jet:
         if isinstance(other, Jet):
@@ -44,33 +57,34 @@ class Jet:
     __radd__ = __add__
 
     def __neg__(self) -> Jet:
-        return self * -1
+        return Jet(-self.value, -self.first, -self.second)
 
     def __sub__(self, other: Any) -> Jet:
-        return self + -1 * other
+        return self + -other
 
     def __rsub__(self, other: Any) -> Jet:
-        return -1 * self + other
+        return -self + other
 
     def __mul__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):
             return Jet(self.value * other, self.first * other, self.second * other)
-        cross = np.outer(self.first, other.first)
-        second = self.value * other.second + other.value * self.second + cross + cross.T
-        return Jet(self.value * other.value, self.value * other.first + other.value * self.first, second)
+        cross = self.first.transpose() * other.first
+        second = other.second * self.value + self.second * other.value + cross + cross.transpose()
+        return Jet(self.value * other.value, other.first * self.value + self.first * other.value, second)
 
     __rmul__ = __mul__
 
-    def through(self, value: Any, slope: Any, curvature: Any) -> Jet:
+    def through(self, value: arb, slope: arb, curvature: arb) -> Jet:
         """f(self), from f, f' and f'' at its value."""
-        return Jet(value, slope * self.first, slope * self.second + curvature * np.outer(self.first, self.first))
+        outer = self.first.transpose() * self.first
+        return Jet(value, self.first * slope, self.second * slope + outer * curvature)
 
     def inverse(self) -> Jet:
         x = 1 / self.value
         return self.through(x, -(x**2), 2 * x**3)
 
     def sqrt(self) -> Jet:
-        x = mp.sqrt(self.value)
+        x = self.value.sqrt()
         return self.through(x, 1 / (2 * x), -1 / (4 * x**3))
 
 
@@ -78,111 +92,164 @@ def arc(sine: Jet, cosine: Jet) -> Jet:
     """atan2 of two jets, the second one positive."""
     ratio = sine * cosine.inverse()
     slope = 1 / (1 + ratio.value**2)
-    return ratio.through(mp.atan2(sine.value, cosine.value), slope, -2 * ratio.value * slope**2)
+    return ratio.through(arb.atan2(sine.value, cosine.value), slope, -2 * ratio.value * slope**2)
 
 
-def poses(text: str, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Jets of the last link's origin (3) and rotation (3,3) by q, from the URDF's text (a serial chain)."""
-    robot = ET.fromstring(text)
-    n = len(q)
-    zero, zeros = exact(np.zeros(n)), exact(np.zeros((n, n)))
-
-    def jets(values: Any) -> np.ndarray:
-        out = np.empty(np.shape(values), dtype=object)
-        for index in np.ndindex(out.shape):
-            out[index] = Jet(mp.mpf(values[index]), zero, zeros)
-        return out
-
-    rotation, place, coordinate = jets(np.eye(3)), jets(np.zeros(3)), 0
-    for joint in robot.findall("joint"):
-        own_rotation, own_place = origin(joint)
-        own = np.array([[mp.mpf(own_rotation[i, j]) for j in range(3)] for i in range(3)], dtype=object)
-        place = place + rotation @ np.array([mp.mpf(x) for x in own_place], dtype=object)
-        rotation = rotation @ own
-        if joint.get("type") == "fixed":
-            continue
-        mimic, at, multiplier, offset = joint.find("mimic"), coordinate, mp.mpf(1), mp.mpf(0)
-        if mimic is None:
-            coordinate += 1
-        else:
-            at, multiplier, offset = 0, mp.mpf(mimic.get("multiplier")), mp.mpf(mimic.get("offset"))
-        first = zero.copy()
-        first[at] = multiplier
-        position = Jet(multiplier * mp.mpf(float(q[at])) + offset, first, zeros)
-        axis = np.array([mp.mpf(x) for x in numbers(joint.find("axis").get("xyz"), "")], dtype=object)
-        axis = axis / mp.sqrt(axis @ axis)
-        if joint.get("type") == "prismatic":
-            place = place + (rotation @ axis) * position
-            continue
-        s, c = mp.sin(position.value), mp.cos(position.value)
-        sine, cosine = position.through(s, c, -s), position.through(c, -s, -c)
-        K = exact([[0, 0, 0]] * 3)
-        K[0, 1], K[0, 2], K[1, 2] = -axis[2], axis[1], -axis[0]
-        K[1, 0], K[2, 0], K[2, 1] = axis[2], -axis[1], axis[0]
-        turn = jets(np.eye(3)) + K * sine + (K @ K) * (1 - cosine)
-        rotation = rotation @ turn
-    return place, rotation
+def _numbers(text: str | None, default: str = "0 0 0") -> np.ndarray:
+    return np.array([arb(word) for word in (text or default).split()], dtype=object)
 
 
-def moved(place: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Jets of p + v and exp([w]) R by x = (v, w) at 0, from 60-digit numbers."""
-    zero, zeros = exact(np.zeros(6)), exact(np.zeros((6, 6)))
-    x = [Jet(mp.mpf(0), np.array([mp.mpf(i == k) for i in range(6)], dtype=object), zeros) for k in range(6)]
-    v, w = np.array(x[:3], dtype=object), x[3:]
-    none = Jet(mp.mpf(0), zero, zeros)
-    W = np.array([[none, -w[2], w[1]], [w[2], none, -w[0]], [-w[1], w[0], none]], dtype=object)
-    one = np.array([[none + mp.mpf(i == j) for j in range(3)] for i in range(3)], dtype=object)
-    return v + place, (one + W + (W @ W) * mp.mpf("0.5")) @ rotation
+def cross_matrix(v: np.ndarray) -> np.ndarray:
+    x, y, z = v
+    zero = 0 * x
+    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]], dtype=object)
 
 
-def _turned(axes: str, R: np.ndarray, R0: np.ndarray) -> np.ndarray:
-    return {"base": exact(np.eye(3)), "tip": R, "equilibrium": R0}[axes]
+ONE = exact(np.eye(3))
+
+
+def _turn(axis: np.ndarray, sine: Any, cosine: Any) -> np.ndarray:
+    """Rotation about a unit axis; sine and cosine are numbers or jets."""
+    K = cross_matrix(axis)
+    return ONE + K * sine + (K @ K) * (1 - cosine)
+
+
+def rotation(vector: np.ndarray) -> np.ndarray:
+    """exp([vector])."""
+    v = exact(vector)
+    angle = (v @ v).sqrt()
+    return _turn(v / angle, angle.sin(), angle.cos())
+
+
+class Kinematics:
+    """A serial chain as its URDF's text has it; joints stand in order in the file, mimic joints follow the first."""
+
+    def __init__(self, text: str) -> None:
+        self.joints = []
+        for joint in ET.fromstring(text).findall("joint"):
+            found = joint.find("origin")
+            given = {} if found is None else found.attrib
+            rotation = ONE
+            for axis, angle in zip(ONE, _numbers(given.get("rpy")), strict=True):  # about x, then y, then z
+                rotation = _turn(axis, angle.sin(), angle.cos()) @ rotation
+            kind, mimic, axis = joint.get("type"), joint.find("mimic"), None
+            if kind != "fixed":
+                axis = _numbers(joint.find("axis").get("xyz"))
+                axis = axis / (axis @ axis).sqrt()
+            law = None if mimic is None else (arb(mimic.get("multiplier")), arb(mimic.get("offset")))
+            self.joints.append((kind, rotation, _numbers(given.get("xyz")), axis, law))
+
+    def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Jets by q of the last link's origin (3) and rotation (3,3) in the first link."""
+        coordinates = list(Jet.variables(q))
+        first, none = coordinates[0], 0 * coordinates[0]
+        R, p = ONE + none, np.array([none, none, none], dtype=object)
+        for kind, own, place, axis, law in self.joints:
+            p, R = p + R @ place, R @ own
+            if kind == "fixed":
+                continue
+            position = first * law[0] + law[1] if law else coordinates.pop(0)
+            if kind == "prismatic":
+                p = p + (R @ axis) * position
+            else:
+                s, c = position.value.sin(), position.value.cos()
+                R = R @ _turn(axis, position.through(s, c, -s), position.through(c, -s, -c))
+        return p, R
+
+
+def moved(p: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Jets of p + v and exp([w]) R by x = (v, w) at 0, from numbers."""
+    x = Jet.variables(np.zeros(6))
+    W = cross_matrix(x[3:])
+    return x[:3] + p, (ONE + W + (W @ W) * arb(0.5)) @ R
+
+
+def orthonormal(rounded: np.ndarray) -> np.ndarray:
+    """The rotation (60 digits) that a rotation matrix of doubles is the rounding of, by Gram and Schmidt."""
+    x, y, _ = exact(rounded).T
+    x = x / (x @ x).sqrt()
+    y = y - x * (x @ y)
+    y = y / (y @ y).sqrt()
+    return np.stack([x, y, cross_matrix(x) @ y], 1)
 
 
 def _upper(matrix: np.ndarray) -> np.ndarray:
     return np.triu(matrix) + np.triu(matrix, 1).T
 
 
-def orthonormal(rounded: np.ndarray) -> np.ndarray:
-    """The rotation (60 digits) that a rotation matrix of doubles is the rounding of, by Gram and Schmidt."""
-    x, y, _ = exact(rounded).T
-    x = x / mp.sqrt(x @ x)
-    y = y - x * (x @ y)
-    y = y / mp.sqrt(y @ y)
-    return np.stack(
-        [x, y, np.array([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])], 1
-    )
+class Energies:
+    """Energies of all springs between one pose (jets) and one equilibrium (p0, R0), with one stiffness (6, 6).
 
-
-def energy(kind: str, placement: Any, p: np.ndarray, R: np.ndarray, equilibrium: Any, *stiffnesses: np.ndarray) -> Jet:
-    """A spring's energy as a jet; ``equilibrium`` is (p0, R0) in 60 digits, the stiffnesses are arrays of doubles.
-
-    Where R and R0 are rounded to doubles, and so no rotations to the last digit, displacements enter as the definition
-    of the energies has it: through R - R0.
+    Its diagonal blocks are Kt and Ko of the springs that have two. What springs, axes and centres share is computed
+    once. Where R and R0 are rounded to doubles, and so no rotations to the last digit, displacements enter as the
+    definition of the energies has it: through R - R0.
     """
-    p0, R0 = equilibrium
-    K = [exact(_upper(s)) for s in stiffnesses]
-    translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
-    centre = exact(placement.centre)
-    away = _turned(translation, R, R0).T @ (p - p0 + (R - R0) @ centre)
-    Kt, Ko = (K[0][:3, :3], K[0][3:, 3:]) if kind == "coupled" else K
-    linear = (away @ Kt @ away) * mp.mpf("0.5")
-    D = R - R0
-    S = R0.T @ D
-    s = np.array([S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]], dtype=object) * mp.mpf("0.5")  # u sin a
-    if placement.rotation_axes == "base":
-        D, s = D @ R0.T, R0 @ s
-    if kind in ("trace", "coupled"):
-        G = exact(np.eye(3)) * (Ko[0, 0] + Ko[1, 1] + Ko[2, 2]) / 2 - Ko
-        total = linear + sum((row @ G @ row for row in D), start=mp.mpf(0)) * mp.mpf("0.5")
-        return total + away @ K[0][:3, 3:] @ s if kind == "coupled" else total
-    E = R0.T @ R
-    cosine = (E[0, 0] + E[1, 1] + E[2, 2] - 1) * mp.mpf("0.5")
-    square = s @ s
-    sine = square.sqrt()
-    angle = arc(sine, cosine) if cosine.value > 0 else mp.pi - arc(sine, -cosine)
-    form = (s @ Ko @ s) * square.inverse()
-    if kind == "rotation_vector":
-        return linear + angle * angle * form * mp.mpf("0.5")
-    c, sn = mp.cos(angle.value / 2), mp.sin(angle.value / 2)
-    return linear + (1 - angle.through(c, -sn / 2, -c / 4)) * form * 4
+
+    def __init__(self, p: np.ndarray, R: np.ndarray, equilibrium: Any, stiffness: np.ndarray) -> None:
+        self.p, self.R, (self.p0, self.R0) = p, R, equilibrium
+        self.K = exact(_upper(stiffness))
+        self.known: dict[Any, Any] = {}
+
+    def __call__(self, kind: str, placement: Any) -> Jet:
+        """The energy of a spring of stiffgen's with these axes and centre."""
+        translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
+        where = translation, tuple(placement.centre)
+        linear = self._shared(self._linear, *where)
+        if kind != "coupled":
+            return linear + self._shared(self._turning, kind, placement.rotation_axes)
+        turning = self._shared(self._turning, "trace", placement.rotation_axes)
+        return linear + turning + self._shared(self._cross, *where, placement.rotation_axes)
+
+    def _shared(self, function: Any, *arguments: Any) -> Any:
+        key = function.__name__, arguments
+        if key not in self.known:
+            self.known[key] = function(*arguments)
+        return self.known[key]
+
+    def _away(self, axes: str, centre: tuple[float, ...]) -> np.ndarray:
+        """Displacement of the centre of stiffness, in the axes that Kt is given in."""
+        away = self.p - self.p0 + (self.R - self.R0) @ exact(centre)
+        return {"base": ONE, "tip": self.R, "equilibrium": self.R0}[axes].T @ away
+
+    def _linear(self, axes: str, centre: tuple[float, ...]) -> Jet:
+        away = self._shared(self._away, axes, centre)
+        return away @ (self.K[:3, :3] @ away) * arb(0.5)
+
+    def _seen_from(self, axes: str) -> np.ndarray:
+        """Axes in which Ko is given, from the equilibrium's: columns."""
+        return {"base": self.R0.T, "tip": self.R0.T @ self.R, "equilibrium": ONE}[axes]
+
+    def _sine(self, axes: str) -> np.ndarray:
+        """Axis of the turn R0^T R times its sine, in the axes that Ko is given in."""
+        S = self.R0.T @ (self.R - self.R0)
+        s = np.array([S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]], dtype=object) * arb(0.5)
+        return self._seen_from(axes).T @ s
+
+    def _cross(self, axes: str, centre: tuple[float, ...], rotation_axes: str) -> Jet:
+        away, s = self._shared(self._away, axes, centre), self._shared(self._sine, rotation_axes)
+        return away @ (self.K[:3, 3:] @ s)
+
+    def _turning(self, kind: str, axes: str) -> Jet:
+        Ko = self.K[3:, 3:]
+        if kind == "trace":
+            G = ONE * (Ko[0, 0] + Ko[1, 1] + Ko[2, 2]) / 2 - Ko
+            D = (self.R - self.R0) @ self._seen_from(axes)
+            return sum((row @ (G @ row) for row in D), start=0) * arb(0.5)
+        s, angle = self._shared(self._sine, axes), self._shared(self._angle)
+        form = s @ (Ko @ s) * self._shared(self._inverse_square)
+        if kind == "rotation_vector":
+            return angle * angle * form * arb(0.5)
+        c, sn = (angle.value / 2).cos(), (angle.value / 2).sin()
+        return (1 - angle.through(c, -sn / 2, -c / 4)) * form * 4
+
+    def _square(self) -> Jet:
+        s = self._shared(self._sine, "equilibrium")
+        return s @ s
+
+    def _inverse_square(self) -> Jet:
+        return self._shared(self._square).inverse()
+
+    def _angle(self) -> Jet:
+        E = self.R0.T @ self.R
+        cosine, sine = (E[0, 0] + E[1, 1] + E[2, 2] - 1) * arb(0.5), self._shared(self._square).sqrt()
+        return arc(sine, cosine) if cosine.value > 0 else arb.pi() - arc(sine, -cosine)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 
@@ -9,40 +11,34 @@ import casadi as ca
 import numpy as np
 
 import stiffgen
-from stiffgen.symbolic.springs import Placement, derivatives, spring
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import casadi_function
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import AXES, KINDS, Placement, derivatives, spring
 from support.chains import chain_urdf
-from support.exact_springs import energy, exact, moved, mp, orthonormal, poses
+from support.exact_springs import Energies, Jet, Kinematics, exact, floats, moved, orthonormal, rotation
 from support.project import URDF
 
 CASES = ("random", "near", "edge")
-PLACEMENTS = {
-    "default": Placement(),
-    "tip, base, remote": Placement("tip", "base", (0.1, -0.2, 0.3)),
-    "equilibrium, tip, remote": Placement("equilibrium", "tip", (-0.05, 0.0, 0.4)),
-    "base, equilibrium, remote": Placement("base", "equilibrium", (0.0, 0.3, 0.1)),
-}
+REMOTE = (0.1, -0.2, 0.3)
+PLACEMENTS = [Placement(t, r, c) for c in ((0.0, 0.0, 0.0), REMOTE) for t, r in itertools.product(AXES, AXES)]
+"""All axes, with the centre of stiffness at the tip's origin and apart from it."""
+FEW = [Placement(), *(Placement(t, r, REMOTE) for t, r in zip(AXES, ("equilibrium", "base", "tip"), strict=True))]
+"""The default, and every axes once with a centre apart."""
 ROBOTS = ("iiwa14", "six axes", "slides and mimics")
 EPS = 2.0**-52
-
-
-def rotation(vector: np.ndarray) -> np.ndarray:
-    """exp([vector]) in 60 digits."""
-    v = exact(vector)
-    a = mp.sqrt(v @ v)
-    K = exact(np.zeros((3, 3)))
-    K[0, 1], K[0, 2], K[1, 2] = -v[2], v[1], -v[0]
-    K = (K - K.T) / a
-    return exact(np.eye(3)) + K * mp.sin(a) + (K @ K) * (1 - mp.cos(a))
+RESULTS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness")
+Errors = dict[tuple[str, Placement], dict[str, float]]
+"""Worst errors of a spring's results by kind and placement."""
 
 
 def distance(case: str, random: np.random.Generator) -> tuple[float, float]:
     """Angle [rad] and displacement [m] of a case's pose from its equilibrium."""
     if case == "near":
-        d = 10 ** random.uniform(-9, -3)
-        return d, d
+        return 10 ** random.uniform(-9, -3), 10 ** random.uniform(-9, -3)
     if case == "edge":
-        return np.pi - 10 ** random.uniform(-7, -6), random.uniform(0, 0.5)
-    return random.uniform(0.01, np.pi - 0.01), random.uniform(0, 0.5)
+        return np.pi - 10 ** random.uniform(-9, -6), random.uniform(0.01, 0.5)
+    return random.uniform(0.01, np.pi - 0.01), random.uniform(0.01, 0.5)
 
 
 def axis(random: np.random.Generator) -> np.ndarray:
@@ -50,99 +46,143 @@ def axis(random: np.random.Generator) -> np.ndarray:
     return v / np.linalg.norm(v)
 
 
-def stiffnesses(kind: str, random: np.random.Generator) -> list[np.ndarray]:
+def stiffness(random: np.random.Generator) -> np.ndarray:
+    """Positive definite, nothing diagonal about it; its blocks are Kt and Ko."""
     root = random.normal(size=(6, 6)) * np.sqrt([300, 300, 300, 20, 20, 20])[:, None]
-    K = root @ root.T / 6 + np.diag([30, 30, 30, 2, 2, 2])
-    return [K] if kind == "coupled" else [K[:3, :3].copy(), K[3:, 3:].copy()]
+    return root @ root.T / 6 + np.diag([30, 30, 30, 2, 2, 2])
 
 
-def floats(array: np.ndarray) -> np.ndarray:
-    return np.array([float(x) for x in array.ravel()]).reshape(array.shape)
+def parameters(kind: str, H: np.ndarray, K: np.ndarray) -> list[np.ndarray]:
+    """What a spring's kernels take after q; stacks."""
+    return [H, K] if kind == "coupled" else [H, K[:, :3, :3], K[:, 3:, 3:]]
+
+
+def in_stacks(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+    """A function of CasADi on stacks of arguments; results (count, rows, columns)."""
+    count = len(arguments[0])
+    results = function.call([ca.DM(np.hstack(list(a.reshape(count, a.shape[1], -1)))) for a in arguments])
+    return [np.stack(np.hsplit(np.array(result), count)) for result in results]
 
 
 @cache
-def _of_pose(kind: str, placement: str) -> ca.Function:
-    chosen = spring(kind, PLACEMENTS[placement])
+def _of_pose(kind: str, placement: Placement) -> ca.Function:
+    chosen = spring(kind, placement)
     pose = ca.SX.sym("pose", 4, 4)
-    parameters = [ca.SX.sym(a.name, *map(int, a.shape)) for a in chosen.parameters]
-    results = derivatives(chosen, pose[:3, 3], pose[:3, :3], parameters)
-    return ca.Function("f", [pose, *parameters], [ca.densify(r) for r in results], {"cse": True})
+    given = [ca.SX.sym(a.name, *map(int, a.shape)) for a in chosen.parameters]
+    results = derivatives(chosen, pose[:3, 3], pose[:3, :3], given)
+    return ca.Function("f", [pose, *given], [ca.densify(r) for r in results], {"cse": True})
 
 
-def pose_errors(kind: str, placement: str, case: str, count: int, seed: int) -> dict[str, float]:
+def _springs(placements: Iterable[Placement]) -> list[tuple[str, Placement]]:
+    return list(itertools.product(KINDS, placements))
+
+
+def pose_errors(placements: list[Placement], case: str, count: int, seed: int) -> Errors:
     """Worst relative errors of energy, wrench and covariant Hessian at poses of doubles, taken as they are."""
     random = np.random.default_rng(seed)
-    worst = {"energy": 0.0, "wrench": 0.0, "task_stiffness": 0.0}
-    for _ in range(count):
+    pose, H = (np.tile(np.eye(4), (count, 1, 1)) for _ in range(2))
+    K = np.stack([stiffness(random) for _ in range(count)])
+    for c in range(count):
         angle, away = distance(case, random)
         R0 = rotation(axis(random) * random.uniform(0, np.pi))
-        pose, H = np.eye(4), np.eye(4)
-        H[:3, :3], H[:3, 3] = floats(R0), random.normal(size=3)
+        H[c, :3, :3], H[c, :3, 3] = floats(R0), random.normal(size=3)
         R = R0 @ rotation(axis(random) * angle)
-        pose[:3, :3], pose[:3, 3] = floats(R), H[:3, 3] + away * axis(random)
-        K = stiffnesses(kind, random)
+        pose[c, :3, :3], pose[c, :3, 3] = floats(R), H[c, :3, 3] + away * axis(random)
+    found = {s: in_stacks(_of_pose(*s), pose, *parameters(s[0], H, K)) for s in _springs(placements)}
+    worst: Errors = {s: dict.fromkeys(RESULTS[:3], 0.0) for s in found}
+    for c in range(count):
         # Far from the equilibrium, the rotations that the doubles are roundings of; near it, the doubles.
-        turned, rest = (exact(each[:3, :3]) if case == "near" else orthonormal(each[:3, :3]) for each in (pose, H))
-        at = moved(exact(pose[:3, 3]), turned)
-        U = energy(kind, PLACEMENTS[placement], *at, (exact(H[:3, 3]), rest), *K)
-        found = _of_pose(kind, placement)(pose, H, *K)
-        for name, value, reference in zip(worst, found, (np.array([U.value]), U.first, U.second), strict=True):
-            error = np.abs(np.array(value).reshape(reference.shape) - reference).max() / np.abs(reference).max()
-            worst[name] = max(worst[name], float(error))
+        R, R0 = ((exact if case == "near" else orthonormal)(each[c, :3, :3]) for each in (pose, H))
+        energies = Energies(*moved(exact(pose[c, :3, 3]), R), (exact(H[c, :3, 3]), R0), K[c])
+        for s, values in found.items():
+            for name, value, reference in zip(RESULTS, values, _derivatives(energies(*s)), strict=False):
+                error = _relative_error(value[c].reshape(reference.shape), reference)
+                worst[s][name] = max(worst[s][name], error)
     return worst
+
+
+def _relative_error(value: np.ndarray, reference: np.ndarray) -> float:
+    """To the largest entry; of a wrench, force and moment each to its own."""
+    if reference.shape == (6,):
+        return max(_relative_error(*(each.reshape(2, 3)[k] for each in (value, reference))) for k in range(2))
+    return float(np.abs(value - reference).max() / np.abs(reference).max())
+
+
+def _derivatives(energy: Jet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, gradient (k) and Hessian (k, k) in doubles; the balls are held to be far smaller."""
+    assert min(each.rel_accuracy_bits() for each in (energy.value, *energy.second.entries()[:1])) > 80
+    return np.array(float(energy.value)), floats(energy.first)[0], floats(energy.second)
 
 
 def urdf_of(robot: str, work: Path) -> Path:
     if robot == "iiwa14":
         return URDF
-    path = work / "chain.urdf"
+    path = work / f"{robot.replace(' ', '_')}.urdf"
     path.write_text(chain_urdf({"six axes": "rrrrrr", "slides and mimics": "rrpmrr"}[robot]))
     return path
 
 
+Evaluated = Callable[[str, Placement], dict[str, Callable[..., list[np.ndarray]]]]
+"""The five kernels of a spring on stacks, by name."""
+
+
+def by_casadi(chain: stiffgen.Chain) -> Evaluated:
+    """The kernels as CasADi has them."""
+
+    def kernels(kind: str, placement: Placement) -> dict[str, Callable[..., list[np.ndarray]]]:
+        chosen = spring(kind, placement)
+        table = [k for k in chain_kernels(chain, SpringOptions((kind,), placement)) if k.group == chosen.name]
+        functions = {k.name: casadi_function(chain, k) for k in table if k.name in RESULTS}
+        return {name: lambda *given, f=f: in_stacks(f, *given)[0] for name, f in functions.items()}
+
+    return kernels
+
+
+def by_module(folder: Path) -> Evaluated:
+    """The kernels of a compiled folder, whose springs have their default axes."""
+    module = stiffgen.open_robot(folder).module
+    return lambda kind, _: {name: getattr(getattr(module, spring(kind).name), name) for name in RESULTS}
+
+
 def robot_errors(
-    robot: str, kind: str, placement: str, case: str, count: int, seed: int, work: Path
-) -> dict[str, float]:
-    """Worst errors of the kernels by q, in units of 1e-11 of the result plus 16 roundings of the pose."""
-    urdf = urdf_of(robot, work)
-    chain = stiffgen.load_chain(urdf)
-    model = stiffgen.StiffnessModel(chain, springs=[kind], placement=PLACEMENTS[placement])
-    group = getattr(model, spring(kind).name)
+    urdf: Path, kernels: Evaluated, placements: list[Placement], case: str, count: int, seed: int
+) -> tuple[Errors, Errors]:
+    """Worst errors of the kernels by q: relative ones, and in units of 1e-11 plus 16 roundings of the pose."""
+    chain, exactly = stiffgen.load_chain(urdf), Kinematics(urdf.read_text())
     random = np.random.default_rng(seed)
     lower = np.array([max(c.lower, -2.0) for c in chain.coordinates])
     upper = np.array([min(c.upper, 2.0) for c in chain.coordinates])
-    worst: dict[str, float] = {}
-    for _ in range(count):
-        q = random.uniform(lower, upper)
-        p, R = poses(urdf.read_text(), q)
-        value_p, value_R = (np.vectorize(lambda jet: jet.value, otypes=[object])(each) for each in (p, R))
+    q, H = random.uniform(lower, upper, (count, chain.dof)), np.tile(np.eye(4), (count, 1, 1))
+    K = np.stack([stiffness(random) for _ in range(count)])
+    jets = [exactly.poses(each) for each in q]
+    values = [tuple(np.vectorize(lambda jet: jet.value, otypes=[object])(each) for each in at) for at in jets]
+    for c, (p, R) in enumerate(values):
         angle, away = distance(case, random)
-        H = np.eye(4)
-        H[:3, :3] = floats(value_R @ rotation(axis(random) * angle))
-        H[:3, 3] = floats(value_p) + away * axis(random)
-        K = stiffnesses(kind, random)
-        rest = (exact(H[:3, 3]), orthonormal(H[:3, :3]))
-        along = energy(kind, PLACEMENTS[placement], p, R, rest, *K)
-        at_tip = energy(kind, PLACEMENTS[placement], *moved(value_p, value_R), rest, *K)
-        stiff = max(np.abs(each).max() for each in K)
-        lever = 1 + float(np.abs(value_p).max()) + float(np.abs(H[:3, 3]).max())
-        F = float(np.abs(at_tip.first).max())
-        scales = {
-            "energy": F + 16 * EPS * stiff,
-            "wrench": stiff * lever,
-            "task_stiffness": stiff * lever,
-            "torque": stiff * lever**2,
-            "joint_stiffness": stiff * lever**3,
-        }
-        references = {
-            "energy": np.array([along.value]),
-            "wrench": at_tip.first,
-            "task_stiffness": at_tip.second,
-            "torque": -along.first,
-            "joint_stiffness": along.second,
-        }
-        for name, reference in references.items():
-            value = np.array(getattr(group, name)(q, H, *K)).reshape(reference.shape)
-            allowed = 1e-11 * float(np.abs(reference).max()) + 16 * EPS * scales[name]
-            worst[name] = max(worst.get(name, 0.0), float(np.abs(value - reference).max()) / allowed)
-    return worst
+        H[c, :3, :3] = floats(R @ rotation(axis(random) * angle))
+        H[c, :3, 3] = floats(p) + away * axis(random)
+    found = {
+        s: {name: kernel(q, *parameters(s[0], H, K)) for name, kernel in kernels(*s).items()}
+        for s in _springs(placements)
+    }
+    relative: Errors = {s: dict.fromkeys(RESULTS, 0.0) for s in found}
+    allowed: Errors = {s: dict.fromkeys(RESULTS, 0.0) for s in found}
+    for c in range(count):
+        rest = exact(H[c, :3, 3]), orthonormal(H[c, :3, :3])
+        along, at_tip = Energies(*jets[c], rest, K[c]), Energies(*moved(*values[c]), rest, K[c])
+        stiff = np.abs(K[c]).max()
+        lever = 1 + np.abs(floats(values[c][0])).max() + np.abs(H[c, :3, 3]).max()
+        for s, results in found.items():
+            U, gradient, hessian = _derivatives(along(*s))
+            _, F, covariant = _derivatives(at_tip(*s))
+            for name, reference, scale in (
+                ("energy", U, np.abs(F).max() + 16 * EPS * stiff),
+                ("wrench", F, stiff * lever),
+                ("task_stiffness", covariant, stiff * lever),
+                ("torque", -gradient, stiff * lever**2),
+                ("joint_stiffness", hessian, stiff * lever**3),
+            ):
+                value, largest = results[name][c].reshape(reference.shape), np.abs(reference).max()
+                error = np.abs(value - reference).max() / (1e-11 * largest + 16 * EPS * scale)
+                relative[s][name] = max(relative[s][name], _relative_error(value, reference))
+                allowed[s][name] = max(allowed[s][name], error)
+    return relative, allowed

@@ -6,27 +6,20 @@ import numpy as np
 import pytest
 
 import stiffgen
-from support.exact_springs import Jet, exact, mp
+from support.exact_springs import Jet, arb, exact, floats
 from support.project import URDF, kernels_of
 
 BOUND = 1e-13
 
 
-def joints(q):
-    """Jets of q by q, in 60 digits."""
-    n = len(q)
-    values, unit, zero = exact(q), exact(np.eye(n)), exact(np.zeros((n, n)))
-    return [Jet(values[i], unit[i], zero) for i in range(n)]
-
-
 def posture_energy(q, posture, stiffness):
     away = [qi - r for qi, r in zip(q, exact(posture), strict=True)]
-    return sum((k * each * each for k, each in zip(exact(stiffness), away, strict=True)), mp.mpf(0)) * (mp.mpf(1) / 2)
+    return sum((k * each * each for k, each in zip(exact(stiffness), away, strict=True)), arb(0)) * arb(0.5)
 
 
 def limits_energy(q, lower, upper, zone, stiffness):
     """k d^3/(6 w), one joint and one limit at a time."""
-    total, w = mp.mpf(0) * q[0], mp.mpf(float(zone))
+    total, w = 0 * q[0], arb(float(zone))
     for qi, low, high, k in zip(q, exact(lower), exact(upper), exact(stiffness), strict=True):
         for depth in (qi - high + w, low + w - qi):
             if depth.value > 0:
@@ -54,16 +47,17 @@ def model():
 def test_sixty_digits(model):
     deep = 0
     for group, energy, (q, *parameters) in cases():
-        expected = energy(joints(q), *parameters)
+        expected = energy(Jet.variables(q), *parameters)
         # What rounding q - limit costs: a depth is known to the rounding of q.
         k = np.max(parameters[-1])
         for name, reference, scale in (
-            ("energy", np.array([expected.value]), k),
+            ("energy", expected.value, k),
             ("torque", -expected.first, k),
             ("joint_stiffness", expected.second, k / (parameters[2] if group == "limits" else 1)),
         ):
-            found = np.array(getattr(getattr(model, group), name)(q, *parameters)).reshape(reference.shape)
-            assert float(np.abs(found - reference).max()) <= BOUND * (scale + float(np.abs(reference).max())), name
+            value = floats(reference)
+            found = np.array(getattr(getattr(model, group), name)(q, *parameters)).reshape(value.shape)
+            assert np.abs(found - value).max() <= BOUND * (scale + np.abs(value).max()), name
         deep += group == "limits" and expected.value > 0
     assert deep > 100
 

@@ -1,4 +1,4 @@
-"""Kernel table -> the bodies of the C functions.
+"""Kernel table -> C functions, as statements.
 
 Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there
 (templates/lanes.c).
@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from stiffgen.emit.expressions import Named, Operations, Printed, eights, print_statements, wrap_list
-from stiffgen.emit.target import SCALAR, Target
-from stiffgen.names import c_comment
+from stiffgen.emit.expressions import WIDEST, Named, Operations, Printed, eights, print_statements, wrap_list
+from stiffgen.emit.target import Target
+from stiffgen.names import c_comment, comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
@@ -71,6 +71,16 @@ class Scope:
     def padded(self) -> str:
         """C name of the number of lanes that a row over joints has."""
         return f"{self.prefix}PADDED"
+
+    @property
+    def padded_size(self) -> int:
+        """Numbers in these lanes."""
+        return -(-len(self.chain.joints) // WIDEST) * WIDEST
+
+    @property
+    def title(self) -> str:
+        """The tip link, fit for a comment; "" where the chain is the robot."""
+        return comment(self.chain.tip) if self.prefix else ""
 
 
 @dataclass(frozen=True)
@@ -392,11 +402,8 @@ class _KernelPrinter:
         self._store(step.targets, step.arguments)
         if targets != step.targets:
             public = step.targets[0]
-            self.lines += [
-                f"for (int k = 0; k < {public.shape[0]}; ++k) {{",
-                f"    memcpy(&{public.name}[N * k], J[k], N * sizeof(double));",
-                "}",
-            ]
+            first = f"(const {self.target.scalar.name} *)J"
+            self._call("copy_rows", first, f"LANES * {self.scope.padded}", public.shape[0], public.name)
 
     def _passed(self, target: Array) -> str:
         """C text of the array of columns that a block's function is to fill."""
@@ -444,8 +451,8 @@ class _KernelPrinter:
             symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
             inputs += [(symbol, self._write(Operand(array, ""), k)) for k, symbol in enumerate(symbols)]
             taken.append(as_operand(array.shape, symbols))
-        changed = ca.densify(step.body(*taken[len(step.reads) - len(step.operands) :]))
-        whole = ca.densify(step.whole().body(*taken))
+        changed = ca.densify(step.expression(*taken[len(step.reads) - len(step.operands) :]))
+        whole = ca.densify(step.whole().expression(*taken))
         rows, columns = step.target.shape
         places = [(r, c) for r in range(rows) for c in range(columns) if not changed[r, c].is_zero()]
         if step.start is not None:
@@ -495,7 +502,7 @@ class _KernelPrinter:
                 wide |= {text} if is_wide else set()
                 entries.append(symbol)
             taken.append(as_operand(operand_shape(operand), entries))
-        dense = ca.densify(step.body(*taken))
+        dense = ca.densify(step.expression(*taken))
         results = [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
         target = step.target
         zeros: set[int] = set()
@@ -574,24 +581,24 @@ class _KernelPrinter:
             return printed.lines
         if step.over == "j":
             return [f"for (int j = 0; j < {self._blocks}; ++j) {{", *_indented(printed.lines, 1), "}"]
-        target, body = step.target, printed.lines
+        target, lines = step.target, printed.lines
         if step.over == "i on the way to j":
             mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
             return [
                 f"for (int j = 0; j < {size}; ++j) {{",
                 f"    for (int i = j; i >= 0; i = {self.scope.prefix}parent_of[i]) {{",
-                *_indented([*body, *(mirrored if step.mirror else [])], 2),
+                *_indented([*lines, *(mirrored if step.mirror else [])], 2),
                 "    }",
                 "}",
             ]
         start, condition, _, _ = self._range(step)
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
-            body = [f"{self.target.number} *const entry = &{position};", *body]
+            lines = [f"{self.target.number} *const entry = &{position};", *lines]
         return [
             f"for (int i = 0; i < {self._rows_of(step)}; ++i) {{",
             f"    for (int {start}; {condition}; ++j) {{",
-            *_indented(body, 2),
+            *_indented(lines, 2),
             "    }",
             "}",
             *self._mirrored(step),
@@ -620,7 +627,7 @@ class _KernelPrinter:
         self.calls.add(name)
         if helper == "copy_finite":
             self.calls.add(self.target.guard)
-        if helper.startswith(("sum_", "clear")) and self.target.number != SCALAR:
+        if helper.startswith(("sum_", "clear")) and self.target.lanes == "configurations":
             self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
@@ -639,8 +646,8 @@ class _KernelPrinter:
                 return f"{array.name}[{k}][j]", True
             view = f"{array.name}_of"
             row = f"[LANES * {self.scope.padded}]"
-            declared = f"const double (*const {view}){row}"
-            self._note(f"{declared} = (const double (*){row}){array.name}; /* joint by joint */")
+            declared = f"const {self.target.scalar.name} (*const {view}){row}"
+            self._note(f"{declared} = (const {self.target.scalar.name} (*){row}){array.name}; /* joint by joint */")
             return f"{view}[{k}][{operand.at}]", False
         return self._write(operand, k), not self.target.joint_lanes
 
@@ -663,7 +670,7 @@ class _KernelPrinter:
         if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             if source.name in self.lane_arrays:
-                first = f"(const {SCALAR} *){source.name}", f"LANES * {self.scope.padded}"
+                first = f"(const {self.target.scalar.name} *){source.name}", f"LANES * {self.scope.padded}"
             else:
                 first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
             rows = 1 if len(source.shape) == 1 else source.shape[0]
@@ -690,11 +697,7 @@ class _KernelPrinter:
             self.operations = self.operations + self.printer.finished[term.function]
             for target, part in zip(step.targets, parts, strict=True) if index > 0 else ():
                 self.operations = self.operations + Operations(add=target.size)
-                self.lines += [
-                    f"for (int k = 0; k < {target.size}; ++k) {{",
-                    f"    {target.name}[k] += {part.name}[k];",
-                    "}",
-                ]
+                self._call("add_numbers", part.name, target.size, target.name)
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from stiffgen.emit.target import SCALAR, Target
+from stiffgen.emit.target import Target
 
 _WIDTH = 100
 WIDEST = 8
@@ -232,7 +232,7 @@ def print_statements(
         writer.poison = "poison"
         total = " + ".join(text for _, text in inputs)
         writer.reads |= set(range(len(inputs)))
-        writer.poison_line(f"0.0 * ({total})", wide=bool(wide))
+        writer.poison_line(f"{target.scalar.constant(0.0)} * ({total})", wide=bool(wide))
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -300,6 +300,7 @@ class _Writer:
             self._prepare(angle)
         self.calls.add("sine_cosine")
         values = [self._expression(angle)[0] for angle in angles]
+        scalar = self.target.scalar.name
         batch = all(angle in self.wide for angle in angles)
         if batch:
             count, padded = str(len(values)), [", ".join(values)]
@@ -314,8 +315,8 @@ class _Writer:
         ]
         view = {"sin": "sine", "cos": "cosine"}
         if not batch:
-            self.lines += ["const double *const s = (const double *)sine;"] if self._any(used, "sin") else []
-            self.lines += ["const double *const c = (const double *)cosine;"] if self._any(used, "cos") else []
+            self.lines += [f"const {scalar} *const s = (const {scalar} *)sine;"] if self._any(used, "sin") else []
+            self.lines += [f"const {scalar} *const c = (const {scalar} *)cosine;"] if self._any(used, "cos") else []
             view = {"sin": "s", "cos": "c"}
         for number in used:
             kind, argument, _ = self.graph.keys[number]
@@ -336,7 +337,7 @@ class _Writer:
 
     def poison_line(self, text: str, *, wide: bool) -> None:
         """Define what is 0, or NaN if an input is NaN."""
-        self._write(f"const {self.target.row if wide else SCALAR} poison = {text};")
+        self._write(f"const {self.target.row if wide else self.target.scalar.name} poison = {text};")
 
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
@@ -370,7 +371,7 @@ class _Writer:
         return self._expression(number)[0]
 
     def _type(self, number: int) -> str:
-        return f"const {self.target.row if number in self.wide else SCALAR}"
+        return f"const {self.target.row if number in self.wide else self.target.scalar.name}"
 
     def _is_leaf(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -412,7 +413,7 @@ class _Writer:
             return self.text[number], _ATOM
         kind, a, b = self.graph.keys[number]
         if kind == "const":
-            return c_double(float(a)), _ATOM
+            return self.target.scalar.constant(float(a)), _ATOM
         if kind == "input":
             self.reads.add(int(a))
             return self.inputs[int(a)], _ATOM
@@ -428,9 +429,10 @@ class _Writer:
             return f"{self._nested(int(a), _PRODUCT)} / {self._nested(b, _UNARY)}", _PRODUCT
         if kind not in ("add", "sub"):
             self.operations.call += 1
-            wide = number in self.wide and self.target.row != SCALAR
+            wide = number in self.wide and bool(self.target.lanes)
             given = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
-            function = f"{kind}_lanes" if wide else kind
+            libm = self.target.scalar.suffix if kind in LIBM + LIBM_OF_TWO else ""
+            function = f"{kind}_lanes" if wide else f"{kind}{libm}"
             self.calls.add(function)
             return f"{function}({given})", _ATOM
         self.operations.add += 1
@@ -492,12 +494,3 @@ def _filled(statement: str, breaks: re.Pattern[str]) -> list[str]:
         else:
             lines.append(piece)
     return lines
-
-
-def c_double(value: float) -> str:
-    """The shortest C literal that reads back as this double."""
-    if value == float("inf"):
-        return "INFINITY"
-    if value == float("-inf"):
-        return "-INFINITY"
-    return repr(value)

@@ -4,37 +4,37 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jinja2
 
 from stiffgen._version import __version__
-from stiffgen.emit.c import CFunction, Scope, TargetCode, print_kernels
+from stiffgen.emit import contexts
+from stiffgen.emit.c import Scope, TargetCode, print_kernels
 from stiffgen.emit.controller import controller_context, controller_files
-from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, WIDEST, Operations, c_double
+from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.emit.manifest import MANIFEST, manifest_text
-from stiffgen.emit.target import BATCH, CUDA, SINGLE, Target
+from stiffgen.emit.target import BATCH, DOUBLE, SINGLE, Target
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
+from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.symbolic.program import Array
 
 _SOURCES = "@digest of the C sources@"
 
 
-def render(chain: Chain, name: str, *, cuda: bool = False, options: SpringOptions | None = None) -> dict[str, str]:
+def render(
+    chain: Chain, name: str, *, cuda: Target | None = None, options: SpringOptions | None = None
+) -> dict[str, str]:
     """The files of a robot's folder by name.
 
     Args:
         chain: the robot.
         name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
-        cuda: also NAME.cu and NAME_cuda.h, CUDA for the kernels that have a batch.
+        cuda: also NAME.cu and NAME_cuda.h for this target, with the kernels that have a batch.
         options: springs beyond the default one, their axes and centre.
 
     Returns:
@@ -46,8 +46,8 @@ def render(chain: Chain, name: str, *, cuda: bool = False, options: SpringOption
     """
     options = options or SpringOptions()
     single, batch = (print_kernels(chain, name, target, options) for target in (SINGLE, BATCH))
-    threads = _threads(chain, name, options) if cuda else None
-    context = _context(chain, name, single, batch) | {"cuda": threads and _cuda(chain, name, threads)}
+    threads = contexts.cuda_pages(chain, name, _threads(chain, name, cuda, options)) if cuda else None
+    pages = _pages(chain, name, single, batch, threads)
     environment = _environment()
     files = {
         f"{name}.h": "header.h.j2",
@@ -62,7 +62,7 @@ def render(chain: Chain, name: str, *, cuda: bool = False, options: SpringOption
     if cuda:
         files |= {f"{name}_cuda.h": "cuda.h.j2", f"{name}.cu": "cuda.cu.j2"}
     texts = {
-        file: environment.get_template(template).render(context, banner=_banner(file, context["banner_line"]))
+        file: environment.get_template(template).render(vars(pages), banner=_banner(file, pages.banner_line))
         for file, template in files.items()
     }
     texts["py.typed"] = ""
@@ -90,7 +90,7 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters |= {
         "c_string": c_string,
-        "c_double": c_double,
+        "c_double": DOUBLE.constant,
         "comment": comment,
         "python": ascii,
         "python_float": lambda x: repr(x) if math.isfinite(x) else f"float('{x}')",
@@ -103,397 +103,108 @@ def _banner(file: str, line: str) -> str:
     return f"/* {line} */" if file.endswith((".h", ".c", ".cu")) else f"# {line}"
 
 
-def _context(chain: Chain, name: str, single: TargetCode, batch: TargetCode) -> dict[str, Any]:
-    kernels = [_kernel(chain, name, kernel, function) for kernel, function in single.kernels]
+@dataclass(frozen=True)
+class _RobotPages:
+    """What the templates read, by the name they know it by.
+
+    Attributes:
+        banner_line: of every file.
+        name, macro: prefixes of C names and macros.
+        version, compatible: stiffgen's, and the part of it that has to agree with a user's demand.
+        sources: what the digest of the C sources takes the place of.
+        robot, n, positions: the chain, the number of its velocity coordinates, and that of its joint positions.
+        fixed: what stands still, the base or the world.
+        tool: what is to be said of the tool, in lines.
+        example: of the README.
+        controller: see emit/controller.py; None where a robot has none.
+        scopes: the chain, or one branch a tip.
+        shared, batch_shared: internal functions of the kernels, and of their batches.
+        kernels, groups, overview: the public functions; by tip and representation; in lines for a reader.
+        public: their names in Python's module.
+        argument_lists: the different ones of them: names of the arguments, number of results.
+        batches: the public functions with a batch.
+        cuda: if it was asked for.
+        targets, calls, sections: of NAME.c: how it is printed, the helpers that it calls, and its parts.
+        libm, libm_of_two, own: functions that lanes are given.
+
+    """
+
+    banner_line: str
+    name: str
+    macro: str
+    version: str
+    compatible: str
+    sources: str
+    robot: Chain
+    n: int
+    positions: int
+    fixed: str
+    tool: list[str]
+    example: contexts.Example
+    controller: dict[str, Any] | None
+    scopes: tuple[Scope, ...]
+    shared: list[contexts.Definition]
+    batch_shared: list[contexts.Definition]
+    kernels: list[contexts.KernelPage]
+    groups: list[contexts.Group]
+    overview: list[str]
+    public: list[str]
+    argument_lists: list[tuple[tuple[str, ...], int]]
+    batches: list[contexts.BatchPage]
+    cuda: contexts.CudaPages | None
+    targets: dict[str, Target]
+    calls: frozenset[str]
+    sections: dict[str, contexts.Section]
+    representations: tuple[str, ...] = REPRESENTATIONS
+    libm: tuple[str, ...] = LIBM
+    libm_of_two: tuple[str, ...] = LIBM_OF_TWO
+    own: tuple[str, ...] = OWN
+
+
+def _pages(
+    chain: Chain, name: str, single: TargetCode, batch: TargetCode, cuda: contexts.CudaPages | None
+) -> _RobotPages:
+    kernels = [contexts.kernel_page(chain, name, kernel, function) for kernel, function in single.kernels]
+    groups = contexts.groups_of(kernels)
     total = sum((function.operations for _, function in single.kernels), Operations())
-    return {
-        "banner_line": (
+    return _RobotPages(
+        banner_line=(
             f"Generated by stiffgen {__version__} for robot {comment(chain.robot)} from {comment(chain.source)} "
             f"(SHA-256 {chain.digest[:16]}); {total.total} operations in {len(kernels)} functions. Do not edit."
         ),
-        "name": name,
-        "sources": _SOURCES,
-        "macro": name.upper(),
-        "version": __version__,
-        "compatible": ".".join(__version__.split(".")[:2]),
-        "robot": chain,
-        "tool": _tool(chain),
-        "example": _example(chain),
-        "n": chain.dof,
-        "positions": len(chain.coordinates),
-        "fixed": "world" if chain.floating else "base",
-        "controller": controller_context(name, chain),
-        "scopes": [_scope(scope) for scope in single.scopes],
-        "representations": REPRESENTATIONS,
-        "shared": [_shared(SINGLE, scope, function) for scope, function in single.shared],
-        "kernels": kernels,
-        "groups": _groups(kernels),
-        "overview": _overview(kernels),
-        "public": list(dict.fromkeys(k["tip"] or k["group"] or k["name"] for k in kernels)),
-        "argument_lists": list(dict.fromkeys((tuple(k["inputs"]), len(k["outputs"])) for k in kernels)),
-        "batch_shared": [_shared(BATCH, scope, function) for scope, function in batch.shared],
-        "batches": [_batch(name, kernel, function) for kernel, function in batch.kernels],
-        "targets": {"single": SINGLE, "batch": BATCH, "cuda": CUDA},
-        "calls": single.calls | batch.calls,
-        "sections": _sections(single, batch),
-        "libm": LIBM,
-        "libm_of_two": LIBM_OF_TWO,
-        "own": OWN,
-    }
-
-
-@dataclass(frozen=True)
-class _Section:
-    """A part of NAME.c: its title, and the names of the functions in it, in lines that fit a comment."""
-
-    title: str
-    functions: list[str]
-
-
-def _sections(single: TargetCode, batch: TargetCode) -> dict[str, _Section]:
-    """The table of contents of NAME.c; the template puts a banner with the title over each part."""
-
-    def section(title: str, names: Sequence[str]) -> _Section:
-        return _Section(title, _wrapped(", ".join(names), width=98) if names else [])
-
-    shared = [function.name for _, function in single.shared]
-    kernels = [kernel.qualified_name for kernel, _ in single.kernels]
-    batches = [function.name + BATCH.suffix for _, function in batch.shared]
-    batches += [f"{kernel.qualified_name}_batch" for kernel, _ in batch.kernels]
-    found = {
-        "robot": section("Arithmetic, and the robot's sizes, names and limits", []),
-        "loops": section("Lanes, and fixed loops over them", []),
-        "shared": section("What several kernels share", shared),
-        "kernels": section("Kernels", kernels),
-        "batches": section("Batches: the same with lanes of configurations in place of numbers", batches),
-        "check": section("Self-check of the compiler's arithmetic", []),
-    }
-    optional = {"shared": shared, "batches": batch.kernels}
-    kept = {key: each for key, each in found.items() if optional.get(key, True)}
-    return {
-        key: _Section(f"{number}. {each.title}", each.functions) for number, (key, each) in enumerate(kept.items(), 1)
-    }
-
-
-def _tool(chain: Chain) -> list[str]:
-    """What header and README say about the tool on the tip link, in lines; none without a tool."""
-    tool = chain.tool
-    if tool is None:
-        return []
-
-    def numbers(values: Sequence[float]) -> str:
-        return " ".join(f"{value:.6g}" for value in values)
-
-    text = ""
-    if not chain.runtime_tool:
-        text = f"The tool's frame takes the tip's place: xyz {numbers(tool.xyz)} m, rpy {numbers(tool.rpy)} rad. "
-    if not chain.masses:
-        text += "Its mass is left out, as all masses are."
-    elif tool.mass == 0:
-        text += "It has no mass: the mass matrix is that of the arm without it."
-    else:
-        text += f"Its mass is {tool.mass:.6g} kg, its centre of mass {numbers(tool.com)} m"
-        if any(tool.inertia):
-            text += f", its inertia about that {numbers(tool.inertia)} kg m^2 (ixx ixy ixz iyy iyz izz)"
-        text += "; in the tip link's frame."
-        if not any(tool.inertia):
-            text += " No inertia was given: the mass matrix takes it as a point mass."
-    return _wrapped(f"A tool is mounted on the tip link. {text}")
-
-
-@dataclass(frozen=True)
-class _Example:
-    """What the README's examples call, and with what: C values in ``poses``, Python text in ``arguments``."""
-
-    posture: tuple[float, ...]
-    jacobian: str
-    stiffness: str
-    poses: tuple[tuple[str, tuple[float, ...]], ...]
-    arguments: tuple[tuple[str, str], ...]
-
-
-def _example(chain: Chain) -> _Example:
-    several = len(chain.tips) > 1
-    first = f"{chain.tips[0].name}_" if several else ""
-    identity = tuple(float(k % 5 == 0) for k in range(16))
-    wrench, stiffness = "np.array([0, 0, -10, 0, 0, 0])", "np.diag([800, 800, 800, 50, 50, 50])"
-    values = {"tool_pose": "np.eye(4)", "wrench": wrench, "task_stiffness": stiffness}
-    if several:
-        many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
-        values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
-    asked = ("base_pose", chain.floating), ("tool_pose", chain.runtime_tool)
-    given = list(values.items())[0 if chain.runtime_tool else 1 :]
-    return _Example(
-        posture=(0.1, 0.2, 0.3)[: len(chain.coordinates)],
-        jacobian=f"{first}hybrid_jacobian",
-        stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
-        poses=tuple((pose, identity) for pose, is_given in asked if is_given),
-        arguments=((("base_pose", "np.eye(4)"),) if chain.floating else ()) + tuple(given),
+        name=name,
+        macro=name.upper(),
+        version=__version__,
+        compatible=".".join(__version__.split(".")[:2]),
+        sources=_SOURCES,
+        robot=chain,
+        n=chain.dof,
+        positions=len(chain.coordinates),
+        fixed="world" if chain.floating else "base",
+        tool=contexts.tool_lines(chain),
+        example=contexts.example_of(chain),
+        controller=controller_context(name, chain),
+        scopes=single.scopes,
+        shared=contexts.shared_functions(single),
+        batch_shared=contexts.shared_functions(batch),
+        kernels=kernels,
+        groups=groups,
+        overview=contexts.overview(groups),
+        public=list(dict.fromkeys(k.tip or k.group or k.name for k in kernels)),
+        argument_lists=list(dict.fromkeys((tuple(k.inputs), len(k.outputs)) for k in kernels)),
+        batches=[contexts.batch_page(name, kernel, function) for kernel, function in batch.kernels],
+        cuda=cuda,
+        targets={"single": SINGLE, "batch": BATCH},
+        calls=single.calls | batch.calls,
+        sections=contexts.sections_of(single, batch),
     )
 
 
-def _threads(chain: Chain, name: str, options: SpringOptions) -> TargetCode:
-    threads = print_kernels(chain, name, CUDA, options)
-    if not threads.kernels:
+def _threads(chain: Chain, name: str, target: Target, options: SpringOptions) -> TargetCode:
+    code = print_kernels(chain, name, target, options)
+    if not code.kernels:
         raise ChainError(
             f"--cuda: the chain has {len(chain.joints)} moving joints, and CUDA kernels are made for at most "
             f"{MAX_BATCH_JOINTS}; leave out --cuda, or shorten the chain with --tip, --base or --lock"
         )
-    return threads
-
-
-def _cuda(chain: Chain, name: str, threads: TargetCode) -> dict[str, Any]:
-    return {
-        "scopes": [_scope(scope) for scope in threads.scopes],
-        "shared": [_shared(CUDA, scope, function) for scope, function in threads.shared],
-        "kernels": [_thread(chain, name, kernel, function) for kernel, function in threads.kernels],
-        "calls": threads.calls,
-    }
-
-
-def _thread(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> dict[str, Any]:
-    """A CUDA kernel: postures and vectors are each configuration's own, other matrices are shared by all."""
-    given_in = zip(kernel.arguments, function.inputs, strict=True)
-    own = [array for argument, array in given_in if _is_own(argument)]
-    results = [
-        {
-            "name": array.name,
-            "size": array.size,
-            "symmetric": argument.symmetric,
-            "rows": argument.symmetric and array.shape[0],
-        }
-        for argument, array in zip(kernel.results, function.outputs, strict=True)
-    ]
-    stored = [_stored(result, chain) for result in kernel.results]
-    given = [f"const double *{a.name}" for a in function.inputs] + [f"double *{a.name}" for a in function.outputs]
-    declared = [f"const double {_declared(array)}" for array in function.inputs]
-    declared += [f"double {_declared(array)}" for array in function.outputs]
-    launch = ["size_t count", "size_t stride", *given, "void *stream"]
-    return {
-        "qualified_name": kernel.qualified_name,
-        "own": own,
-        "arrays": [array.name for array in (*function.inputs, *function.outputs)],
-        "values": [f"{array.name}_of_one" if array in own else array.name for array in function.inputs],
-        "results": results,
-        "body": _fill(f"DEVICE void {kernel.qualified_name}_thread(", declared) + ")",
-        "kernel": _fill(
-            f"KERNEL {kernel.qualified_name}_kernel(",
-            ["size_t count", "size_t stride", *(text.replace("*", "*__restrict__ ") for text in given)],
-        )
-        + ")",
-        "prototype": _fill(f"int {name}_{kernel.qualified_name}_cuda(", launch) + ")",
-        "documentation": _thread_documentation(chain, kernel),
-        "moved": sum(stored) + sum(array.size for array in own),
-        "comment": _explained(kernel, function),
-        "lines": function.lines,
-    }
-
-
-def _is_own(argument: Argument) -> bool:
-    """Whether each configuration of a CUDA launch has its own values of an argument."""
-    return argument.of_posture or len(argument.shape) == 1
-
-
-def _stored(result: Argument, chain: Chain) -> int:
-    """Numbers that a CUDA kernel stores of a result: of a symmetric matrix, the upper triangle."""
-    array = result.array(chain)
-    return array.shape[0] * (array.shape[0] + 1) // 2 if result.symmetric else array.size
-
-
-def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
-    """The comment over a launch function's prototype."""
-    lines = [kernel.summary, *_wrapped(kernel.equation), *(_wrapped(kernel.note) if kernel.note else []), ""]
-    for argument in (*kernel.arguments, *kernel.results):
-        shape = argument.array(chain).shape
-        text = _extents(shape)
-        if argument in kernel.results:
-            text = (
-                f"{_stored(argument, chain)} a configuration: "
-                + ("upper triangle of " if argument.symmetric else "")
-                + text
-            )
-        else:
-            text += " a configuration" if _is_own(argument) else ", shared"
-        lines += _wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")
-    return lines
-
-
-def _groups(kernels: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Kernels by tip and representation, a tip's own ones before those of its representations."""
-    keys = dict.fromkeys((k["tip"], k["group"]) for k in kernels)
-    return [
-        {
-            "tip": tip,
-            "group": group,
-            "kernels": [k for k in kernels if (k["tip"], k["group"]) == (tip, group)],
-        }
-        for tip, group in keys
-    ]
-
-
-def _overview(kernels: list[dict[str, Any]]) -> list[str]:
-    """The functions for a reader, those of groups that have the same ones once: call, shape and meaning."""
-    groups = {(g["tip"], g["group"]): _calls(g["kernels"]) for g in _groups(kernels)}
-    lines: list[str] = []
-    for calls in dict.fromkeys(groups.values()):
-        places = [".".join(filter(None, key)) for key, each in groups.items() if each == calls]
-        if places != [""]:
-            lines.append(", ".join(place or "here" for place in places))
-        lines += [line if places == [""] else f"    {line}" for line in calls]
-    return lines
-
-
-def _calls(kernels: list[dict[str, Any]]) -> tuple[str, ...]:
-    """Two lines a function; words on the representation are left to the groups' names."""
-    lines: list[str] = []
-    for kernel in kernels:
-        shapes = kernel["signature"].partition("->")[2].replace(",", ", ").replace("),", "),")
-        lines.append(f"{kernel['name']}({', '.join(kernel['inputs'])}) -> {shapes}")
-        summary = kernel["summary"].replace(f"in {kernel['group']} representation", "in the representation named above")
-        lines.append(f"    {summary}")
-    return tuple(lines)
-
-
-def _scope(scope: Scope) -> dict[str, Any]:
-    return {
-        "prefix": scope.prefix,
-        "title": comment(scope.chain.tip) if scope.prefix else "",
-        "coupled": scope.chain.coupled,
-        "joints": scope.chain.joints,
-        "size": scope.size,
-        "blocks": scope.blocks,
-        "padded": scope.padded,
-        "padded_size": -(-len(scope.chain.joints) // WIDEST) * WIDEST,
-    }
-
-
-def _shared(target: Target, scope: Scope, function: CFunction) -> dict[str, Any]:
-    """An internal function that kernels share."""
-    parameters = [f"const {target.number} {_declared(array)}" for array in function.inputs]
-    extent = scope.padded if target.joint_lanes else scope.size
-    parameters += [f"{target.row} {array.name}[6][{extent}]" for array in function.outputs[: function.columns]]
-    parameters += [f"{target.number} {_declared(array)}" for array in function.outputs[function.columns :]]
-    tip = f", tip {comment(scope.chain.tip)}" if scope.prefix else ""
-    return {
-        "comment": [*_wrapped(f"{function.meaning}{tip}."), f"{_cost(function.operations)}."],
-        "prototype": _fill(f"{target.qualifier} void {function.name}{target.suffix}(", parameters) + ")",
-        "lines": function.lines,
-    }
-
-
-def _explained(kernel: Kernel, function: CFunction) -> list[str]:
-    """The comment over a kernel's definition: what it computes, by which equation, and what that costs."""
-    return [kernel.summary, *_wrapped(kernel.equation), f"{_cost(function.operations)}."]
-
-
-def _cost(operations: Operations) -> str:
-    return f"{operations.add} additions, {operations.multiply} multiplications, {operations.sincos} sines and cosines"
-
-
-def _kernel(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> dict[str, Any]:
-    parameters = [f"const double {_declared(array)}" for array in function.inputs]
-    parameters += [f"double {_declared(array)}" for array in function.outputs]
-    opening = f"void {name}_{kernel.qualified_name}("
-    arrays, outputs = (*function.inputs, *function.outputs), len(function.outputs)
-    return {
-        "name": kernel.name,
-        "qualified_name": kernel.qualified_name,
-        "group": kernel.group,
-        "tip": kernel.tip.name if kernel.tip else "",
-        "summary": kernel.summary,
-        "equation": kernel.equation,
-        "signature": kernel.signature(chain),
-        "inputs": [array.name for array in function.inputs],
-        "protocol": "_".join(["_Of", *(a.name for a in function.inputs), *([str(outputs)] if outputs > 1 else [])]),
-        "outputs": [array.name for array in function.outputs],
-        "ranks": [len(array.shape) for array in arrays],
-        "extents": ["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
-        "batch": kernel.batch,
-        "prototype": _fill(opening, parameters) + ")",
-        "documentation": _documentation(chain, kernel),
-        "docstring": _docstring(chain, kernel),
-        "lines": function.lines,
-        "comment": _explained(kernel, function),
-        "operations": function.operations.total,
-    }
-
-
-def _batch(name: str, kernel: Kernel, function: CFunction) -> dict[str, Any]:
-    parameters = ["size_t count"]
-    for array in function.inputs:
-        parameters += [f"const double *{array.name}", f"ptrdiff_t {array.name}_step"]
-    parameters += [f"double *{array.name}" for array in function.outputs]
-    within = [f"const lanes {_declared(array)}" for array in function.inputs]
-    within += [f"lanes {_declared(array)}" for array in function.outputs]
-    return {
-        "qualified_name": kernel.qualified_name,
-        "inputs": function.inputs,
-        "outputs": function.outputs,
-        "internal": _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{BATCH.suffix}(", within) + ")",
-        "comment": _explained(kernel, function),
-        "prototype": _fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
-        "lines": function.lines,
-    }
-
-
-def _declared(array: Array) -> str:
-    return f"{array.name}[{array.size}]"
-
-
-def _fill(opening: str, parameters: list[str], width: int = 110) -> str:
-    lines = [opening]
-    for index, parameter in enumerate(parameters):
-        last = index == len(parameters) - 1
-        piece = parameter if last else f"{parameter}, "
-        if len(lines[-1]) + len(piece) > width:
-            lines[-1] = lines[-1].rstrip()
-            lines.append(" " * 4 + piece)
-        else:
-            lines[-1] += piece
-    return "\n".join(lines)
-
-
-def _wrapped(text: str, width: int = 104, indent: str = "") -> list[str]:
-    lines: list[str] = []
-    current = ""
-    for word in text.split():
-        if current and len(current) + 1 + len(word) > width:
-            lines.append(current)
-            current = f"{indent}{word}"
-        else:
-            current = f"{current} {word}" if current else word
-    return [*lines, current]
-
-
-def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
-    """The comment over a C prototype."""
-    lines = [kernel.summary, *_wrapped(kernel.equation)]
-    if kernel.note:
-        lines += _wrapped(kernel.note)
-    lines.append("")
-    for argument in (*kernel.arguments, *kernel.results):
-        lines += _wrapped(_described(chain, argument), indent="    ")
-    return lines
-
-
-def _extents(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape or (1,)))
-
-
-def _described(chain: Chain, argument: Argument) -> str:
-    shape = _extents(argument.array(chain).shape)
-    return f"{argument.name} ({shape}) [{argument.unit}]: {argument.meaning}"
-
-
-def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
-    lines = [kernel.summary, "", *_wrapped(kernel.equation, 88), ""]
-    if kernel.note:
-        lines += [*_wrapped(kernel.note, 88), ""]
-    for title, arguments in (("Parameters", kernel.arguments), ("Returns", kernel.results)):
-        lines += [title, "-" * len(title)]
-        for argument in arguments:
-            shape = ", ".join(("...", *map(str, argument.array(chain).shape)))
-            lines.append(f"{argument.name} : ({shape}) [{argument.unit}]")
-            lines += [f"    {line}" for line in _wrapped(argument.meaning, 84)]
-        lines.append("")
-    return lines[:-1]
+    return code

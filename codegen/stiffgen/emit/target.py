@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Literal
 
-SCALAR = "double"
-"""C type of a number that all configurations and joints share, on every target: constants are printed to its digits."""
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A floating-point type of C.
+
+    Attributes:
+        name: of the type.
+        suffix: of its constants, and of libm's functions of it.
+
+    """
+
+    name: Literal["double", "float"]
+    suffix: str
+
+    def constant(self, value: float) -> str:
+        """The shortest C constant of this type that reads back as the number nearest to ``value``."""
+        if math.isinf(value):
+            return "INFINITY" if value > 0 else "-INFINITY"
+        if self.name == "double":
+            return repr(value)
+        with np.errstate(over="raise"):  # a constant that this type cannot hold must not become infinity
+            return f"{np.float32(value)!s}{self.suffix}"
+
+
+DOUBLE = Scalar("double", "")
+FLOAT = Scalar("float", "f")
 
 
 @dataclass(frozen=True)
@@ -13,12 +41,10 @@ class Target:
     """One way to print the kernels.
 
     Attributes:
-        number: C type of an entry of arguments and results: of one configuration, or of several side by side.
-        row: C type of what rows over joints are made of; the ``number`` where nothing runs side by side over joints.
-        joint_lanes: rows over joints are lanes of joints; else loops run joint by joint.
+        scalar: type of a number.
+        lanes: what runs side by side, in the lanes of vectors; else loops run one by one. Lanes of joints are entries
+            of rows over joints, lanes of configurations every entry of arguments and results.
         batches: only the kernels that have a batch are printed.
-        guard: C function that gives NaN for infinity, on ``number``.
-        spread: C function that makes ``row`` of a scalar; "" where they are the same.
         suffix: of the names of internal functions.
         qualifier: before the definitions of internal functions.
         helper: before those of small helpers, which are to be inlined.
@@ -27,12 +53,9 @@ class Target:
 
     """
 
-    number: str
-    row: str
-    joint_lanes: bool
-    batches: bool
-    guard: str
-    spread: str
+    scalar: Scalar = DOUBLE
+    lanes: Literal["", "joints", "configurations"] = ""
+    batches: bool = False
     suffix: str = ""
     qualifier: str = "static"
     helper: str = "static inline"
@@ -40,44 +63,43 @@ class Target:
     aligned: str = ""
 
     @property
+    def joint_lanes(self) -> bool:
+        """Whether rows over joints are lanes of joints."""
+        return self.lanes == "joints"
+
+    @property
+    def number(self) -> str:
+        """C type of an entry of arguments and results: of one configuration, or of several side by side."""
+        return "lanes" if self.lanes == "configurations" else self.scalar.name
+
+    @property
+    def row(self) -> str:
+        """C type of what rows over joints are made of; the ``number`` where nothing runs side by side over joints."""
+        return "lanes" if self.lanes else self.scalar.name
+
+    @property
+    def guard(self) -> str:
+        """C function that gives NaN for infinity, on ``number``."""
+        return "finite_lanes" if self.lanes == "configurations" else "finite_or_nan"
+
+    @property
+    def spread(self) -> str:
+        """C function that makes ``row`` of a scalar; "" where they are the same."""
+        return "same" if self.lanes else ""
+
+    @property
     def zero(self) -> str:
-        """C text of a number that is 0."""
-        return "0.0" if self.number == SCALAR else f"{self.spread}(0.0)"
+        """C text of a ``number`` that is 0."""
+        zero = self.scalar.constant(0.0)
+        return f"{self.spread}({zero})" if self.number == "lanes" else zero
 
 
 # gcc 12 stores to large arrays with an alignment that it does not give them itself.
-SINGLE = Target(
-    number="double",
-    row="lanes",
-    joint_lanes=True,
-    batches=False,
-    guard="finite_or_nan",
-    spread="same",
-    aligned="ALIGNED ",
-)
+SINGLE = Target(lanes="joints", aligned="ALIGNED ")
 """One configuration; what runs over joints runs over lanes of joints (templates/lanes.c)."""
 
-BATCH = Target(
-    number="lanes",
-    row="lanes",
-    joint_lanes=False,
-    batches=True,
-    guard="finite_lanes",
-    spread="same",
-    suffix="_lanes",
-    aligned="ALIGNED ",
-)
+BATCH = Target(lanes="configurations", batches=True, suffix="_lanes", aligned="ALIGNED ")
 """LANES configurations at a time, one in each lane."""
 
-CUDA = Target(
-    number="double",
-    row="double",
-    joint_lanes=False,
-    batches=True,
-    guard="finite_or_nan",
-    spread="",
-    qualifier="DEVICE",
-    helper="DEVICE",
-    table="TABLE",
-)
-"""One configuration a thread."""
+CUDA = Target(batches=True, qualifier="DEVICE", helper="DEVICE", table="TABLE")
+"""One configuration a thread. CUDA with ``scalar=FLOAT`` is the same in single precision."""

@@ -44,14 +44,14 @@ class Array:
 
 @dataclass(frozen=True)
 class Operand:
-    """What a map's body reads or writes of an array: all of it (""), column i or j, or the element(s) [i, j]."""
+    """What a map's expression reads or writes of an array: all of it (""), column i or j, or the element(s) [i, j]."""
 
     array: Array
     at: Literal["", "i", "j", "ij"]
 
     @property
     def count(self) -> int:
-        """Entries that one evaluation of the body touches."""
+        """Entries that one evaluation of the expression touches."""
         if self.at == "":
             return self.array.size
         if self.at == "ij":
@@ -91,13 +91,13 @@ class Block:
 
 @dataclass(frozen=True)
 class Map:
-    """``target = body(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
+    """``target = expression(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
 
     comment: str
     over: Over
     target: Operand
     operands: tuple[Operand, ...]
-    body: Callable[..., ca.SX]
+    expression: Callable[..., ca.SX]
     mirror: bool = False
 
     def indices(self, chain: Chain) -> Iterator[tuple[int, int]]:
@@ -120,17 +120,18 @@ class Map:
 
 @dataclass(frozen=True)
 class SparseSum:
-    """``target = start + body(*operands)``, square, where most entries of ``body`` are zero whatever the operands.
+    """``target = start + expression(*operands)``, square, where most of the expression's entries are zero whatever the
+    operands.
 
     Of ``start`` the upper triangle is read and taken for both; None is zero. C code copies the start, or
-    clears, in loops and then stores the entries in which ``body`` is not zero.
+    clears, in loops and then stores the entries that are not zero there.
     """
 
     comment: str
     target: Array
     start: Array | None
     operands: tuple[Array, ...]
-    body: Callable[..., ca.SX]
+    expression: Callable[..., ca.SX]
 
     @property
     def reads(self) -> tuple[Array, ...]:
@@ -140,12 +141,12 @@ class SparseSum:
     def whole(self) -> Map:
         """The same as a map that writes every entry."""
 
-        def body(*values: ca.SX) -> ca.SX:
+        def total(*values: ca.SX) -> ca.SX:
             if self.start is None:
-                return self.body(*values)
-            return symmetric_from_upper(values[0]) + self.body(*values[1:])
+                return self.expression(*values)
+            return symmetric_from_upper(values[0]) + self.expression(*values[1:])
 
-        return Map(self.comment, "", Operand(self.target, ""), tuple(Operand(a, "") for a in self.reads), body)
+        return Map(self.comment, "", Operand(self.target, ""), tuple(Operand(a, "") for a in self.reads), total)
 
 
 @dataclass(frozen=True)
@@ -229,7 +230,7 @@ def _entries(value: ca.SX) -> list[ca.SX]:
 
 
 def as_operand(shape: tuple[int, ...], entries: list[ca.SX]) -> ca.SX:
-    """Entries as the column vector or (for two dimensions) matrix that a map's body takes."""
+    """Entries as the column vector or (for two dimensions) matrix that a map's expression takes."""
     if len(shape) != 2:
         return ca.vertcat(*entries)
     rows = [ca.horzcat(*entries[r * shape[1] : (r + 1) * shape[1]]) for r in range(shape[0])]
@@ -237,7 +238,7 @@ def as_operand(shape: tuple[int, ...], entries: list[ca.SX]) -> ca.SX:
 
 
 def operand_shape(operand: Operand) -> tuple[int, ...]:
-    """Shape in which a body takes an operand: the array's own, or a column."""
+    """Shape in which an expression takes an operand: the array's own, or a column."""
     return operand.array.shape if operand.at == "" else (operand.count,)
 
 
@@ -262,7 +263,7 @@ def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
             as_operand(operand_shape(o), [arrays[o.array.name][o.entry(k, i, j)] for k in range(o.count)])
             for o in step.operands
         ]
-        result = _entries(step.body(*taken))
+        result = _entries(step.expression(*taken))
         for k in range(step.target.count):
             written[step.target.entry(k, i, j)] = result[k]
             if step.mirror:

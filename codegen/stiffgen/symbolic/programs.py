@@ -86,7 +86,7 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
         diagonal_outward = stiffness.diagonal_is_outward(representation)
 
         def half(over: Over, outward: bool) -> Map:
-            def body(moving: ca.SX, column: ca.SX) -> ca.SX:
+            def derivative(moving: ca.SX, column: ca.SX) -> ca.SX:
                 return kinematics.jacobian_column_derivative(representation, column, moving, by_is_outward=outward)
 
             side = f"for the joints i {'beyond' if outward else 'before'} joint j" if over != BASE else BASE
@@ -95,7 +95,7 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
                 over,
                 Operand(target, "ij"),
                 (Operand(J, "i"), Operand(J, "j")),
-                body,
+                derivative,
             )
 
         outer: Over = "i>=j" if diagonal_outward else "i>j"
@@ -127,8 +127,8 @@ def _two_sided(
     for side, over, outward in (("beyond", beyond, True), ("before", before, False)):
         u = Array(f"{symbol}_{side}", J.shape)
         comment = f"{symbol}_j = {formula}, for the joints j {side} joint i"
-        body = partial(covector, representation, outward=outward)
-        maps.append(Map(comment, "j", Operand(u, "j"), (Operand(J, "j"), *operands), body))
+        expression = partial(covector, representation, outward=outward)
+        maps.append(Map(comment, "j", Operand(u, "j"), (Operand(J, "j"), *operands), expression))
         overs = (over, BASE) if chain.floating and not outward else (over,)
         maps += [_pairs(J, u, each, target, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
     return tuple(maps)

@@ -1,0 +1,452 @@
+"""What the templates read: frozen records, made of the chain, the kernels' records and what was printed for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from stiffgen.emit.c import CFunction, Scope, TargetCode
+from stiffgen.emit.expressions import Operations
+from stiffgen.emit.target import BATCH, Target
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel
+from stiffgen.symbolic.program import Array
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A C function: the comment over it, in lines, its prototype, and the lines in its braces."""
+
+    comment: list[str]
+    prototype: str
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class KernelPage:
+    """A public function, in C and in Python.
+
+    Attributes:
+        definition: in C.
+        name, group, tip, qualified_name: its names, as in the kernel's record; "" where it belongs to no group or tip.
+        summary, equation, signature: in words and signs.
+        inputs, outputs: names of arguments and results.
+        protocol: name of the Python stub of functions with these arguments.
+        ranks: numbers of dimensions of arguments and results.
+        extents: C initialisers of their shapes.
+        batch: there is a batch of it.
+        documentation: the comment over the C prototype, in lines.
+        docstring: Python's, in lines.
+        operations: how many it costs.
+
+    """
+
+    definition: Definition
+    name: str
+    group: str
+    tip: str
+    qualified_name: str
+    summary: str
+    equation: str
+    signature: str
+    inputs: list[str]
+    outputs: list[str]
+    protocol: str
+    ranks: list[int]
+    extents: list[str]
+    batch: bool
+    documentation: list[str]
+    docstring: list[str]
+    operations: int
+
+
+@dataclass(frozen=True)
+class Group:
+    """Kernels of a tip and a representation ("" each: of none)."""
+
+    tip: str
+    group: str
+    kernels: list[KernelPage]
+
+
+@dataclass(frozen=True)
+class BatchPage:
+    """A kernel's batch: the function for one vector of configurations, and the public one that loops over these."""
+
+    definition: Definition
+    prototype: str
+    qualified_name: str
+    inputs: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class ThreadResult:
+    """A result of a CUDA kernel; ``rows`` are those of a matrix of which the upper triangle is stored, else 0."""
+
+    name: str
+    size: int
+    rows: int
+
+
+@dataclass(frozen=True)
+class ThreadPage:
+    """A CUDA kernel: postures and vectors are each configuration's own, other matrices are shared by all.
+
+    Attributes:
+        definition: of the function of one thread.
+        kernel: prototype of the function that runs it on all configurations.
+        prototype: of the launch function.
+        qualified_name: the kernel's.
+        own: arguments that every configuration has its own of.
+        arrays: names of all arguments and results.
+        given: C texts of the arguments that the thread's function is called with.
+        results: what it gives.
+        documentation: the comment over the launch function's prototype, in lines.
+        moved: numbers read and written a configuration.
+
+    """
+
+    definition: Definition
+    kernel: str
+    prototype: str
+    qualified_name: str
+    own: list[Array]
+    arrays: list[str]
+    given: list[str]
+    results: list[ThreadResult]
+    documentation: list[str]
+    moved: int
+
+
+@dataclass(frozen=True)
+class CudaPages:
+    """What NAME.cu and NAME_cuda.h are made of."""
+
+    target: Target
+    scopes: tuple[Scope, ...]
+    shared: list[Definition]
+    kernels: list[ThreadPage]
+    calls: frozenset[str]
+
+
+def cuda_pages(chain: Chain, name: str, code: TargetCode) -> CudaPages:
+    """The CUDA kernels that were printed for a target."""
+    kernels = [_thread(chain, name, code.target, kernel, function) for kernel, function in code.kernels]
+    return CudaPages(code.target, code.scopes, shared_functions(code), kernels, code.calls)
+
+
+def shared_functions(code: TargetCode) -> list[Definition]:
+    """The internal functions that kernels share."""
+    return [_shared(code.target, scope, function) for scope, function in code.shared]
+
+
+def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
+    parameters = [f"const {target.number} {_declared(array)}" for array in function.inputs]
+    extent = scope.padded if target.joint_lanes else scope.size
+    parameters += [f"{target.row} {array.name}[6][{extent}]" for array in function.outputs[: function.columns]]
+    parameters += [f"{target.number} {_declared(array)}" for array in function.outputs[function.columns :]]
+    tip = f", tip {scope.title}" if scope.title else ""
+    return Definition(
+        comment=[*wrapped(f"{function.meaning}{tip}."), f"{_cost(function.operations)}."],
+        prototype=_fill(f"{target.qualifier} void {function.name}{target.suffix}(", parameters) + ")",
+        lines=function.lines,
+    )
+
+
+def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> KernelPage:
+    """A kernel that was printed for one configuration; ``name`` is the robot's."""
+    parameters = [f"const double {_declared(array)}" for array in function.inputs]
+    parameters += [f"double {_declared(array)}" for array in function.outputs]
+    prototype = _fill(f"void {name}_{kernel.qualified_name}(", parameters) + ")"
+    arrays, outputs = (*function.inputs, *function.outputs), len(function.outputs)
+    return KernelPage(
+        definition=Definition(_explained(kernel, function), prototype, function.lines),
+        name=kernel.name,
+        group=kernel.group or "",
+        tip=kernel.tip.name if kernel.tip else "",
+        qualified_name=kernel.qualified_name,
+        summary=kernel.summary,
+        equation=kernel.equation,
+        signature=kernel.signature(chain),
+        inputs=[array.name for array in function.inputs],
+        outputs=[array.name for array in function.outputs],
+        protocol="_".join(["_Of", *(a.name for a in function.inputs), *([str(outputs)] if outputs > 1 else [])]),
+        ranks=[len(array.shape) for array in arrays],
+        extents=["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
+        batch=kernel.batch,
+        documentation=_documentation(chain, kernel),
+        docstring=_docstring(chain, kernel),
+        operations=function.operations.total,
+    )
+
+
+def batch_page(name: str, kernel: Kernel, function: CFunction) -> BatchPage:
+    """A kernel that was printed for vectors of configurations; ``name`` is the robot's."""
+    parameters = ["size_t count"]
+    for array in function.inputs:
+        parameters += [f"const double *{array.name}", f"ptrdiff_t {array.name}_step"]
+    parameters += [f"double *{array.name}" for array in function.outputs]
+    within = [f"const {BATCH.number} {_declared(array)}" for array in function.inputs]
+    within += [f"{BATCH.number} {_declared(array)}" for array in function.outputs]
+    one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{BATCH.suffix}(", within) + ")"
+    return BatchPage(
+        definition=Definition(_explained(kernel, function), one_vector, function.lines),
+        prototype=_fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
+        qualified_name=kernel.qualified_name,
+        inputs=function.inputs,
+        outputs=function.outputs,
+    )
+
+
+def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: CFunction) -> ThreadPage:
+    number = target.number
+    pairs = zip(kernel.arguments, function.inputs, strict=True)
+    own = [array for argument, array in pairs if _is_own(argument)]
+    declared = [f"const {number} {_declared(array)}" for array in function.inputs]
+    declared += [f"{number} {_declared(array)}" for array in function.outputs]
+    one = _fill(f"{target.qualifier} void {kernel.qualified_name}_thread(", declared) + ")"
+    given = [f"const {number} *{array.name}" for array in function.inputs]
+    given += [f"{number} *{array.name}" for array in function.outputs]
+    each = ["size_t count", "size_t stride", *(text.replace("*", "*__restrict__ ") for text in given)]
+    launch = ["size_t count", "size_t stride", *given, "void *stream"]
+    return ThreadPage(
+        definition=Definition(_explained(kernel, function), one, function.lines),
+        kernel=_fill(f"KERNEL {kernel.qualified_name}_kernel(", each) + ")",
+        prototype=_fill(f"int {name}_{kernel.qualified_name}_cuda(", launch) + ")",
+        qualified_name=kernel.qualified_name,
+        own=own,
+        arrays=[array.name for array in (*function.inputs, *function.outputs)],
+        given=[f"{array.name}_of_one" if array in own else array.name for array in function.inputs],
+        results=[
+            ThreadResult(array.name, array.size, array.shape[0] if argument.symmetric else 0)
+            for argument, array in zip(kernel.results, function.outputs, strict=True)
+        ],
+        documentation=_thread_documentation(chain, kernel),
+        moved=sum(_stored(result, chain) for result in kernel.results) + sum(array.size for array in own),
+    )
+
+
+def groups_of(kernels: Iterable[KernelPage]) -> list[Group]:
+    """Kernels by tip and representation, a tip's own ones before those of its representations."""
+    members: dict[tuple[str, str], list[KernelPage]] = {}
+    for kernel in kernels:
+        members.setdefault((kernel.tip, kernel.group), []).append(kernel)
+    return [Group(tip, group, each) for (tip, group), each in members.items()]
+
+
+def overview(groups: Sequence[Group]) -> list[str]:
+    """The functions for a reader, those of groups that have the same ones once: call, shape and meaning."""
+    calls_of = {".".join(filter(None, (group.tip, group.group))): _calls(group.kernels) for group in groups}
+    lines: list[str] = []
+    for calls in dict.fromkeys(calls_of.values()):
+        places = [place for place, each in calls_of.items() if each == calls]
+        if places != [""]:
+            lines.append(", ".join(place or "here" for place in places))
+        lines += [line if places == [""] else f"    {line}" for line in calls]
+    return lines
+
+
+def _calls(kernels: list[KernelPage]) -> tuple[str, ...]:
+    """Two lines a function; words on the representation are left to the groups' names."""
+    lines: list[str] = []
+    for kernel in kernels:
+        shapes = kernel.signature.partition("->")[2].replace(",", ", ").replace("),", "),")
+        lines.append(f"{kernel.name}({', '.join(kernel.inputs)}) -> {shapes}")
+        summary = kernel.summary.replace(f"in {kernel.group} representation", "in the representation named above")
+        lines.append(f"    {summary}")
+    return tuple(lines)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of NAME.c: its title, and the names of the functions in it, in lines that fit a comment."""
+
+    title: str
+    functions: list[str]
+
+
+def sections_of(single: TargetCode, batch: TargetCode) -> dict[str, Section]:
+    """The table of contents of NAME.c; the template puts a banner with the title over each part."""
+
+    def section(title: str, names: Sequence[str]) -> Section:
+        return Section(title, wrapped(", ".join(names), width=98) if names else [])
+
+    shared = [function.name for _, function in single.shared]
+    kernels = [kernel.qualified_name for kernel, _ in single.kernels]
+    batches = [function.name + BATCH.suffix for _, function in batch.shared]
+    batches += [f"{kernel.qualified_name}_batch" for kernel, _ in batch.kernels]
+    found = {
+        "robot": section("Arithmetic, and the robot's sizes, names and limits", []),
+        "loops": section("Lanes, and fixed loops over them", []),
+        "shared": section("What several kernels share", shared),
+        "kernels": section("Kernels", kernels),
+        "batches": section("Batches: the same with lanes of configurations in place of numbers", batches),
+        "check": section("Self-check of the compiler's arithmetic", []),
+    }
+    optional = {"shared": shared, "batches": batch.kernels}
+    kept = {key: each for key, each in found.items() if optional.get(key, True)}
+    return {
+        key: Section(f"{number}. {each.title}", each.functions) for number, (key, each) in enumerate(kept.items(), 1)
+    }
+
+
+def tool_lines(chain: Chain) -> list[str]:
+    """What header and README say about the tool on the tip link, in lines; none without a tool."""
+    tool = chain.tool
+    if tool is None:
+        return []
+
+    def numbers(values: Sequence[float]) -> str:
+        return " ".join(f"{value:.6g}" for value in values)
+
+    text = ""
+    if not chain.runtime_tool:
+        text = f"The tool's frame takes the tip's place: xyz {numbers(tool.xyz)} m, rpy {numbers(tool.rpy)} rad. "
+    if not chain.masses:
+        text += "Its mass is left out, as all masses are."
+    elif tool.mass == 0:
+        text += "It has no mass: the mass matrix is that of the arm without it."
+    else:
+        text += f"Its mass is {tool.mass:.6g} kg, its centre of mass {numbers(tool.com)} m"
+        if any(tool.inertia):
+            text += f", its inertia about that {numbers(tool.inertia)} kg m^2 (ixx ixy ixz iyy iyz izz)"
+        text += "; in the tip link's frame."
+        if not any(tool.inertia):
+            text += " No inertia was given: the mass matrix takes it as a point mass."
+    return wrapped(f"A tool is mounted on the tip link. {text}")
+
+
+@dataclass(frozen=True)
+class Example:
+    """What the README's examples call, and with what: C values in ``poses``, Python text in ``arguments``."""
+
+    posture: tuple[float, ...]
+    jacobian: str
+    stiffness: str
+    poses: tuple[tuple[str, tuple[float, ...]], ...]
+    arguments: tuple[tuple[str, str], ...]
+
+
+def example_of(chain: Chain) -> Example:
+    """The examples of a chain."""
+    several = len(chain.tips) > 1
+    first = f"{chain.tips[0].name}_" if several else ""
+    identity = tuple(float(k % 5 == 0) for k in range(16))
+    wrench, stiffness = "np.array([0, 0, -10, 0, 0, 0])", "np.diag([800, 800, 800, 50, 50, 50])"
+    values = {"tool_pose": "np.eye(4)", "wrench": wrench, "task_stiffness": stiffness}
+    if several:
+        many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
+        values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
+    asked = ("base_pose", chain.floating), ("tool_pose", chain.runtime_tool)
+    given = list(values.items())[0 if chain.runtime_tool else 1 :]
+    return Example(
+        posture=(0.1, 0.2, 0.3)[: len(chain.coordinates)],
+        jacobian=f"{first}hybrid_jacobian",
+        stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
+        poses=tuple((pose, identity) for pose, is_given in asked if is_given),
+        arguments=((("base_pose", "np.eye(4)"),) if chain.floating else ()) + tuple(given),
+    )
+
+
+def _is_own(argument: Argument) -> bool:
+    """Whether each configuration of a CUDA launch has its own values of an argument."""
+    return argument.of_posture or len(argument.shape) == 1
+
+
+def _stored(result: Argument, chain: Chain) -> int:
+    """Numbers that a CUDA kernel stores of a result: of a symmetric matrix, the upper triangle."""
+    array = result.array(chain)
+    return array.shape[0] * (array.shape[0] + 1) // 2 if result.symmetric else array.size
+
+
+def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
+    """The comment over a launch function's prototype."""
+    lines = [kernel.summary, *wrapped(kernel.equation), *(wrapped(kernel.note) if kernel.note else []), ""]
+    for argument in (*kernel.arguments, *kernel.results):
+        shape = argument.array(chain).shape
+        text = _extents(shape)
+        if argument in kernel.results:
+            text = (
+                f"{_stored(argument, chain)} a configuration: "
+                + ("upper triangle of " if argument.symmetric else "")
+                + text
+            )
+        else:
+            text += " a configuration" if _is_own(argument) else ", shared"
+        lines += wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")
+    return lines
+
+
+def _explained(kernel: Kernel, function: CFunction) -> list[str]:
+    """The comment over a kernel's definition: what it computes, by which equation, and what that costs."""
+    return [kernel.summary, *wrapped(kernel.equation), f"{_cost(function.operations)}."]
+
+
+def _cost(operations: Operations) -> str:
+    return f"{operations.add} additions, {operations.multiply} multiplications, {operations.sincos} sines and cosines"
+
+
+def _declared(array: Array) -> str:
+    return f"{array.name}[{array.size}]"
+
+
+def _fill(opening: str, parameters: list[str], width: int = 110) -> str:
+    lines = [opening]
+    for index, parameter in enumerate(parameters):
+        last = index == len(parameters) - 1
+        piece = parameter if last else f"{parameter}, "
+        if len(lines[-1]) + len(piece) > width:
+            lines[-1] = lines[-1].rstrip()
+            lines.append(" " * 4 + piece)
+        else:
+            lines[-1] += piece
+    return "\n".join(lines)
+
+
+def wrapped(text: str, width: int = 104, indent: str = "") -> list[str]:
+    """Words in lines of at most ``width`` characters; all but the first begin with the indent."""
+    lines: list[str] = []
+    current = ""
+    for word in text.split():
+        if current and len(current) + 1 + len(word) > width:
+            lines.append(current)
+            current = f"{indent}{word}"
+        else:
+            current = f"{current} {word}" if current else word
+    return [*lines, current]
+
+
+def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
+    """The comment over a C prototype."""
+    lines = [kernel.summary, *wrapped(kernel.equation)]
+    if kernel.note:
+        lines += wrapped(kernel.note)
+    lines.append("")
+    for argument in (*kernel.arguments, *kernel.results):
+        lines += wrapped(_described(chain, argument), indent="    ")
+    return lines
+
+
+def _extents(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape or (1,)))
+
+
+def _described(chain: Chain, argument: Argument) -> str:
+    shape = _extents(argument.array(chain).shape)
+    return f"{argument.name} ({shape}) [{argument.unit}]: {argument.meaning}"
+
+
+def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
+    lines = [kernel.summary, "", *wrapped(kernel.equation, 88), ""]
+    if kernel.note:
+        lines += [*wrapped(kernel.note, 88), ""]
+    for title, arguments in (("Parameters", kernel.arguments), ("Returns", kernel.results)):
+        lines += [title, "-" * len(title)]
+        for argument in arguments:
+            shape = ", ".join(("...", *map(str, argument.array(chain).shape)))
+            lines.append(f"{argument.name} : ({shape}) [{argument.unit}]")
+            lines += [f"    {line}" for line in wrapped(argument.meaning, 84)]
+        lines.append("")
+    return lines[:-1]
