@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -288,3 +290,53 @@ def test_what_moves_before_a_floating_joint_refuses_it(tree, tmp_path):
     file.write_text(text.replace("<link", before + "<link", 1))
     with pytest.raises(ChainError, match=r"'free'.*floating.*--base pelvis"):
         stiffgen.load_chain(file, tip=TIPS)
+
+
+ROBOTS = {
+    "talos_data/robots/talos_reduced.urdf": (
+        "left_sole_link",
+        "right_sole_link",
+        "gripper_left_base_link",
+        "gripper_right_base_link",
+    ),
+    "solo_description/robots/solo12.urdf": ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
+def test_robots_of_example_robot_data(robot):
+    """A humanoid and a quadruped: J, M, gravity and bias forces by Pinocchio's free-flyer."""
+    try:
+        data_files = distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data (400 MB) is not installed: pip install '.[robots]'")
+    urdf = Path(str(data_files.locate_file("cmeel.prefix/share/example-robot-data/robots"))) / robot
+    chain = stiffgen.load_chain(urdf, tip=ROBOTS[robot], floating_base=True)
+    kernels = stiffgen.StiffnessModel(chain)
+    model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+    data, names = model.createData(), [c.name for c in chain.coordinates]
+    order = [*range(6), *(model.joints[model.getJointId(name)].idx_v for name in names)]
+    random = np.random.default_rng(3)
+    for _ in range(3):
+        base, gravity = random_pose(random), random.normal(size=3) * 6
+        q, velocity = random.uniform(-1, 1, len(names)), random.normal(size=chain.dof)
+        model.gravity.linear = gravity
+        at, rates = pin.neutral(model), np.zeros(model.nv)
+        at[:7] = pin.SE3ToXYZQUAT(pin.SE3(base[:3, :3], base[:3, 3]))
+        at[[model.joints[model.getJointId(name)].idx_q for name in names]] = q
+        rates[order] = velocity
+        mass = np.triu(pin.crba(model, data, at))
+        mass = (mass + np.triu(mass, 1).T)[np.ix_(order, order)]
+        assert_close(values(kernels.mass_matrix(q)), mass)
+        gradient = values(kernels.gravity.gradient(base, q, gravity), chain.dof)
+        assert_close(gradient, pin.computeGeneralizedGravity(model, data, at)[order])
+        bias = values(kernels.bias_forces(base, q, velocity, gravity), chain.dof)
+        assert_close(bias, pin.nonLinearEffects(model, data, at, rates)[order])
+        for tip in chain.tips:
+            for rep, reference in FRAMES.items():
+                where = (q,) if rep == "body" else (base, q)
+                expected = pin.computeFrameJacobian(model, data, at, model.getFrameId(tip.link), reference)
+                found = getattr(getattr(kernels, tip.name), rep).jacobian(*where)
+                assert_close(values(found), expected[:, order])
