@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "c68d8ef962dbd184") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "dadfac7c04875686") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

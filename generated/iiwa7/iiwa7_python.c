@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "c529340f744ca38b") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "8ade026b7061819e") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

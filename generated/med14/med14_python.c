@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "aaed7d5b9c6a4b18") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "9eb17b68511aa8e2") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "959f2b4ca57e4873") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "f470182c1e3a6238") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
