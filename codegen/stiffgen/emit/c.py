@@ -440,9 +440,11 @@ class _KernelPrinter:
         if step.start is not None and self.zero_rows.get(step.start.name):
             self._map(step.whole())  # a loop would read entries that were never stored
             return
+        pairs = step.start is not None and step.start.name in self.flat
         if not self._public(step.target):
-            pairs = step.start is not None and step.start.name in self.flat
             self._declare(step.target, "ij" if pairs else "")
+        elif pairs:
+            self._store([step.target], self.inputs)
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
         inputs: list[tuple[ca.SX, str]] = []
         taken = []
