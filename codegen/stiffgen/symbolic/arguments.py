@@ -18,7 +18,8 @@ class Argument:
 
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
     formulas have for an argument, ``plural`` its name where it holds one block a tip. ``of_posture`` says that it is
-    part of the configuration that all tips share.
+    part of the configuration that all tips share, ``varying`` of a matrix that CUDA takes one for each configuration,
+    too, as it does of vectors.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Argument:
     symbol: str = ""
     plural: str = ""
     of_posture: bool = False
+    varying: bool = False
 
     def of_all_tips(self, names: list[str]) -> Argument:
         """The argument that holds one block of this a tip, in the order of ``names``."""
@@ -44,7 +46,7 @@ class Argument:
 Q = Argument("q", ("q",), "rad or m", "joint positions, base to tip", symbol="q", of_posture=True)
 BASE_POSE = Argument(
     "base_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the base link in the world; R must be a rotation",
-    symbol="B", of_posture=True,
+    symbol="B", of_posture=True, varying=True,
 )  # fmt: skip
 TOOL_POSE = Argument(
     "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation",

@@ -169,10 +169,12 @@ class Posture:
 
     @staticmethod
     def of(chain: Chain, given: Sequence[ca.SX], *, seen_from_tip: bool = False) -> Posture:
-        """``given`` in the order of :func:`stiffgen.symbolic.arguments.posture`; seen from the tip without the base."""
+        """``given`` in the order of :func:`stiffgen.symbolic.arguments.posture`; seen from the tip without the base, and
+        without the tool where only joints matter.
+        """
         rest = list(given)
         base_pose = rest.pop(0) if chain.floating and not seen_from_tip else None
-        return Posture(rest[0], base_pose, rest[1] if chain.runtime_tool else None)
+        return Posture(rest[0], base_pose, rest[1] if len(rest) > 1 else None)
 
     @property
     def base(self) -> tuple[ca.SX, ca.SX]:

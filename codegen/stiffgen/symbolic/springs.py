@@ -53,6 +53,7 @@ EQUILIBRIUM = Argument(
     "homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring is at rest; R0 must be a rotation",
     symbol="H",
     plural="equilibria",
+    varying=True,
 )
 Axes = Literal["base", "tip", "equilibrium"]
 AXES: tuple[Axes, ...] = ("base", "tip", "equilibrium")
