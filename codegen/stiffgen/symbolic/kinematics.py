@@ -169,8 +169,8 @@ class Posture:
 
     @staticmethod
     def of(chain: Chain, given: Sequence[ca.SX], *, seen_from_tip: bool = False) -> Posture:
-        """``given`` in the order of :func:`stiffgen.symbolic.arguments.posture`; seen from the tip without the base, and
-        without the tool where only joints matter.
+        """``given`` in the order of :func:`stiffgen.symbolic.arguments.posture`; seen from the tip without the base,
+        and without the tool where only joints matter.
         """
         rest = list(given)
         base_pose = rest.pop(0) if chain.floating and not seen_from_tip else None
