@@ -180,8 +180,9 @@ def test_a_missing_compiler_is_named(tmp_path, monkeypatch):
     assert listing(tmp_path) == []
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_the_compiler_may_have_arguments(tmp_path, monkeypatch):
-    monkeypatch.setenv("CC", "gcc -O1")
+    monkeypatch.setenv("CC", "gcc -O0")
     assert (stiffgen.generate(URDF, output=tmp_path) / "iiwa14.c").exists()
 
 
@@ -192,6 +193,7 @@ def test_unusable_names_are_refused(name, tmp_path):
     assert listing(tmp_path) == []
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_another_name_prefixes_everything(tmp_path):
     folder = stiffgen.generate(URDF, output=tmp_path, name="left_arm")
     header = (folder / "left_arm.h").read_text()

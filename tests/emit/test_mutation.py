@@ -224,7 +224,7 @@ def pointer(array):
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-@pytest.fixture(scope="module", params=["iiwa14", "skew", "turning"])
+@pytest.fixture(scope="module")
 def mutated(request, chain, references, tmp_path_factory):
     """A chain, its references, and bodies to leave out.
 
@@ -242,7 +242,17 @@ def mutated(request, chain, references, tmp_path_factory):
     return skew, References(skew, count=2, seed=11), ()
 
 
-@pytest.mark.parametrize("vehicle", ["C", "CUDA on the host"])
+AWAITED = (("iiwa14", "CUDA on the host"), ("skew", "C"))
+
+
+@pytest.mark.parametrize(
+    ("mutated", "vehicle"),
+    [
+        pytest.param(*case, marks=() if case in AWAITED else pytest.mark.slow)
+        for case in itertools.product(("iiwa14", "skew", "turning"), ("C", "CUDA on the host"))
+    ],
+    indirect=["mutated"],
+)
 def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     """Exchange one sign of the printed bodies at a time: single calls and batches, or CUDA."""
     chain, references, left_out = mutated

@@ -149,6 +149,7 @@ def test_dual_arm_shares_one_q(dual):
                 assert_close(jacobian, frame_jacobian(expected, q, tip.link, rep)[:, order])
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("runtime_tool", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_dual_arm_folder(runtime_tool, tmp_path):
     """The compiled module: every oracle for every tip, the total, and its namespaces."""

@@ -8,7 +8,6 @@ same episodes, on the same plant, stands with each test ("before: ..."). Posture
 from __future__ import annotations
 
 import ctypes
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -21,11 +20,6 @@ from support.plant.loop import Q0, Loop
 MOTOR = 0.1
 TRANSLATION, ROTATION = np.diag([700.0, 700, 800]), np.diag([30.0, 30, 30])
 CONFIGURATION, SENSOR, COMMUNICATION, LIMIT, ENERGY = 5, 1, 2, 3, 4
-
-
-@pytest.fixture(scope="module")
-def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
-    return Loop(tmp_path_factory.mktemp("loop"), robot_folder)
 
 
 def config(loop: Loop, **values: Any) -> Any:

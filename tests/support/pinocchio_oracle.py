@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from support.chains import child_of
+
 MOVING = ("revolute", "continuous", "prismatic")
 FRAMES = {"body": pin.LOCAL, "spatial": pin.WORLD, "hybrid": pin.LOCAL_WORLD_ALIGNED}
 
@@ -29,7 +31,7 @@ class State:
         """dJ^T/dq F + J^T (K + Gamma F) J, for a given K + Gamma F."""
         J = self.jacobian[representation]
         kinematic = np.stack([dJ.T @ wrench for dJ in self.derivative[representation]], axis=1)
-        return kinematic + J.T @ corrected_stiffness @ J
+        return np.asarray(kinematic + J.T @ corrected_stiffness @ J)
 
 
 def readable_by_pinocchio(xml: str | bytes, masses: bool = True) -> ET.Element:
@@ -61,11 +63,11 @@ class PinocchioChain:
     def __init__(self, xml: str | bytes, tip: str, base: str | None = None, *, masses: bool = True) -> None:
         self.xml = readable_by_pinocchio(xml, masses)
         self.joints = {joint.get("name", ""): joint for joint in self.xml.findall("joint")}
-        above = {joint.find("child").get("link"): joint for joint in self.joints.values()}
+        above = {child_of(joint, "child").get("link"): joint for joint in self.joints.values()}
         path, link = [], tip
         while link in above and link != base:
             path.append(above[link])
-            link = above[link].find("parent").get("link")
+            link = child_of(above[link], "parent").get("link", "")
         assert base in (None, link), f"{base} is no ancestor of {tip}"
         self.base, self.tip = link, tip
         try:
@@ -92,14 +94,16 @@ class PinocchioChain:
         return pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
 
     def _prune(self, path: list[ET.Element], masses: bool) -> None:
-        kept = {self.base, *(joint.find("child").get("link") for joint in path)}
+        kept = {self.base, *(child_of(joint, "child").get("link") for joint in path)}
         first = next(joint for joint in reversed(path) if joint.get("type") in MOVING)
-        beyond = [first.find("child").get("link")] if masses else []
+        beyond = [child_of(first, "child").get("link")] if masses else []
         while beyond:
             link = beyond.pop()
             kept.add(link)
             beyond += [
-                j.find("child").get("link") for j in self.joints.values() if j.find("parent").get("link") == link
+                child_of(j, "child").get("link")
+                for j in self.joints.values()
+                if child_of(j, "parent").get("link") == link
             ]
         for element in list(self.xml):
             child = element.find("child")
@@ -108,7 +112,7 @@ class PinocchioChain:
                 self.xml.remove(element)
 
     def _column(self, joint: str) -> int:
-        return self.model.joints[self.model.getJointId(joint)].idx_v
+        return int(self.model.joints[self.model.getJointId(joint)].idx_v)
 
     def _relation(self, joint: str) -> tuple[str, float, float]:
         multiplier, offset, steps = 1.0, 0.0, 0
@@ -172,7 +176,7 @@ class PinocchioChain:
 def _seen_from(representation: str, into_base: pin.SE3) -> np.ndarray:
     """What turns a twist given in the root frame into one in the base frame."""
     if representation == "spatial":
-        return into_base.action
+        return np.asarray(into_base.action)
     turn = np.eye(6)
     if representation == "hybrid":
         turn[:3, :3] = turn[3:, 3:] = into_base.rotation

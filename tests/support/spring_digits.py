@@ -23,7 +23,7 @@ CASES = ("random", "near", "edge")
 REMOTE = (0.1, -0.2, 0.3)
 PLACEMENTS = [Placement(t, r, c) for c in ((0.0, 0.0, 0.0), REMOTE) for t, r in itertools.product(AXES, AXES)]
 """All axes, with the centre of stiffness at the tip's origin and apart from it."""
-FEW = [Placement(), *(Placement(t, r, REMOTE) for t, r in zip(AXES, ("equilibrium", "base", "tip"), strict=True))]
+FEW = [Placement(), *(Placement(t, r, REMOTE) for t, r in zip(AXES, (AXES[2], AXES[0], AXES[1]), strict=True))]
 """The default, and every axes once with a centre apart."""
 ROBOTS = ("iiwa14", "six axes", "slides and mimics")
 EPS = 2.0**-52
@@ -128,14 +128,14 @@ def urdf_of(robot: str, work: Path) -> Path:
     return path
 
 
-Evaluated = Callable[[str, Placement], dict[str, Callable[..., list[np.ndarray]]]]
+Evaluated = Callable[[str, Placement], dict[str, Callable[..., np.ndarray]]]
 """The five kernels of a spring on stacks, by name."""
 
 
 def by_casadi(chain: stiffgen.Chain) -> Evaluated:
     """The kernels as CasADi has them."""
 
-    def kernels(kind: str, placement: Placement) -> dict[str, Callable[..., list[np.ndarray]]]:
+    def kernels(kind: str, placement: Placement) -> dict[str, Callable[..., np.ndarray]]:
         chosen = spring(kind, placement)
         table = [k for k in chain_kernels(chain, SpringOptions((kind,), placement)) if k.group == chosen.name]
         functions = {k.name: casadi_function(chain, k) for k in table if k.name in RESULTS}

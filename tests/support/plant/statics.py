@@ -43,7 +43,7 @@ class Springs:
 
     @property
     def _G(self) -> Array:
-        return np.trace(self.rotation) / 2 * np.eye(3) - self.rotation
+        return np.asarray(np.trace(self.rotation) / 2 * np.eye(3) - self.rotation)
 
     def energy(self, q: Array) -> float:
         """U [J]."""
@@ -59,7 +59,7 @@ class Springs:
         A = H[:3, :3] @ self._G @ self.equilibrium[:3, :3].T
         moment = np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
         force = self.translation @ (H[:3, 3] - self.equilibrium[:3, 3])
-        return self.jacobian(q).T @ np.concatenate([force, moment]) + self.joint * (q - self.posture)
+        return np.asarray(self.jacobian(q).T @ np.concatenate([force, moment]) + self.joint * (q - self.posture))
 
     def rest(self, load: Array, bias: Array, steps: int = 10) -> tuple[Array, Array] | None:
         """Posture of rest under a load at the tip and a torque over the joints, grown together from zero.
@@ -88,7 +88,7 @@ class Springs:
             values = np.linalg.eigvalsh((slope + slope.T) / 2)
             if values[0] <= 0:
                 return None
-        return q, values
+        return q, np.asarray(values, dtype=float)
 
     def _left(self, q: Array, load: Array, bias: Array) -> Array:
         return np.asarray(self.jacobian(q).T @ load + bias - self.gradient(q))
