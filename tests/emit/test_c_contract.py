@@ -188,9 +188,8 @@ def test_cmake_package(robot_folder, tmp_path):
     def cmake(*arguments):
         subprocess.run(["cmake", *map(str, arguments)], check=True, cwd=tmp_path, capture_output=True)
 
-    cmake(
-        "-S", robot_folder, "-B", "build", "-DCMAKE_BUILD_TYPE=Debug", f"-DCMAKE_INSTALL_PREFIX={tmp_path / 'prefix'}"
-    )
+    prefix = tmp_path / "prefix"
+    cmake("-S", robot_folder, "-B", "build", "-DCMAKE_BUILD_TYPE=Debug", f"-DCMAKE_INSTALL_PREFIX={prefix}")
     cmake("--build", "build")
     cmake("--install", "build")
     consumer = tmp_path / "consumer"
