@@ -14,7 +14,7 @@ from benchmarks.spring_orbits import orders, table
 from stiffgen.check.verify import verify
 from stiffgen.cli import main
 from stiffgen.symbolic.springs import KINDS
-from support.project import URDF
+from support.project import ROOT, URDF
 from support.spring_digits import CASES, FEW, ROBOTS, by_casadi, pose_errors, robot_errors, urdf_of
 
 BOUND = 1e-11
@@ -52,6 +52,28 @@ def test_no_work_round_closed_orbits():
     assert falling[0] > 1e-3
     assert falling[0] > 10 * falling[1] > 1e3 * falling[2]
     assert falling[3] < 1e-10
+
+
+@pytest.mark.slow
+def test_the_page_has_todays_work():
+    """docs/theory.md against the script: the springs' zeros in size, all else in its two digits."""
+    page = (ROOT / "docs" / "theory.md").read_text()
+    rows = [
+        line.strip("|").split(" | ") for line in page.split("| torque | median")[1].split("\n\n")[0].splitlines()[2:]
+    ]
+    work = table()
+    assert len(rows) == len(work)
+    for (shown, *numbers), (name, found) in zip(rows, work.items(), strict=True):
+        if name.endswith("spring"):
+            assert name.replace("_", " ") == shown.strip()
+            assert max(map(float, numbers)) <= 1e-10 and max(found) <= 1e-10
+        else:
+            assert [float(each) for each in numbers] == [float(f"{each:.1e}") for each in found], name
+    shown = page.split("| points | trace [J]")[1].split("\n\n")[0].splitlines()[2:]
+    points = {int(line.split("|")[1]): [float(each) for each in line.split("|")[2:-1]] for line in shown}
+    for order, worst in orders(tuple(points)).items():
+        for shown, found in zip(points[order], worst.values(), strict=True):
+            assert shown == float(f"{found:.1e}") or max(shown, found) <= 1e-10
 
 
 U = ca.SX.sym("elsewhere")
