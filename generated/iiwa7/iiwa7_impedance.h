@@ -94,8 +94,8 @@ enum {
     IIWA7_STATUS_GOVERNOR = 1 << 6, /* the equilibrium is held back by the energy or the engagement limit */
     IIWA7_STATUS_STIFFNESS_CHANGING = 1 << 7, /* the applied stiffness is on its way to the wanted one */
     IIWA7_STATUS_TANK_LIMITED = 1 << 8, /* the stiffness or the scale is held back because the tank cannot pay */
-    IIWA7_STATUS_TANK_DEFICIT = 1 << 9, /* the tank is overdrawn */
-    IIWA7_STATUS_RESERVE = 1 << 10, /* the tank does not cover the worst next step */
+    IIWA7_STATUS_TANK_DEFICIT = 1 << 9, /* more was put out than tank and springs held: the account does not know why */
+    IIWA7_STATUS_RESERVE = 1 << 10, /* damping or scale is lowered: tank and stored energy do not cover more torque */
     IIWA7_STATUS_JOINT_LIMIT = 1 << 11, /* a position is in the limit zone or beyond */
     IIWA7_STATUS_SATURATED = 1 << 12, /* the torque would pass its effort limit: the scale falls, or it was cut */
     IIWA7_STATUS_RATE_LIMITED = 1 << 13, /* a torque was cut to its rate limit */
@@ -121,7 +121,7 @@ enum {
     IIWA7_FAULT_SENSOR = 1, /* two of the last three samples were not believed */
     IIWA7_FAULT_COMMUNICATION = 2, /* samples or calls are missing */
     IIWA7_FAULT_LIMIT = 3, /* the arm is beyond a limit */
-    IIWA7_FAULT_ENERGY = 4, /* the tank does not cover the worst next step */
+    IIWA7_FAULT_ENERGY = 4, /* tank and stored energy do not cover the torque */
     IIWA7_FAULT_CONFIGURATION = 5 /* configuration, law, tool or state changed in a way that needs a reset */
 };
 
@@ -139,7 +139,7 @@ enum {
     IIWA7_REASON_POSITION = 9, /* [limit] a position is beyond its limit and tolerance */
     IIWA7_REASON_OVERSPEED = 10, /* [limit] a velocity is beyond its limit */
     IIWA7_REASON_PAPER_BOUND = 11, /* [limit] paper's law: load or deflection beyond the bound where it is a spring */
-    IIWA7_REASON_RESERVE = 12, /* [energy] the worst next step would cost more than the tank holds */
+    IIWA7_REASON_RESERVE = 12, /* [energy] the tank is almost empty and the springs' torque is not covered */
     IIWA7_REASON_CONFIG = 13, /* [configuration] the configuration was refused */
     IIWA7_REASON_CHANGED = 14, /* [configuration] law or tool pose changed while engaged */
     IIWA7_REASON_STATE = 15 /* [configuration] the state's checksum does not fit: memory was overwritten */
@@ -231,10 +231,11 @@ typedef struct {
     /* [s] of good samples after which a fault resets itself; 0: never. Must lie between 0 and 10000. Default:
      * 0.0. */
     double automatic_reset_time;
-    /* [J] tank energy at the start. Must lie between 0 and 10000. Default: 5.0. */
+    /* [J] tank energy at the start: with what is stored it covers the torques, so that a smaller one is a
+     * weaker arm. Must lie between 0 and 10000. Default: 10.0. */
     double tank_initial;
-    /* [J] tank energy above which income goes to the engagement, or is lost. Must lie between 0 and 10000.
-     * Default: 10.0. */
+    /* [J] tank energy above which income goes to the engagement, or is lost, unless torques on their way need
+     * it. Must lie between 0 and 10000. Default: 10.0. */
     double tank_maximum;
 } iiwa7_impedance_config;
 
@@ -326,7 +327,7 @@ typedef struct {
     double limit_energy;
     /* [J] left for sampling and stiffness. */
     double tank_energy;
-    /* [J] of it: for the worst next step. */
+    /* [J] what the torques on their way can put out; tank and stored energy cover it. */
     double tank_reserve;
     /* [J] reference work left to this engagement. */
     double engagement;
@@ -349,7 +350,7 @@ typedef struct {
     uint64_t checksum; /* of memory */
     struct {
         double older[14];
-        double feed[3];
+        double feed[21];
         double gap_torque[7];
         double rate[7];
         double velocity_limit[7];
@@ -380,8 +381,8 @@ typedef struct {
         double reserve;
         double engagement;
         double gap_work;
-        double gap_feed;
-        double gap_release;
+        double gap_most;
+        double sample_time;
         double totals[5];
         double fault_time;
         double good_time;
@@ -403,6 +404,8 @@ typedef struct {
         uint32_t unaccounted;
         uint32_t seen_counter;
         int32_t absent;
+        int32_t delay;
+        int32_t spare;
     } memory;
     double scratch[147];
 } iiwa7_impedance_state;

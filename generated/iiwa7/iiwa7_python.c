@@ -1866,8 +1866,8 @@ static const status statuses[] = {
     {"governor", IIWA7_STATUS_GOVERNOR, "the equilibrium is held back by the energy or the engagement limit"},
     {"stiffness_changing", IIWA7_STATUS_STIFFNESS_CHANGING, "the applied stiffness is on its way to the wanted one"},
     {"tank_limited", IIWA7_STATUS_TANK_LIMITED, "the stiffness or the scale is held back because the tank cannot pay"},
-    {"tank_deficit", IIWA7_STATUS_TANK_DEFICIT, "the tank is overdrawn"},
-    {"reserve", IIWA7_STATUS_RESERVE, "the tank does not cover the worst next step"},
+    {"tank_deficit", IIWA7_STATUS_TANK_DEFICIT, "more was put out than tank and springs held: the account does not know why"},
+    {"reserve", IIWA7_STATUS_RESERVE, "damping or scale is lowered: tank and stored energy do not cover more torque"},
     {"joint_limit", IIWA7_STATUS_JOINT_LIMIT, "a position is in the limit zone or beyond"},
     {"saturated", IIWA7_STATUS_SATURATED, "the torque would pass its effort limit: the scale falls, or it was cut"},
     {"rate_limited", IIWA7_STATUS_RATE_LIMITED, "a torque was cut to its rate limit"},
@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8ade026b7061819e") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "6d71671a800babe3") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1866,8 +1866,8 @@ static const status statuses[] = {
     {"governor", MED7_STATUS_GOVERNOR, "the equilibrium is held back by the energy or the engagement limit"},
     {"stiffness_changing", MED7_STATUS_STIFFNESS_CHANGING, "the applied stiffness is on its way to the wanted one"},
     {"tank_limited", MED7_STATUS_TANK_LIMITED, "the stiffness or the scale is held back because the tank cannot pay"},
-    {"tank_deficit", MED7_STATUS_TANK_DEFICIT, "the tank is overdrawn"},
-    {"reserve", MED7_STATUS_RESERVE, "the tank does not cover the worst next step"},
+    {"tank_deficit", MED7_STATUS_TANK_DEFICIT, "more was put out than tank and springs held: the account does not know why"},
+    {"reserve", MED7_STATUS_RESERVE, "damping or scale is lowered: tank and stored energy do not cover more torque"},
     {"joint_limit", MED7_STATUS_JOINT_LIMIT, "a position is in the limit zone or beyond"},
     {"saturated", MED7_STATUS_SATURATED, "the torque would pass its effort limit: the scale falls, or it was cut"},
     {"rate_limited", MED7_STATUS_RATE_LIMITED, "a torque was cut to its rate limit"},
@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f470182c1e3a6238") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "4a120f85f46f2597") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
