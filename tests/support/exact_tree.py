@@ -61,6 +61,12 @@ def _numbers(text: str | None, default: str) -> list[mpmath.mpf]:
     return [mp.mpf(word) for word in (text or default).split()]
 
 
+def _part(element: ET.Element, tag: str) -> dict[str, str]:
+    """Attributes of an element's only child of a tag."""
+    (found,) = element.findall(tag)
+    return found.attrib
+
+
 def cross_matrix(v: mpmath.matrix) -> mpmath.matrix:
     return mp.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
@@ -109,21 +115,22 @@ class ExactTree:
         for link in robot.findall("link"):
             inertial = link.find("inertial")
             if inertial is not None:
-                i = {key: mp.mpf(value) for key, value in inertial.find("inertia").attrib.items()}
+                i = {key: mp.mpf(value) for key, value in _part(inertial, "inertia").items()}
                 rows = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
                 tensor = mp.matrix([[i[key] for key in row] for row in rows])
-                self.bodies[link.get("name")] = mp.mpf(inertial.find("mass").get("value")), _origin(inertial), tensor
+                mass = mp.mpf(_part(inertial, "mass")["value"])
+                self.bodies[link.attrib["name"]] = mass, _origin(inertial), tensor
         self.joints = []
         for joint in robot.findall("joint"):
-            axis, mimic, name = None, joint.find("mimic"), joint.get("name")
+            axis, mimic, name = None, joint.find("mimic"), joint.attrib["name"]
             if joint.get("type") in MOVING:
-                axis = mp.matrix(_numbers(joint.find("axis").get("xyz"), ""))
+                axis = mp.matrix(_numbers(_part(joint, "axis")["xyz"], ""))
                 axis /= mp.norm(axis)
             relation = {} if mimic is None else mimic.attrib
             master = relation.get("joint", name)
             self.joints.append(
                 _Joint(
-                    joint.find("parent").get("link"), joint.find("child").get("link"), _origin(joint), axis,
+                    _part(joint, "parent")["link"], _part(joint, "child")["link"], _origin(joint), axis,
                     joint.get("type") == "prismatic", coordinates.index(master) if axis is not None else -1,
                     mp.mpf(relation.get("multiplier", "1")), mp.mpf(relation.get("offset", "0")),
                 )
@@ -149,7 +156,9 @@ class ExactTree:
         place = base[1] + base[0] * mp.matrix(own[:3])
         return self.poses((turn, place), [a + b for a, b in zip(q, y, strict=True)])
 
-    def potential_energy(self, poses: dict[str, Pose], gravity: mpmath.matrix, left_out: tuple[str, ...] = ()):
+    def potential_energy(
+        self, poses: dict[str, Pose], gravity: mpmath.matrix, left_out: tuple[str, ...] = ()
+    ) -> mpmath.mpf:
         """U of all bodies."""
         total = mp.mpf(0)
         for link, (mass, com, _) in self.bodies.items():
@@ -157,7 +166,9 @@ class ExactTree:
                 total -= mass * (gravity.T * _after(poses[link], com)[1])[0]
         return total
 
-    def twists(self, base: Pose, q: list[mpmath.mpf], size: int, frames: Callable[[dict[str, Pose]], list[Pose]]):
+    def twists(
+        self, base: Pose, q: list[mpmath.mpf], size: int, frames: Callable[[dict[str, Pose]], list[Pose]]
+    ) -> list[mpmath.matrix]:
         """For each of some frames its body Jacobian (6, size) by central differences."""
         here = frames(self.moved(base, q, [mp.mpf(0)] * size))
         jacobians = [mp.zeros(6, size) for _ in here]
