@@ -20,7 +20,6 @@ from examples.bowl_wiping.tool import NAME, tool
 from stiffgen import open_robot
 from stiffgen.emit import build
 from support.fri_session import EXACT
-from support.plant.loop import Loop
 from support.project import ROOT, URDF
 
 
@@ -94,13 +93,3 @@ def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 @pytest.fixture(scope="session")
 def plate(plate_folder: Path) -> ModuleType:
     return open_robot(plate_folder).module
-
-
-@pytest.fixture(scope="session")
-def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Loop:
-    """The controller in the loop with a simulated arm, compiled once for all workers."""
-    base = tmp_path_factory.getbasetemp()
-    folder = (base if worker_id == "master" else base.parent) / "loop"
-    with FileLock(str(folder) + ".lock"):
-        folder.mkdir(exist_ok=True)
-        return Loop(folder, robot_folder)
