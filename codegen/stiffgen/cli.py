@@ -195,6 +195,12 @@ def _parser() -> argparse.ArgumentParser:
         help="link where the wrench acts (default: the only leaf link); repeat it for several tips with one q",
     )
     command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
+    command.add_argument(
+        "--floating-base",
+        action="store_true",
+        help="the base is free: functions take its pose, and its body twist comes before the joints' rates "
+        "(a file's own floating root joint has the same effect)",
+    )
     command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
     command.add_argument("--output", type=Path, default=Path("generated"), metavar="DIR", help="default: generated")
     command.add_argument("--no-masses", action="store_true", help="ignore all masses; the mass matrix is left out")
@@ -435,6 +441,7 @@ def _generate(options: argparse.Namespace) -> int:
             masses=not options.no_masses,
             cuda=options.cuda,
             springs=_springs(options),
+            floating_base=options.floating_base,
             force=options.force,
             progress=progress,
         )

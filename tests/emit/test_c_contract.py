@@ -188,14 +188,15 @@ def test_cmake_package(robot_folder, tmp_path):
     def cmake(*arguments):
         subprocess.run(["cmake", *map(str, arguments)], check=True, cwd=tmp_path, capture_output=True)
 
-    cmake("-S", robot_folder, "-B", "build", f"-DCMAKE_INSTALL_PREFIX={tmp_path / 'prefix'}")
+    prefix = tmp_path / "prefix"
+    cmake("-S", robot_folder, "-B", "build", "-DCMAKE_BUILD_TYPE=Debug", f"-DCMAKE_INSTALL_PREFIX={prefix}")
     cmake("--build", "build")
     cmake("--install", "build")
     consumer = tmp_path / "consumer"
     consumer.mkdir()
     for file, text in CONSUMER.items():
         (consumer / file).write_text(text)
-    cmake("-S", consumer, "-B", "out", f"-DCMAKE_PREFIX_PATH={tmp_path / 'prefix'}")
+    cmake("-S", consumer, "-B", "out", f"-DCMAKE_PREFIX_PATH={prefix}")
     cmake("--build", "out")
     done = subprocess.run([str(tmp_path / "out" / "consumer")], capture_output=True, text=True, check=True)
     assert done.stdout == "A7 1.3060 320"

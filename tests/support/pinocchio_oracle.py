@@ -129,9 +129,7 @@ class PinocchioChain:
     def at(self, q: np.ndarray) -> State:
         """Evaluate everything at q (n)."""
         model, data = self.model, self.data
-        rates = np.zeros((model.nv, len(self.coordinates)))
-        rates[self.columns] = self.coupling
-        positions = pin.integrate(model, pin.neutral(model), self.offsets + rates @ q)
+        rates, positions = self._at(q)
         mass = pin.crba(model, data, positions).reshape(model.nv, -1)
         mass = np.triu(mass) + np.triu(mass, 1).T
         tip, base = (model.getFrameId(link, pin.FrameType.BODY) for link in (self.tip, self.base))
@@ -152,6 +150,27 @@ class PinocchioChain:
             raise ValueError("Pinocchio itself overflows")
         stacked = {name: np.stack(values) for name, values in derivative.items()}
         return State(pose, rates.T @ mass @ rates, jacobian, stacked)
+
+    def _at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What rates of the coordinates are in Pinocchio, and where all joints stand."""
+        rates = np.zeros((self.model.nv, len(self.coordinates)))
+        rates[self.columns] = self.coupling
+        return rates, pin.integrate(self.model, pin.neutral(self.model), self.offsets + rates @ q)
+
+    def forces(self, q: np.ndarray, velocity: np.ndarray, gravity: np.ndarray) -> dict[str, np.ndarray]:
+        """Bias forces, and gradient and Hessian of gravity's potential, for free fall in base axes."""
+        model, data = self.model, self.data
+        rates, positions = self._at(q)
+        pin.framesForwardKinematics(model, data, positions)
+        base = data.oMf[model.getFrameId(self.base, pin.FrameType.BODY)]
+        model.gravity.linear = base.rotation @ gravity
+        return {
+            "bias_forces": rates.T @ pin.nonLinearEffects(model, data, positions, rates @ velocity),
+            "gravity_gradient": rates.T @ pin.computeGeneralizedGravity(model, data, positions),
+            "gravity_joint_stiffness": rates.T
+            @ pin.computeGeneralizedGravityDerivatives(model, data, positions).reshape(model.nv, model.nv)
+            @ rates,
+        }
 
 
 def _seen_from(representation: str, into_base: pin.SE3) -> np.ndarray:

@@ -36,6 +36,8 @@ def distance(case: str, random: np.random.Generator) -> tuple[float, float]:
     """Angle [rad] and displacement [m] of a case's pose from its equilibrium."""
     if case == "near":
         return 10 ** random.uniform(-9, -3), 10 ** random.uniform(-9, -3)
+    if case == "small":
+        return 10 ** random.uniform(-3, -1), 1e-3
     if case == "edge":
         return np.pi - 10 ** random.uniform(-9, -6), random.uniform(0.01, 0.5)
     return random.uniform(0.01, np.pi - 0.01), random.uniform(0.01, 0.5)
@@ -92,7 +94,8 @@ def pose_errors(placements: list[Placement], case: str, count: int, seed: int) -
     worst: Errors = {s: dict.fromkeys(RESULTS[:3], 0.0) for s in found}
     for c in range(count):
         # Far from the equilibrium, the rotations that the doubles are roundings of; near it, the doubles.
-        R, R0 = ((exact if case == "near" else orthonormal)(each[c, :3, :3]) for each in (pose, H))
+        as_it_is = exact if case in ("near", "small") else orthonormal
+        R, R0 = (as_it_is(each[c, :3, :3]) for each in (pose, H))
         energies = Energies(*moved(exact(pose[c, :3, 3]), R), (exact(H[c, :3, 3]), R0), K[c])
         for s, values in found.items():
             for name, value, reference in zip(RESULTS, values, _derivatives(energies(*s)), strict=False):

@@ -20,10 +20,13 @@ from support.spring_digits import CASES, FEW, ROBOTS, by_casadi, pose_errors, ro
 BOUND = 1e-11
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [*CASES, "small"])
 def test_wrench_and_hessian_at_poses_of_doubles(case):
-    """The spring alone, its pose given: right to the last digits of F and K themselves, however small they are."""
-    for spring, errors in pose_errors(FEW, case, count=6, seed=3).items():
+    """The spring alone, its pose given: right to the last digits of F and K themselves, however small they are.
+
+    Small angles are those among which a series takes the place of the closed form.
+    """
+    for spring, errors in pose_errors(FEW, case, count=6 if case in CASES else 60, seed=3).items():
         assert max(errors.values()) <= BOUND, (spring, errors)
 
 

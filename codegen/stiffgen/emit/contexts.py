@@ -356,13 +356,14 @@ def example_of(chain: Chain) -> Example:
     if several:
         many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
         values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
+    asked = ("base_pose", chain.floating), ("tool_pose", chain.runtime_tool)
     given = list(values.items())[0 if chain.runtime_tool else 1 :]
     return Example(
-        posture=(0.1, 0.2, 0.3)[: chain.dof],
+        posture=(0.1, 0.2, 0.3)[: len(chain.coordinates)],
         jacobian=f"{first}hybrid_jacobian",
         stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
-        poses=(("tool_pose", identity),) if chain.runtime_tool else (),
-        arguments=tuple(given),
+        poses=tuple((pose, identity) for pose, is_given in asked if is_given),
+        arguments=((("base_pose", "np.eye(4)"),) if chain.floating else ()) + tuple(given),
     )
 
 

@@ -176,13 +176,13 @@ class Loop:
         return episode
 
     def segment(self, base: Any = None, **values: Any) -> Any:
-        """The segment before with some fields changed, no reset, no skip; the first: Q0 and the paper's stiffness."""
+        """The segment before with some fields changed, no reset; the first: Q0 and the paper's stiffness."""
         new = self.Segment()
         if base is None:
             fill(new, wanted=Q0, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
         else:
             ctypes.memmove(ctypes.byref(new), ctypes.byref(base), ctypes.sizeof(new))
-            new.reset = new.skip = 0
+            new.reset = 0
         return fill(new, **values)
 
     def segments(self, *parts: dict[str, Any]) -> list[Any]:
