@@ -268,14 +268,6 @@ static inline void copy_finite(const double *from, int size, double *to)
     }
 }
 
-/* Set numbers to 0. */
-static inline void clear(int size, double *to)
-{
-    for (int k = 0; k < size; ++k) {
-        to[k] = 0.0;
-    }
-}
-
 /* Copy rows of N numbers that are stride apart into a matrix. */
 static inline void copy_rows(const double *from, int stride, int rows, double *to)
 {
@@ -288,9 +280,8 @@ static inline void copy_rows(const double *from, int stride, int rows, double *t
 static inline void copy_symmetric(const double *from, int n, double *to)
 {
     for (int i = 0; i < n; ++i) {
-        for (int j = i; j < n; ++j) {
-            to[n * i + j] = from[n * i + j];
-            to[n * j + i] = from[n * i + j];
+        for (int j = 0; j < n; ++j) {
+            to[n * i + j] = from[i < j ? n * i + j : n * j + i];
         }
     }
 }
@@ -1325,30 +1316,32 @@ void iiwa14_body_connection_correction(const double wrench[6], double connection
     copy_finite(wrench, 6, F);
 
     /* Gamma F */
-    clear(4, &connection_correction[0]);
-    clear(3, &connection_correction[6]);
-    clear(1, &connection_correction[10]);
-    clear(3, &connection_correction[12]);
-    clear(5, &connection_correction[17]);
-    clear(3, &connection_correction[24]);
-    clear(1, &connection_correction[28]);
-    clear(3, &connection_correction[30]);
-    clear(1, &connection_correction[35]);
+    connection_correction[3] = connection_correction[2] = connection_correction[1] =
+        connection_correction[0] = 0.0;
     connection_correction[4] = -F[2];
     connection_correction[5] = F[1];
+    connection_correction[8] = connection_correction[7] = connection_correction[6] = 0.0;
     connection_correction[9] = F[2];
+    connection_correction[10] = 0.0;
     connection_correction[11] = -F[0];
+    connection_correction[14] = connection_correction[13] = connection_correction[12] = 0.0;
     connection_correction[15] = -F[1];
     connection_correction[16] = F[0];
+    connection_correction[21] = connection_correction[20] = connection_correction[19] =
+        connection_correction[18] = connection_correction[17] = 0.0;
     const double t0 = 0.5 * F[5];
     connection_correction[22] = -t0;
     const double t1 = 0.5 * F[4];
     connection_correction[23] = t1;
+    connection_correction[26] = connection_correction[25] = connection_correction[24] = 0.0;
     connection_correction[27] = t0;
+    connection_correction[28] = 0.0;
     const double t2 = 0.5 * F[3];
     connection_correction[29] = -t2;
+    connection_correction[32] = connection_correction[31] = connection_correction[30] = 0.0;
     connection_correction[33] = -t1;
     connection_correction[34] = t2;
+    connection_correction[35] = 0.0;
 }
 
 /*
@@ -1601,27 +1594,33 @@ void iiwa14_spatial_connection_correction(const double wrench[6], double connect
     copy_finite(wrench, 6, F);
 
     /* Gamma F */
-    clear(19, &connection_correction[0]);
-    clear(1, &connection_correction[21]);
-    clear(1, &connection_correction[25]);
-    clear(1, &connection_correction[28]);
-    clear(1, &connection_correction[32]);
-    clear(1, &connection_correction[35]);
+    connection_correction[18] = connection_correction[17] = connection_correction[16] =
+        connection_correction[15] = connection_correction[14] = connection_correction[13] =
+        connection_correction[12] = connection_correction[11] = connection_correction[10] =
+        connection_correction[9] = connection_correction[8] = connection_correction[7] =
+        connection_correction[6] = connection_correction[5] = connection_correction[4] =
+        connection_correction[3] = connection_correction[2] = connection_correction[1] =
+        connection_correction[0] = 0.0;
     connection_correction[19] = F[2];
     connection_correction[20] = -F[1];
+    connection_correction[21] = 0.0;
     const double t0 = 0.5 * F[5];
     connection_correction[22] = t0;
     const double t1 = 0.5 * F[4];
     connection_correction[23] = -t1;
     connection_correction[24] = -F[2];
+    connection_correction[25] = 0.0;
     connection_correction[26] = F[0];
     connection_correction[27] = -t0;
+    connection_correction[28] = 0.0;
     const double t2 = 0.5 * F[3];
     connection_correction[29] = t2;
     connection_correction[30] = F[1];
     connection_correction[31] = -F[0];
+    connection_correction[32] = 0.0;
     connection_correction[33] = t1;
     connection_correction[34] = -t2;
+    connection_correction[35] = 0.0;
 }
 
 /*
@@ -1879,20 +1878,27 @@ void iiwa14_hybrid_connection_correction(const double wrench[6], double connecti
     copy_finite(wrench, 6, F);
 
     /* Gamma F */
-    clear(22, &connection_correction[0]);
-    clear(3, &connection_correction[24]);
-    clear(1, &connection_correction[28]);
-    clear(3, &connection_correction[30]);
-    clear(1, &connection_correction[35]);
+    connection_correction[21] = connection_correction[20] = connection_correction[19] =
+        connection_correction[18] = connection_correction[17] = connection_correction[16] =
+        connection_correction[15] = connection_correction[14] = connection_correction[13] =
+        connection_correction[12] = connection_correction[11] = connection_correction[10] =
+        connection_correction[9] = connection_correction[8] = connection_correction[7] =
+        connection_correction[6] = connection_correction[5] = connection_correction[4] =
+        connection_correction[3] = connection_correction[2] = connection_correction[1] =
+        connection_correction[0] = 0.0;
     const double t0 = 0.5 * F[5];
     connection_correction[22] = t0;
     const double t1 = 0.5 * F[4];
     connection_correction[23] = -t1;
+    connection_correction[26] = connection_correction[25] = connection_correction[24] = 0.0;
     connection_correction[27] = -t0;
+    connection_correction[28] = 0.0;
     const double t2 = 0.5 * F[3];
     connection_correction[29] = t2;
+    connection_correction[32] = connection_correction[31] = connection_correction[30] = 0.0;
     connection_correction[33] = t1;
     connection_correction[34] = -t2;
+    connection_correction[35] = 0.0;
 }
 
 /*
@@ -3293,9 +3299,8 @@ static inline void store_lanes(const lanes *from, size_t left, int size, double 
 static inline void copy_symmetric_lanes(const lanes *from, int n, lanes *to)
 {
     for (int i = 0; i < n; ++i) {
-        for (int j = i; j < n; ++j) {
-            to[n * i + j] = from[n * i + j];
-            to[n * j + i] = from[n * i + j];
+        for (int j = 0; j < n; ++j) {
+            to[n * i + j] = from[i < j ? n * i + j : n * j + i];
         }
     }
 }

@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "00bfdfcd86726f8d") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "4ba67ded0fa5eecd") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

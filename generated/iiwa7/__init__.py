@@ -72,7 +72,7 @@ except ImportError as _error:
         "iiwa7: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "882e077866b182f5":
+if getattr(_c, "SOURCES", "") != "9b88c05c6c7d4961":
     raise ImportError(
         "iiwa7: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "882e077866b182f5") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "9b88c05c6c7d4961") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "5b29ce419a400012") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "65c537894d3e80f7") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1978,7 +1978,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "1539f6bb6ff8c0ed") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "d96f8b5011a256e0") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -8,7 +8,6 @@ asked for, with plain numbers: one configuration a thread.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Container, Iterable
 from dataclasses import dataclass, replace
 
@@ -446,18 +445,18 @@ class _KernelPrinter:
             taken.append(as_operand(array.shape, symbols))
         changed = ca.densify(step.expression(*taken[len(step.reads) - len(step.operands) :]))
         whole = ca.densify(step.whole().expression(*taken))
-        rows, columns = step.target.shape
-        places = [(r, c) for r in range(rows) for c in range(columns) if not changed[r, c].is_zero()]
+        n = step.target.shape[0]
+        changes = [k for k in range(n * n) if not changed[k // n, k % n].is_zero()]
+        texts = [self._write(Operand(step.target, ""), k) for k in range(n * n)]
+        outputs = []
         if step.start is not None:
-            self._call("copy_symmetric", self._first(step.start), rows, self._first(step.target))
-        else:
-            # Only what lies between: entries that are cleared and stored again take clang a fifth longer.
-            stored = [-1, *(columns * r + c for r, c in places), step.target.size]
-            for before, after in itertools.pairwise(stored):
-                if after - before > 1:
-                    first = self._write(Operand(step.target, ""), before + 1)
-                    self._call("clear", after - before - 1, f"&{first}")
-        outputs = [(self._write(Operand(step.target, ""), columns * r + c), whole[r, c]) for r, c in places]
+            self._call("copy_symmetric", self._first(step.start), n, self._first(step.target))
+        for before, k in zip([-1, *changes], [*changes, n * n], strict=True):
+            # What lies between is 0, one statement a run, in the order of the places: compilers make wide stores of it.
+            if step.start is None and k - before > 1:
+                outputs.append((" = ".join(reversed(texts[before + 1 : k])), ca.SX(0)))
+            if k < n * n:
+                outputs.append((texts[k], whole[k // n, k % n]))
         every = not self.target.joint_lanes
         printed = print_statements(
             inputs,
@@ -612,7 +611,7 @@ class _KernelPrinter:
         self.calls.add(name)
         if helper == "copy_finite":
             self.calls.add(self.target.guard)
-        if helper.startswith(("sum_", "clear")) and self.target.lanes == "configurations":
+        if helper.startswith("sum_") and self.target.lanes == "configurations":
             self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 

@@ -473,7 +473,7 @@ def wrap_list(text: str) -> list[str]:
 
 def wrap(statement: str) -> list[str]:
     """Break a statement before operators so that it fits the page; continuations are indented by four."""
-    lines = _filled(statement, _SUMS)
+    lines = _filled(statement, _CHAIN if statement.count(" = ") > 1 else _SUMS)
     if any(len(line) > _WIDTH for line in lines):
         lines = _filled(statement, _OPERATORS)
     return [lines[0], *("    " + line for line in lines[1:])]
@@ -481,6 +481,7 @@ def wrap(statement: str) -> list[str]:
 
 # An operator outside brackets: no closing bracket follows before an opening one.
 _SUMS = re.compile(r" (?=[-+] (?![^\[]*\]))")
+_CHAIN = re.compile(r"(?<= =) ")  # of several assignments
 _OPERATORS = re.compile(r" (?=[-+*] (?![^\[]*\]))")
 
 

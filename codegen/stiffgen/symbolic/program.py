@@ -120,8 +120,8 @@ class SparseSum:
     """``target = start + expression(*operands)``, square, where most of the expression's entries are zero whatever the
     operands.
 
-    Of ``start`` the upper triangle is read and taken for both; None is zero. C code copies the start, or
-    clears, in loops and then stores the entries that are not zero there.
+    Of ``start`` the upper triangle is read and taken for both; None is zero. C code copies the start in a loop and then
+    stores the entries that change; without a start, neighbouring zeros share a statement.
     """
 
     comment: str
