@@ -1176,6 +1176,38 @@ def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, robot: 
         assert (np.abs(torque) <= limit * (t + 0.01 + 0.005)).all()  # two periods that may be used at once
 
 
+def test_the_trajectory_never_runs_ahead_of_this_machines_time(programs: Programs, tmp_path: Path) -> None:
+    """A counter that grows faster than messages come, by no more than the controller bears, and no time stamps."""
+    short = tmp_path / "short.csv"
+    s = np.linspace(0.0, 1.0, 201)
+    way = 10 * s**3 - 15 * s**4 + 6 * s**5
+    np.savetxt(short, POSTURE + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
+    script = programs.script()
+    script.begin()
+    for k in range(250):
+        script.lose(k % 2)
+        script.add(COMMANDING_ACTIVE, change=lambda m: m.monitorData.ClearField("timestamp"))
+    port, summary = free_port(), tmp_path / "summary.json"
+    command = [programs.folder / "client" / "fri_wiping", "--trajectory", short, "--port", port, "--approach", "0.1",
+               "--summary", summary, "--timeout", "300", *FULL]  # fmt: skip
+    with (
+        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                         text=True) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):  # fmt: skip
+        assert client.stdout is not None and "waiting" in client.stdout.readline()
+        sender.settimeout(10)
+        begin = time.monotonic()
+        for datagram in script.datagrams:
+            sender.sendto(datagram or b"", ("127.0.0.1", port))
+            sender.recv(1500)
+        passed = time.monotonic() - begin
+        client.communicate(timeout=30)
+    told = json.loads(summary.read_text())
+    assert told["faults"]["lost_cycles"] == 125 and told["faults"]["controller_faults"] == 0
+    assert not told["trajectory_done"] or passed > 1.1 - 8 * 0.005
+
+
 def test_another_sender_takes_no_part_in_the_session(programs: Programs, tmp_path: Path) -> None:
     """Neither sound messages nor garbage from elsewhere are answered, nor do they turn answers away from the robot."""
     script = programs.script()
