@@ -65,7 +65,7 @@ FAULTS = [
     Fault("sign in a batch", C, r"K\[3\]\[4\] \+", "K[3][4] -", LANES),
     Fault("the lower triangle is read", C, r"A\[5\]\[3\] = K\[3\]\[5\]", "A[5][3] = K[5][3]", STIFFNESS),
     Fault("the lower triangle is read, batch", C, r"A\[4\]\[3\] = K\[3\]\[4\]", "A[4][3] = K[4][3]", LANES),
-    Fault("the lower triangle is copied", C, r"from\[n \* i \+ j\]", "from[n * j + i]", "static inline void copy_symmetric("),
+    Fault("the lower triangle is copied", C, r"from\[i < j", "from[i > j", "static inline void copy_symmetric("),
     Fault("sign of the sine's quadrant", C, r"turns\.bits & 2\) << 62", "turns.bits & 1) << 62"),
     Fault("sign of the cosine's quadrant", C, r"\(turns\.bits \+ 1\) & 2", "turns.bits & 2"),
     Fault("a coefficient of the sine", C, r"0\.1666666666666663", "0.1666666666"),

@@ -90,6 +90,30 @@ def test_single_precision_is_one_record(host, chain, tmp_path):
             assert 1e-9 < relative_error(found, expected) < 1e-5, name
 
 
+def test_an_equilibrium_for_each_configuration(host, robot, chain):
+    """As a stack for the C code; in columns with a stride of their own, at least the count."""
+    samples = Samples.draw(chain, 37, seed=5)
+    ufuncs = kernels_of(robot, chain)
+    springs = {name: kernel for name, kernel in host.kernels.items() if kernel.group == "spring"}
+    assert len(springs) == 6
+    for name, kernel in springs.items():
+        given = [
+            samples.of(a, 0) if a.varying else g
+            for a, g in zip(kernel.arguments, arguments(kernel, samples), strict=True)
+        ]
+        assert given[1].shape == (37, 4, 4)
+        results = (as_results(each) for each in (host(name, *given, spare=2), ufuncs[name](*given)))
+        for found, expected in zip(*results, strict=True):
+            for one, other in zip(found, expected, strict=True):
+                assert_close(one, other)
+    kernel = springs["spring_energy"]
+    q, K, out = np.zeros((7, 4)), np.eye(3), np.full((1, 4), NOTHING)
+    assert host.launch(kernel, 4, 4, q, np.zeros((16, 3)), K, K, out) == 1
+    assert (out == NOTHING).all()
+    assert host.launch(kernel, 4, 4, q, np.zeros((16, 4)), K, K, out) == 0
+    assert (out != NOTHING).all()
+
+
 @pytest.mark.parametrize("case", ["slides and mimics", "two tips, tool at run time"])
 @pytest.mark.parametrize("compiler", compilers())
 def test_other_chains(case, compiler, tmp_path):

@@ -7,6 +7,7 @@ put together the way the generated code does it, one half computed and mirrored.
 
 from __future__ import annotations
 
+import collections
 import ctypes
 import itertools
 import re
@@ -22,10 +23,15 @@ from stiffgen.emit.render import render
 from stiffgen.emit.target import CUDA
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import KINDS, Placement
+from stiffgen.symbolic.springs import spring as spring_of_kind
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
+from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
 from support.project import kernels_of
 from support.runtime import compile_c
+from support.spring_digits import axis, parameters, stiffness
 
 PERTURBATION = 1e-6
 
@@ -115,11 +121,13 @@ def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
 
 SIGN = re.compile(r" [-+] |(?<== )-|(?<=, )-|(?<=\()-")  # between two terms, or before one
 FUNCTION = re.compile(r"(?:static |DEVICE )?void (\w+)\(")
+SPRING_KERNELS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness", "linearization")
+SPRING_BOUND = 5e-14
 WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
 
 
-def with_switches(source, left_out):
-    """The source with ``flip[k]``, 1 or -1, at the k-th sign of every printed body, and the lines they are in."""
+def with_switches(source, chosen=lambda function: True):
+    """The source with ``flip[k]``, 1 or -1, at the k-th sign of every chosen body, and the lines they are in."""
     lines, places, body, section = [], [], "", ""
     poison = closed = False
 
@@ -136,7 +144,7 @@ def with_switches(source, left_out):
         heading = FUNCTION.match(line)
         if heading:
             printed = heading[1] not in WRITTEN_BY_HAND and not heading[1].endswith("_batch")
-            body = heading[1] if printed and not any(name in heading[1] for name in left_out) else ""
+            body = heading[1] if printed and chosen(heading[1]) else ""
         elif line.startswith("}"):
             body = ""
         elif line.lstrip().startswith("/*"):
@@ -241,7 +249,7 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     chain, references, left_out = mutated
     texts = render(chain, "robot", cuda=CUDA)
     file = "robot.c" if vehicle == "C" else "robot.cu"
-    texts[file], places = with_switches(texts[file], left_out)
+    texts[file], places = with_switches(texts[file], lambda body: not any(name in body for name in left_out))
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
     batches = {kernel.qualified_name: kernel.batch for kernel in chain_kernels(chain)}
@@ -276,3 +284,88 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     suffixes = ("", "_lanes") if vehicle == "C" else ("",)
     assert {f"{rep}_columns{suffix}" for rep in REPRESENTATIONS for suffix in suffixes} < bodies
     assert len(places) > 200
+
+
+def turned_states(library, chain):
+    """Turns of the tip that take every branch there is: (q, equilibrium, stiffness, exact values by kind and kernel).
+
+    Each component of the quaternion is the largest in turn, with both signs, alone and with all others; near the
+    equilibrium, where a series stands for the angle, the tip's origin is at rest, so that nothing hides the turn.
+    The poses of doubles are taken as they are, far from the equilibrium as roundings of rotations.
+    """
+    random = np.random.default_rng(8)
+    turns = [axis(random) * angle for angle in (0.01995, -0.0199, 0.0198, 0.0203, 0.05, 0.3, 1.0, 2.0)]
+    for unit in np.eye(3):
+        turns += [angle * unit for angle in (0.5, 2.5, -2.5)]
+        turns += [angle * (unit + 0.3 * axis(random)) for angle in (2.2, -2.2, 2.5, -2.5)]
+    for turn in turns:
+        q, pose, J, H = random.uniform(-1.5, 1.5, chain.dof), np.empty((4, 4)), np.empty((6, chain.dof)), np.eye(4)
+        library.robot_forward_kinematics(pointer(q), pointer(pose))
+        library.robot_hybrid_jacobian(pointer(q), pointer(J))
+        near = np.linalg.norm(turn) < 0.1
+        H[:3, :3] = floats(orthonormal(pose[:3, :3]) @ rotation(turn))
+        H[:3, 3] = pose[:3, 3] + (0.0 if near else 0.1 * random.normal(size=3))
+        K = stiffness(random)
+        K[:3] *= 0.1  # nothing of the turn is small beside the translation
+        K[:, :3] *= 0.1
+        R, R0 = ((exact if near else orthonormal)(each[:3, :3]) for each in (pose, H))
+        energies = Energies(*moved(exact(pose[:3, 3]), R), (exact(H[:3, 3]), R0), K)
+        values = {}
+        for kind in KINDS:
+            U = energies(kind, Placement())
+            energy, wrench, hessian = floats([U.value]), floats(U.first), floats(U.second)[None]
+            torque, tangent = -wrench @ J, np.empty((1, chain.dof, chain.dof))
+            library.robot_hybrid_joint_stiffness(*map(pointer, (q, wrench, hessian, tangent)))
+            values[kind] = {
+                "energy": [energy], "wrench": [wrench], "task_stiffness": [hessian],
+                "torque": [torque], "joint_stiffness": [tangent], "linearization": [energy, torque, tangent],
+            }  # fmt: skip
+        yield q, H, K, values
+
+
+@pytest.mark.parametrize("kind", KINDS[1:])
+def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
+    """Every sign of the bodies of the springs that are not the default one, single calls, against 60 digits."""
+    texts, group = render(chain, "robot", options=SpringOptions((kind,))), spring_of_kind(kind).name
+    bodies = {f"robot_{group}_{name}": name for name in SPRING_KERNELS}
+    texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__)
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
+    library = ctypes.CDLL(str(compile_c(tmp_path / "robot.so", *flags, tmp_path / "robot.c", "-lm")))
+    flip = (ctypes.c_double * len(places)).in_dll(library, "flip")
+    flip[:] = [1.0] * len(places)
+    states = list(turned_states(library, chain))
+
+    def results(body):
+        found = []
+        for q, H, K, values in states:
+            found.append([np.empty_like(each) for each in values[kind][bodies[body]]])
+            given = [q, *(np.ascontiguousarray(each[0]) for each in parameters(kind, H[None], K[None]))]
+            library[body](*map(pointer, given), *map(pointer, found[-1]))
+        return found
+
+    def agrees(body, found):
+        expected = [values[kind][bodies[body]] for *_, values in states]
+        pairs = zip(itertools.chain(*found), itertools.chain(*expected), strict=True)
+        return all(relative_error(*pair) <= SPRING_BOUND for pair in pairs)
+
+    right = {body: results(body) for body in bodies}
+    assert [body for body, found in right.items() if not agrees(body, found)] == []
+    missed, even, run = [], [], collections.Counter()
+    for k, place in enumerate(places):
+        flip[k] = -1.0
+        body = place.split(":")[0]
+        run[body] += 1
+        found = results(body)
+        if agrees(body, found):
+            same = all(map(np.array_equal, itertools.chain(*found), itertools.chain(*right[body])))
+            (even if same else missed).append(place)
+        flip[k] = 1.0
+    print(f"{kind}: {len(places)} signs, {len(places) - len(missed) - len(even)} caught, {len(even)} without effect")
+    assert missed == []
+    # The energy alone is even in the quaternion's vector part, so that some signs cannot matter, to the last bit.
+    assert {place.split(":")[0] for place in even} <= {f"robot_{group}_energy"}
+    assert len(even) <= (0 if kind == "coupled" else 4)
+    assert run.keys() == bodies.keys()
+    assert min(run.values()) > 20

@@ -52,16 +52,26 @@ class HostCuda:
 
     def launch(self, kernel: Kernel, count: int, stride: int, *arrays: np.ndarray | None) -> int:
         function = getattr(self.library, f"{self.name}_{kernel.qualified_name}_cuda")
-        pointers = [None if array is None else ctypes.c_void_p(array.ctypes.data) for array in arrays]
-        return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *pointers, None))
+        given: list[object] = []
+        for array, argument in zip(arrays, (*kernel.arguments, *kernel.results), strict=True):
+            given.append(None if array is None else ctypes.c_void_p(array.ctypes.data))
+            if argument.varying:  # shared in its own shape, in columns where each configuration has its own
+                is_shared = array is None or array.shape == argument.shape
+                given.append(ctypes.c_size_t(0 if is_shared else array.shape[1]))
+        return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *given, None))
 
     def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> np.ndarray:
-        """Vectors in stacks (count, m), the rest shared; ``spare`` is stride - count. Dense results (count, ...)."""
+        """Vectors in stacks (count, m), varying matrices in stacks or shared, the rest shared.
+
+        ``spare`` is stride - count; a varying matrix has a stride larger still. Dense results (count, ...).
+        """
         kernel = self.kernels[name]
         count = len(arguments[0])
         stride = count + spare
         given = [
-            self._columns(a, stride) if len(argument.shape) == 1 else np.ascontiguousarray(a, dtype=self.number)
+            self._columns(a.reshape(count, -1), stride + 3 * argument.varying)
+            if np.ndim(a) > len(argument.shape) or len(argument.shape) == 1
+            else np.ascontiguousarray(a, dtype=self.number)
             for a, argument in zip(arguments, kernel.arguments, strict=True)
         ]
         outs = [np.full((self._rows(result) + 1, stride), NOTHING, dtype=self.number) for result in kernel.results]

@@ -96,16 +96,22 @@ def pose_errors(placements: list[Placement], case: str, count: int, seed: int) -
         energies = Energies(*moved(exact(pose[c, :3, 3]), R), (exact(H[c, :3, 3]), R0), K[c])
         for s, values in found.items():
             for name, value, reference in zip(RESULTS, values, _derivatives(energies(*s)), strict=False):
-                error = _relative_error(value[c].reshape(reference.shape), reference)
+                error = _relative_error(name, value[c].reshape(reference.shape), reference)
                 worst[s][name] = max(worst[s][name], error)
     return worst
 
 
-def _relative_error(value: np.ndarray, reference: np.ndarray) -> float:
-    """To the largest entry; of a wrench, force and moment each to its own."""
-    if reference.shape == (6,):
-        return max(_relative_error(*(each.reshape(2, 3)[k] for each in (value, reference))) for k in range(2))
-    return float(np.abs(value - reference).max() / np.abs(reference).max())
+def _relative_error(name: str, value: np.ndarray, reference: np.ndarray) -> float:
+    """To the largest entry; force and moment, and so the blocks of the task stiffness, are held to their own."""
+    error, size = np.abs(value - reference), np.abs(reference)
+    if name == "wrench":
+        scale = np.repeat([size[:3].max(), size[3:].max()], 3)
+    elif name == "task_stiffness":
+        root = np.sqrt(np.repeat([size[:3, :3].max(), size[3:, 3:].max()], 3))
+        scale = np.outer(root, root)
+    else:
+        scale = size.max()
+    return float((error / scale).max())
 
 
 def _derivatives(energy: Jet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -183,6 +189,6 @@ def robot_errors(
             ):
                 value, largest = results[name][c].reshape(reference.shape), np.abs(reference).max()
                 error = np.abs(value - reference).max() / (1e-11 * largest + 16 * EPS * scale)
-                relative[s][name] = max(relative[s][name], _relative_error(value, reference))
+                relative[s][name] = max(relative[s][name], _relative_error(name, value, reference))
                 allowed[s][name] = max(allowed[s][name], error)
     return relative, allowed

@@ -94,13 +94,16 @@ class ThreadResult:
 class ThreadPage:
     """A CUDA kernel: vectors are each configuration's own, matrices among the arguments are shared by all.
 
+    A varying matrix has a stride of its own, 0 for a shared one.
+
     Attributes:
         definition: of the function of one thread.
         kernel: prototype of the function that runs it on all configurations.
         prototype: of the launch function.
         qualified_name: the kernel's.
         own: arguments that every configuration has its own of.
-        arrays: names of all arguments and results.
+        varying: arguments that it has, or that are shared by all.
+        arrays: what the launch function hands to that function: names of arguments, their strides, and results.
         given: C texts of the arguments that the thread's function is called with.
         results: what it gives.
         documentation: the comment over the launch function's prototype, in lines.
@@ -113,6 +116,7 @@ class ThreadPage:
     prototype: str
     qualified_name: str
     own: list[Array]
+    varying: list[Array]
     arrays: list[str]
     given: list[str]
     results: list[ThreadResult]
@@ -203,11 +207,20 @@ def batch_page(name: str, kernel: Kernel, function: CFunction) -> BatchPage:
 def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: CFunction) -> ThreadPage:
     number = target.number
     own = [array for array in function.inputs if len(array.shape) == 1]
+    taken = zip(kernel.arguments, function.inputs, strict=True)
+    varying = [array for argument, array in taken if argument.varying]
     declared = [f"const {number} {_declared(array)}" for array in function.inputs]
     declared += [f"{number} {_declared(array)}" for array in function.outputs]
     one = _fill(f"{target.qualifier} void {kernel.qualified_name}_thread(", declared) + ")"
-    given = [f"const {number} *{array.name}" for array in function.inputs]
+    given, arrays = [], []
+    for array in function.inputs:
+        given.append(f"const {number} *{array.name}")
+        arrays.append(array.name)
+        if array in varying:
+            given.append(f"size_t {array.name}_stride")
+            arrays.append(f"{array.name}_stride")
     given += [f"{number} *{array.name}" for array in function.outputs]
+    arrays += [array.name for array in function.outputs]
     each = ["size_t count", "size_t stride", *(text.replace("*", "*__restrict__ ") for text in given)]
     launch = ["size_t count", "size_t stride", *given, "void *stream"]
     return ThreadPage(
@@ -216,8 +229,9 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
         prototype=_fill(f"int {name}_{kernel.qualified_name}_cuda(", launch) + ")",
         qualified_name=kernel.qualified_name,
         own=own,
-        arrays=[array.name for array in (*function.inputs, *function.outputs)],
-        given=[f"{array.name}_of_one" if array in own else array.name for array in function.inputs],
+        varying=varying,
+        arrays=arrays,
+        given=[f"{a.name}_of_one" if a in own or a in varying else a.name for a in function.inputs],
         results=[
             ThreadResult(array.name, array.size, array.shape[0] if argument.symmetric else 0)
             for argument, array in zip(kernel.results, function.outputs, strict=True)
@@ -366,6 +380,8 @@ def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
                 + ("upper triangle of " if argument.symmetric else "")
                 + text
             )
+        elif argument.varying:
+            text += f" a configuration, {argument.name}_stride apart; with {argument.name}_stride 0, shared"
         else:
             text += " a configuration" if len(shape) == 1 else ", shared"
         lines += wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")

@@ -17,7 +17,8 @@ class Argument:
     """An argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
 
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
-    formulas have for an argument, ``plural`` its name where it holds one block a tip.
+    formulas have for an argument, ``plural`` its name where it holds one block a tip. ``varying`` says of a matrix that
+    CUDA takes one for each configuration, too, as it does of vectors.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Argument:
     symmetric: bool = False
     symbol: str = ""
     plural: str = ""
+    varying: bool = False
 
     def of_all_tips(self, names: list[str]) -> Argument:
         """The argument that holds one block of this a tip, in the order of ``names``."""

@@ -53,6 +53,7 @@ EQUILIBRIUM = Argument(
     "homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring is at rest; R0 must be a rotation",
     symbol="H",
     plural="equilibria",
+    varying=True,
 )
 Axes = Literal["base", "tip", "equilibrium"]
 AXES: tuple[Axes, ...] = ("base", "tip", "equilibrium")
@@ -156,10 +157,11 @@ def quaternion(R: ca.SX, R0: ca.SX) -> ca.SX:
     return chosen / ca.sqrt(ca.dot(chosen, chosen))
 
 
-_SERIES = (1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040, 135135 / 9676800)
+_SERIES = (1.0, 1 / 6, 3 / 40, 15 / 336)
 """Of asin(x)/x in powers of x^2: (2k)!/(4^k k!^2 (2k + 1))."""
-_NEAR = 1e-3
-"""Of x^2: below, eight terms of the series are exact to the last digit, above, the closed form is."""
+_NEAR = 1e-4
+"""Of x^2: below, four terms of the series are exact to the last digit of energy, wrench and covariant Hessian, above,
+the closed form is. More terms would not be seen in any result."""
 
 
 def half_angle_ratio(w: ca.SX) -> ca.SX:
@@ -170,7 +172,7 @@ def half_angle_ratio(w: ca.SX) -> ca.SX:
         near = near * square + coefficient
     is_near = square < _NEAR
     sine = ca.sqrt(ca.if_else(is_near, 1, square))  # 1: nothing divides by zero where the series is chosen
-    return ca.if_else(is_near, near, ca.atan2(sine, w) / sine)
+    return ca.if_else(is_near, near, 2 * ca.atan(sine / (1 + w)) / sine)
 
 
 def _seen_from(v: ca.SX, H: ca.SX, axes: Axes) -> ca.SX:
