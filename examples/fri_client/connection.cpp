@@ -98,7 +98,7 @@ int Connection::receive(Buffer buffer, Size capacity)
     arrival_.refused = false;
     int taken = -1;
     std::uint32_t advance_sum = 0;
-    bool anew = false;
+    bool anew = false, signalled = false;
     for (int looked_at = 0; taken < 0 || looked_at < MOST_WAITING; ++looked_at) {
         const double left = std::max(give_up - monotonic_time(), 0.0);
         if (taken < 0 && left <= 0.0 && looked_at > 0) {
@@ -107,6 +107,7 @@ int Connection::receive(Buffer buffer, Size capacity)
         double age = 0.0;
         const int size = datagrams_.receive(scratch_, sizeof scratch_, taken < 0 ? left : 0.0, &age);
         if (size < 0) {
+            signalled = size == Datagrams::SIGNALLED;
             break;
         }
         Message message;
@@ -126,8 +127,8 @@ int Connection::receive(Buffer buffer, Size capacity)
         }
     }
     handed_on_ = taken >= 0;
-    if (!handed_on_ && monotonic_time() < give_up) {
-        return -1; /* a signal */
+    if (!handed_on_ && signalled) {
+        return -1; /* no silence */
     }
     if (!handed_on_) {
         traffic_.timeouts += traffic_.messages > 0 ? 1 : 0;

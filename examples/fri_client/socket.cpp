@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <ctime>
@@ -81,8 +82,9 @@ int UdpSocket::receive(std::uint8_t *bytes, std::size_t capacity, double wait, d
     }
     if (wait > 0.0) {
         struct pollfd ready = {socket_, POLLIN, 0};
-        if (::poll(&ready, 1, static_cast<int>(std::ceil(1e3 * std::min(wait, 1e6)))) != 1) {
-            return -1;
+        const int count = ::poll(&ready, 1, static_cast<int>(std::ceil(1e3 * std::min(wait, 1e6))));
+        if (count != 1) {
+            return count < 0 && errno == EINTR ? static_cast<int>(SIGNALLED) : -1;
         }
     }
     union {

@@ -16,8 +16,9 @@ public:
 
     /*
      * The next datagram: its size, which is larger than `capacity` if it was cut; -1 if none came in `wait` seconds (0:
-     * none is there), or a signal came. `age` [s]: since the kernel received it.
+     * none is there), SIGNALLED if a signal came first. `age` [s]: since the kernel received it.
      */
+    enum { SIGNALLED = -2 };
     virtual int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age) = 0;
 
     /* Whether the last datagram came from where answers go to; true while they go nowhere yet. */
