@@ -183,7 +183,7 @@ def _basis_figure() -> Any:
     arc = np.radians(np.linspace(0, 95, 60))
     left.plot(1.6 * np.cos(arc), 1.6 * np.sin(arc), color=INK, linewidth=0.7, alpha=0.5)
     left.set(xlim=(-0.7, 2.7), ylim=(-0.15, 2.5), aspect="equal",
-             title="one force F, three places:\nits component on $e_2$ changes because $e_2$ turns")  # fmt: skip
+             title="one force F, three places: its component\non $e_2$ changes because $e_2$ turns")  # fmt: skip
     for order, colour, style in ((0, AXES[0], "-"), (1, AXES[1], "--")):
         position, heading = np.zeros(2), 0.0
         for kind in ((0, 1), (1, 0))[order]:

@@ -18,6 +18,7 @@ from filelock import FileLock
 import stiffgen
 from examples.bowl_wiping.tool import NAME, tool
 from stiffgen import open_robot
+from stiffgen.emit import build
 from support.fri_session import EXACT
 from support.project import ROOT, URDF
 
@@ -65,6 +66,12 @@ def robot_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Pa
 @pytest.fixture(scope="session")
 def robot(robot_folder: Path) -> ModuleType:
     return open_robot(robot_folder).module
+
+
+@pytest.fixture
+def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders are compiled without optimisation, in a third of the time: for tests that do not look at the compiler."""
+    monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
 
 
 @pytest.fixture(scope="session")

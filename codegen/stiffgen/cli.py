@@ -17,6 +17,7 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -26,7 +27,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedCo
 from rich.table import Table
 
 import stiffgen
-from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
+from stiffgen.analyze.analysis import SUMMARY, AnalysisOptions, checked_stiffness, read_stiffness, run_analysis
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
@@ -194,6 +195,12 @@ def _parser() -> argparse.ArgumentParser:
         help="link where the wrench acts (default: the only leaf link); repeat it for several tips with one q",
     )
     command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
+    command.add_argument(
+        "--floating-base",
+        action="store_true",
+        help="the base is free: functions take its pose, and its body twist comes before the joints' rates "
+        "(a file's own floating root joint has the same effect)",
+    )
     command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
     command.add_argument("--output", type=Path, default=Path("generated"), metavar="DIR", help="default: generated")
     command.add_argument("--no-masses", action="store_true", help="ignore all masses; the mass matrix is left out")
@@ -307,8 +314,8 @@ def _add_analyze(commands: Any) -> None:
     command.add_argument(
         "--representation",
         choices=REPRESENTATIONS,
-        default="hybrid",
-        help="in which wrenches and task stiffness are given (default: hybrid)",
+        default=AnalysisOptions.representation,
+        help="in which wrenches and task stiffness are given (default: %(default)s)",
     )
     command.add_argument(
         "--negate-wrench", action="store_true", help="the wrenches are those that the robot applies to the environment"
@@ -317,7 +324,9 @@ def _add_analyze(commands: Any) -> None:
     command.add_argument(
         "--output", type=Path, metavar="DIR", help="folder to write (default: analysis/ and LOG's name)"
     )
-    command.add_argument("--no-figures", action="store_true", help="write the numbers only (summary.json)")
+    command.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write the numbers only (summary.json)"
+    )
     command.add_argument("--dask", metavar="ADDRESS", help="compute on a Dask scheduler's workers; 'local' starts some")
     columns = command.add_argument_group(
         "columns", "default: time [s] (optional), q_0 ... [rad], wrench_0 ... wrench_5"
@@ -329,7 +338,11 @@ def _add_analyze(commands: Any) -> None:
     topics.add_argument("--q-topic", metavar="TOPIC", help="of sensor_msgs/msg/JointState")
     topics.add_argument("--wrench-topic", metavar="TOPIC", help="of geometry_msgs/msg/WrenchStamped")
     topics.add_argument(
-        "--tolerance", type=float, default=0.01, metavar="S", help="between positions and wrench [s] (default: 0.01)"
+        "--tolerance",
+        type=float,
+        default=AnalysisOptions.tolerance,
+        metavar="S",
+        help="between positions and wrench [s] (default: %(default)s)",
     )
     command.set_defaults(run=_analyze)
 
@@ -422,6 +435,7 @@ def _generate(options: argparse.Namespace) -> int:
             masses=not options.no_masses,
             cuda=options.cuda,
             springs=_springs(options),
+            floating_base=options.floating_base,
             force=options.force,
             progress=progress,
         )
@@ -577,26 +591,11 @@ def _analyze(options: argparse.Namespace) -> int:
     # Six numbers, or one name of a file; anything else is refused with the reason.
     stiffness = options.task_stiffness
     K = read_stiffness(stiffness[0]) if len(stiffness) == 1 else checked_stiffness(stiffness)
+    names = (field.name for field in fields(AnalysisOptions))
+    chosen = AnalysisOptions(**{name: getattr(options, name) for name in names if name in options})
     with _Bar(_Console(stderr=True, highlight=False, soft_wrap=True)).shown() as progress:
         try:
-            analysis = analyze(
-                options.log,
-                options.robot,
-                K,
-                representation=options.representation,
-                negate_wrench=options.negate_wrench,
-                tip=options.tip,
-                q_columns=options.q_columns,
-                wrench_columns=options.wrench_columns,
-                time_column=options.time_column,
-                q_topic=options.q_topic,
-                wrench_topic=options.wrench_topic,
-                tolerance=options.tolerance,
-                output=options.output,
-                figures=not options.no_figures,
-                dask=options.dask,
-                progress=progress,
-            )
+            analysis = run_analysis(options.log, options.robot, K, chosen, progress)
         except EmptyRecordingError as error:
             print(f"stiffgen: {error}", file=sys.stderr)
             return 1
@@ -612,7 +611,7 @@ def _analyze(options: argparse.Namespace) -> int:
     print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
     for line in recording_warnings(analysis.recording, analysis.result):
         print(f"stiffgen: warning: {line}", file=sys.stderr)
-    print(analysis.folder / (SUMMARY if options.no_figures else "report.html"))
+    print(analysis.folder / ("report.html" if options.figures else SUMMARY))
     return 0
 
 

@@ -13,6 +13,7 @@ from stiffgen.errors import OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
 from stiffgen.names import checked_identifier, identifier
 from stiffgen.robot.chain import Chain, ChainOptions, Tool, read_chain
+from stiffgen.symbolic.arguments import posture
 from stiffgen.symbolic.potentials import SpringOptions
 
 
@@ -31,6 +32,7 @@ def generate(
     cuda: bool = False,
     force: bool = False,
     springs: SpringOptions | None = None,
+    floating_base: bool = False,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -52,6 +54,7 @@ def generate(
         cuda: also write NAME.cu and NAME_cuda.h, CUDA for the functions that have a batch.
         force: replace a folder although what its users call changes: joints, base, tips, or the arguments of functions.
         springs: springs beyond the default one, their axes and centre, and potentials of your own.
+        floating_base: the base link is free: its pose is an argument, its body twist comes before the joints' rates.
         progress: called with a few words before each step.
 
     Returns:
@@ -67,7 +70,7 @@ def generate(
 
     """
     progress(f"reading {Path(urdf).name}")
-    options = ChainOptions(tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock)
+    options = ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base)
     chain = read_chain(urdf, options)
     name = identifier(chain.robot) if name is None else checked_identifier(name)
     output = Path(output)
@@ -138,5 +141,5 @@ def _meaning(chain: Chain) -> list[tuple[str, list[str]]]:
         ("joints", [coordinate.name for coordinate in chain.coordinates]),
         ("base", [chain.base]),
         ("tips", [tip.link for tip in chain.tips]),
-        ("arguments", ["q", "tool_pose"] if chain.runtime_tool else ["q"]),
+        ("arguments", [each.name for each in posture(runtime_tool=chain.runtime_tool, floating=chain.floating)]),
     ]

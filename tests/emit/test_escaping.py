@@ -17,6 +17,7 @@ EVIL = [
 ]  # fmt: skip
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("several_tips", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_evil_names(several_tips, tmp_path):
     """Every name of a chain evil: it compiles, imports, and gives the names back as they are in the file."""

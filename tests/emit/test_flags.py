@@ -55,7 +55,7 @@ RIGHT = [
     ("clang", "-O3 -march=native -ffp-contract=fast -freciprocal-math -fapprox-func"),
     ("clang", "-O2 -frounding-math"),
 ]
-QUICK = [("gcc", "-O2 -m32"), ("gcc", "-O2 -m32 -std=c99"), ("clang", f"-O2 {REORDERED}")]
+QUICK = [("gcc", "-O0 -m32"), ("gcc", "-O2 -m32 -std=c99"), ("clang", f"-O2 {REORDERED}")]
 
 
 def named(build: tuple) -> str:

@@ -19,20 +19,28 @@ FLAGS = {
 
 
 CHAINS = ("rprmrr", "p", "rrprrrrrr", "rrrpmrrrrrrrrrrrr")
-AWAITED = {("native", "rrprrrrrr"), *((flags, "rprmrr") for flags in FLAGS)}
-CASES = [
-    pytest.param(*case, marks=() if case in AWAITED else pytest.mark.slow)
-    for case in ((flags, types) for flags in FLAGS for types in CHAINS)
-]
 
 
-@pytest.mark.parametrize(("flags", "types"), CASES)
-def test_every_oracle(types, flags, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.parametrize(("flags", "types"), [("native", "rprmrr"), ("SSE2", "p"), ("no vectors", "p")])
+def test_some_chains(types, flags, tmp_path, monkeypatch):
+    """Rows that fill a lane partly, and a chain of one joint in two other widths."""
+    check_every_oracle(types, flags, "quick", tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("types", CHAINS)
+@pytest.mark.parametrize("flags", FLAGS)
+def test_every_chain(types, flags, tmp_path, monkeypatch):
+    check_every_oracle(types, flags, "chain", tmp_path, monkeypatch)
+
+
+def check_every_oracle(types, flags, name, tmp_path, monkeypatch):
     monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf(types))
     # Names of their own: an extension module is loaded once a process.
-    folder = stiffgen.generate(urdf, output=tmp_path, name=f"chain_{types}_{list(FLAGS).index(flags)}")
+    folder = stiffgen.generate(urdf, output=tmp_path, name=f"{name}_{types}_{list(FLAGS).index(flags)}")
     assert [check for check in verify(folder, count=11) if not check.passed] == []
 
 
@@ -85,6 +93,7 @@ def test_ten_thousand_at_once_need_no_memory_but_the_result(robot):
     assert robot.BASE == "link_0"
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_a_robot_of_slides_alone_has_no_sine(tmp_path):
     urdf = tmp_path / "slides.urdf"
     urdf.write_text(chain_urdf("pp"))

@@ -74,7 +74,7 @@ def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleT
 def prefix(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The C library installed, then moved."""
     work = tmp_path_factory.mktemp("installed")
-    run("cmake", "-S", folder, "-B", work / "build", cwd=work)
+    run("cmake", "-S", folder, "-B", work / "build", "-DCMAKE_BUILD_TYPE=Debug", cwd=work)
     run("cmake", "--build", work / "build", cwd=work)
     run("cmake", "--install", work / "build", "--prefix", work / "first", cwd=work)
     return (work / "first").rename(work / "moved")

@@ -61,21 +61,27 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def sources(folder: Path) -> list[Path]:
-    return [folder / f"{name}{part}.c" for name in ("left", "right") for part in ("", "_impedance")]
+@pytest.fixture(scope="module")
+def objects(pair: Path) -> dict[str, Path]:
+    """The sources, compiled, by the name of the file."""
+    compiled = {}
+    for stem in (f"{name}{part}" for name in ("left", "right") for part in ("", "_impedance")):
+        compiled[stem] = pair / f"{stem}.o"
+        run("gcc", *STRICT, "-fPIC", "-c", pair / f"{stem}.c", "-o", compiled[stem])
+    return compiled
 
 
-def test_two_robots_and_two_versions_in_one_program(pair: Path) -> None:
-    run("gcc", *STRICT, f"-I{pair}", *sources(pair), pair / "main.c", "-lm", "-o", pair / "program")
+def test_two_robots_and_two_versions_in_one_program(pair: Path, objects: dict[str, Path]) -> None:
+    run("gcc", *STRICT, f"-I{pair}", *objects.values(), pair / "main.c", "-lm", "-o", pair / "program")
     left, right, good, bad, text = run(pair / "program").split(maxsplit=4)
     assert float(left) != float(right)
     assert (good, bad) == ("1", "0")
     assert text.startswith("sample_time")
 
 
-def test_two_robots_in_one_shared_library(pair: Path) -> None:
+def test_two_robots_in_one_shared_library(pair: Path, objects: dict[str, Path]) -> None:
     library = pair / "libarms.so"
-    run("gcc", *STRICT, "-shared", "-fPIC", f"-I{pair}", *sources(pair), "-lm", "-o", library)
+    run("gcc", "-shared", *objects.values(), "-lm", "-o", library)
     run(
         "gcc", *STRICT, f"-I{pair}", pair / "main.c", f"-L{pair}", "-larms", f"-Wl,-rpath,{pair}", "-o", pair / "shared"
     )
@@ -86,10 +92,10 @@ def test_two_robots_in_one_shared_library(pair: Path) -> None:
 
 
 @pytest.mark.parametrize("part", ["", "_impedance"])
-def test_objects_define_nothing_without_the_prefix(pair: Path, part: str) -> None:
+def test_objects_define_nothing_without_the_prefix(objects: dict[str, Path], part: str) -> None:
     for name in ("left", "right"):
-        run("gcc", *STRICT, "-c", pair / f"{name}{part}.c", "-o", pair / "x.o")
-        defined = [line.split()[-1] for line in run("nm", "-g", "--defined-only", pair / "x.o").splitlines()]
+        compiled = objects[f"{name}{part}"]
+        defined = [line.split()[-1] for line in run("nm", "-g", "--defined-only", compiled).splitlines()]
         assert defined
         assert [symbol for symbol in defined if not symbol.startswith(f"{name}_")] == []
 

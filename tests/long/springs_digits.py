@@ -1,10 +1,10 @@
-"""Springs against 60 digits over many poses: python tests/long/springs_digits.py [COUNT] [WORKERS].
+"""Springs against 60 digits over many poses: python tests/long/springs_digits.py [COUNT [WORKERS [SUBJECT...]]].
 
 Every spring with all axes, its centre of stiffness at the tip's origin and apart from it, at COUNT poses each: at
 random, within 1e-9 to 1e-3 of the equilibrium, and within 1e-6 of the edge (turns by pi). First the spring alone, its
 pose given as doubles: energy, wrench and covariant Hessian. Then three robots from q: these, torque and joint
 stiffness, as CasADi has them, and for the default axes as the compiled module of the folder has them. Tables of the
-worst errors; exit code 1 if one is beyond its bound:
+worst errors; exit code 1 if one is beyond its bound. A SUBJECT ("pose", a robot, "ROBOT, compiled") is a part of that.
 
 * 1e-11 of the largest entry (of a wrench: of its force, and of its moment), where the pose is given, and from q
   wherever that is well conditioned: at random and at the edge everything, near the equilibrium the stiffnesses;
@@ -18,7 +18,7 @@ import multiprocessing
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -70,9 +70,11 @@ def _raise(worst: dict[str, float], by: dict[str, float]) -> None:
         worst[name] = max(worst.get(name, 0.0), error)
 
 
-def tasks(count: int, work: str) -> Iterator[Task]:
+SUBJECTS = ("pose", *digits.ROBOTS, *(f"{robot}, compiled" for robot in digits.ROBOTS))
+
+
+def tasks(subjects: Sequence[str], count: int, work: str) -> Iterator[Task]:
     """All poses in chunks, each with a seed of its own."""
-    subjects = ["pose", *digits.ROBOTS, *(f"{robot}, compiled" for robot in digits.ROBOTS)]
     for subject in subjects:
         for case in digits.CASES:
             for start in range(0, count, CHUNK):
@@ -91,15 +93,17 @@ def failures(table: Table) -> list[str]:
     return beyond
 
 
-def main(count: int, workers: int) -> int:
+def main(count: int = 1000, workers: int = multiprocessing.cpu_count(), *subjects: str) -> int:
+    subjects = subjects or SUBJECTS
     start, table = time.monotonic(), {}
     with tempfile.TemporaryDirectory() as folder:
         for robot in digits.ROBOTS:
             urdf = digits.urdf_of(robot, Path(folder))
-            options = stiffgen.SpringOptions(KINDS)
-            stiffgen.generate(urdf, output=folder, name=robot.replace(" ", "_"), springs=options)
+            if f"{robot}, compiled" in subjects:
+                options = stiffgen.SpringOptions(KINDS)
+                stiffgen.generate(urdf, output=folder, name=robot.replace(" ", "_"), springs=options)
         with multiprocessing.Pool(workers) as pool:
-            todo = list(tasks(count, folder))
+            todo = list(tasks(subjects, count, folder))
             for done, (subject, part) in enumerate(pool.imap_unordered(run, todo), start=1):
                 for key, worst in part.items():
                     _raise(table.setdefault(key, {}), worst)
@@ -109,8 +113,7 @@ def main(count: int, workers: int) -> int:
     print(f"{count} poses a case, {len(digits.PLACEMENTS)} axes and centres, {time.monotonic() - start:.0f} s\n")
     print("| evaluated | case | spring | measure | " + " | ".join(digits.RESULTS) + " |")
     print("|---|---|---|---|" + "---|" * len(digits.RESULTS))
-    order = {key: place for place, key in enumerate(("pose", *digits.ROBOTS))}
-    for key in sorted(table, key=lambda key: order.get(key[0], 9)):
+    for key in sorted(table, key=lambda key: SUBJECTS.index(key[0])):
         shown = [f"{table[key][name]:.1e}" if name in table[key] else "" for name in digits.RESULTS]
         print(f"| {' | '.join(key)} | {' | '.join(shown)} |")
     beyond = failures(table)
@@ -119,5 +122,4 @@ def main(count: int, workers: int) -> int:
 
 
 if __name__ == "__main__":
-    given = [int(word) for word in sys.argv[1:]]
-    sys.exit(main(*(given + [1000, multiprocessing.cpu_count()][len(given) :])))
+    sys.exit(main(*map(int, sys.argv[1:3]), *sys.argv[3:]))

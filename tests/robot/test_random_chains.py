@@ -35,9 +35,20 @@ def chain_of(robot: Robot, file: Path) -> Chain:
     return chain_between(read_description(file), ChainOptions(tip=robot.tip, base=robot.base))
 
 
-@settings(FEW, max_examples=60)
+@settings(FEW, max_examples=20)
 @given(robot=robots(), seed=st.integers(0, 999))
 def test_random_chains_agree_with_pinocchio(file, robot, seed):
+    check_against_pinocchio(file, robot, seed)
+
+
+@pytest.mark.slow
+@settings(FEW, max_examples=100)
+@given(robot=robots(), seed=st.integers(0, 999))
+def test_more_random_chains_agree_with_pinocchio(file, robot, seed):
+    check_against_pinocchio(file, robot, seed)
+
+
+def check_against_pinocchio(file, robot, seed):
     chain = chain_of(robot, file)
     oracle = PinocchioChain(robot.text, robot.tip, robot.base)
     assert disagreements(chain, oracle, np.random.default_rng(seed), most=7) == {}

@@ -8,7 +8,6 @@ same episodes, on the same plant, stands with each test ("before: ..."). Posture
 from __future__ import annotations
 
 import ctypes
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -21,11 +20,6 @@ from support.plant.loop import Q0, Loop
 MOTOR = 0.1
 TRANSLATION, ROTATION = np.diag([700.0, 700, 800]), np.diag([30.0, 30, 30])
 CONFIGURATION, SENSOR, COMMUNICATION, LIMIT, ENERGY = 5, 1, 2, 3, 4
-
-
-@pytest.fixture(scope="module")
-def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
-    return Loop(tmp_path_factory.mktemp("loop"), robot_folder)
 
 
 def config(loop: Loop, **values: Any) -> Any:
@@ -163,6 +157,54 @@ def test_a_planner_with_gaps(loop: Loop) -> None:
     assert summary.torque_step < 0.5
     assert summary.reference_speed <= 1 + 1e-9
     assert summary.error < 0.01
+
+
+# ---- low limits ----
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("quantum", [0.0, 1e-4])
+def test_commissioning_limits_leave_the_arm_able_to_run(loop: Loop, delay: int, quantum: float) -> None:
+    """A fifth of the effort, a tenth of the torque rate: a start, a move of 0.5 rad and a load of 20 N latch nothing.
+
+    A first version of this controller latched an energy fault, since the tank had to cover a torque that falls slowly.
+    """
+    full = loop.config()
+    settings = config(
+        loop,
+        effort_limit=0.2 * np.array(full.effort_limit),
+        torque_rate_limit=0.1 * np.array(full.torque_rate_limit),
+        delay_samples=delay,
+        position_quantum=quantum,
+    )
+    off = np.array([0.1, -0.1, 0.1, 0.1, -0.1, 0.1, -0.1])
+    there = Q0 + np.array([0, 0.5, 0, 0, 0, 0, 0])
+    for q, parts in (
+        (Q0 + off, [{}]),
+        (Q0, [{}, {"start": 300, "wanted": there}]),
+        (Q0, [{}, {"start": 300, "load": [0, 0, -20, 0, 0, 0]}]),
+    ):
+        episode = loop.episode(q=q, delay=delay, quantum=quantum, differences=int(quantum > 0))
+        summary, rows = loop.run(5000, loop.segments(*parts), episode, settings, rows=True)
+        assert summary.finite
+        assert summary.torque_step <= 0.1 + 1e-9
+        assert summary.faults == 0
+        assert summary.ripple < 1e-2
+        assert rows["scale"].min() == 1.0, "the springs are what was asked for"
+        if "load" not in parts[-1]:
+            assert summary.error < 0.01
+
+
+def test_a_reset_forgets_what_was_missed(loop: Loop) -> None:
+    """After a fault for missed samples and a reset, two missed ones are no fault again: the count begins anew."""
+    lost: dict[str, Any] = {"start": 500, "missed": 1}
+    parts = loop.segments(
+        {}, lost, {"start": 520, "missed": 0}, {"start": 522, "reset": 1}, {"start": 524, "missed": 1},
+        {"start": 526, "missed": 0},
+    )  # fmt: skip
+    summary = loop.run(1500, parts, configs=config(loop))
+    assert summary.resets == 1
+    assert summary.faults == 1
 
 
 # ---- faults ----

@@ -651,8 +651,9 @@ def test_names_and_libraries(robot_folder: Path, tmp_path: Path) -> None:
         for line in done.stdout.splitlines():
             *_, kind, name = line.split()
             (undefined if kind == "U" else own).add(name)
-            if source == "iiwa14_impedance.c":
-                assert kind not in "dDbBC", f"{source} has a variable that changes: {name}"
+            # what self_check reads is const and volatile, which compilers may put beside variables
+            constant = source == "iiwa14.c" and name.split(".")[0] in ("angles", "large")
+            assert kind not in "dDbBC" or constant, f"{source} has a variable that changes: {name}"
             assert kind.islower() or kind == "U" or name.startswith("iiwa14_"), name
     assert undefined - own - {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"} <= allowed
     for header in robot_folder.glob("*.h"):

@@ -32,8 +32,10 @@ def disagreements(
     q = random.uniform(-3, 3, chain.dof)
     wrench, stiffness = random.normal(size=6) * 20, random.normal(size=(6, 6)) * 100
     stiffness = stiffness + stiffness.T
+    velocity, gravity = random.normal(size=chain.dof), random.normal(size=3) * 6
     state = oracle.at(q)
     wanted = {"forward_kinematics": state.pose, "mass_matrix": state.mass_matrix}
+    wanted |= oracle.forces(q, velocity, gravity)
     for rep in REPRESENTATIONS:
         wanted[f"{rep}_jacobian"] = state.jacobian[rep]
         if chain.dof <= most:
@@ -44,7 +46,8 @@ def disagreements(
     for kernel in chain_kernels(chain):
         if kernel.qualified_name in wanted:
             reference = wanted[kernel.qualified_name]
-            got = value(chain, kernel, q=q, wrench=wrench, task_stiffness=stiffness)
+            given = {"q": q, "wrench": wrench, "task_stiffness": stiffness, "velocity": velocity, "gravity": gravity}
+            got = value(chain, kernel, **given)
             error = float(np.abs(got - reference).max() / max(1.0, np.abs(reference).max()))
             if not error <= BOUND:
                 errors[kernel.qualified_name] = error

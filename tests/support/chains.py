@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
+
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial>'
 ARM = f"""<?xml version="1.0"?>
 <robot name="arm">
@@ -35,7 +37,7 @@ def replaced(*changes: tuple[str, str]) -> str:
     return text
 
 
-def chain_urdf(types):
+def chain_urdf(types: str) -> str:
     """A chain of joints ("r", "p", or "m" for one that mimics joint 0) about changing axes."""
     text = '<robot name="chain"><link name="l0"/>'
     for k, kind in enumerate(types):
@@ -52,3 +54,10 @@ def chain_urdf(types):
             f'<limit lower="-2" upper="2" effort="10" velocity="1"/>{mimic}</joint>'
         )
     return text + "</robot>"
+
+
+def child_of(element: ET.Element, tag: str) -> ET.Element:
+    """The element's first child of that tag, which must be there."""
+    found = element.find(tag)
+    assert found is not None, tag
+    return found

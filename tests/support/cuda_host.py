@@ -56,11 +56,10 @@ class HostCuda:
         for array, argument in zip(arrays, (*kernel.arguments, *kernel.results), strict=True):
             given.append(None if array is None else ctypes.c_void_p(array.ctypes.data))
             if argument.varying:  # shared in its own shape, in columns where each configuration has its own
-                is_shared = array is None or array.shape == argument.shape
-                given.append(ctypes.c_size_t(0 if is_shared else array.shape[1]))
+                given.append(ctypes.c_size_t(0 if array is None or array.shape == argument.shape else array.shape[1]))
         return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *given, None))
 
-    def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> np.ndarray:
+    def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> Any:
         """Vectors in stacks (count, m), varying matrices in stacks or shared, the rest shared.
 
         ``spare`` is stride - count; a varying matrix has a stride larger still. Dense results (count, ...).

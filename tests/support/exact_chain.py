@@ -6,9 +6,13 @@ M = sum over the links of J_k^T I_k J_k: no composites, no link axes, no Steiner
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import Any
 
 import mpmath
 import numpy as np
+
+from support.chains import child_of
 
 mp = mpmath.mp.clone()
 mp.dps = 50
@@ -18,11 +22,11 @@ def numbers(text: str | None, default: str) -> list[mpmath.mpf]:
     return [mp.mpf(word) for word in (text or default).split()]
 
 
-def cross(a, b):
+def cross(a: Sequence[Any], b: Sequence[Any]) -> mpmath.matrix:
     return mp.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def turn(axis, angle) -> mpmath.matrix:
+def turn(axis: Sequence[Any], angle: Any) -> mpmath.matrix:
     K = mp.matrix([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return mp.eye(3) + mp.sin(angle) * K + (1 - mp.cos(angle)) * K * K
 
@@ -50,17 +54,17 @@ def _exact(text: str, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             else:
                 at, multiplier, offset = 0, mp.mpf(mimic.get("multiplier")), mp.mpf(mimic.get("offset"))
             position = multiplier * mp.mpf(float(q[at])) + offset
-            axis = mp.matrix(numbers(joint.find("axis").get("xyz"), ""))
+            axis = mp.matrix(numbers(child_of(joint, "axis").get("xyz"), ""))
             axis /= mp.norm(axis)
             if joint.get("type") == "prismatic":
                 place = place + rotation * axis * position
             else:
                 rotation = rotation * turn(axis, position)
             columns.append((at, multiplier * (rotation * axis), joint.get("type") == "prismatic", place))
-        inertial = links[joint.find("child").get("link")].find("inertial")
+        inertial = links[child_of(joint, "child").get("link")].find("inertial")
         if inertial is None:
             continue
-        mass, i = mp.mpf(inertial.find("mass").get("value")), inertial.find("inertia").attrib
+        mass, i = mp.mpf(child_of(inertial, "mass").get("value")), child_of(inertial, "inertia").attrib
         xx, xy, xz, yy, yz, zz = (mp.mpf(i[key]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
         com_rotation, com = origin(inertial)
         axes = rotation * com_rotation

@@ -15,6 +15,8 @@ import flint
 import numpy as np
 from flint import arb, arb_mat
 
+from support.chains import child_of
+
 flint.ctx.dps = 60
 
 
@@ -134,7 +136,7 @@ class Kinematics:
                 rotation = _turn(axis, angle.sin(), angle.cos()) @ rotation
             kind, mimic, axis = joint.get("type"), joint.find("mimic"), None
             if kind != "fixed":
-                axis = _numbers(joint.find("axis").get("xyz"))
+                axis = _numbers(child_of(joint, "axis").get("xyz"))
                 axis = axis / (axis @ axis).sqrt()
             law = None if mimic is None else (arb(mimic.get("multiplier")), arb(mimic.get("offset")))
             self.joints.append((kind, rotation, _numbers(given.get("xyz")), axis, law))

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from support.chains import child_of
+
 MOVING = ("revolute", "continuous", "prismatic")
 FRAMES = {"body": pin.LOCAL, "spatial": pin.WORLD, "hybrid": pin.LOCAL_WORLD_ALIGNED}
 
@@ -29,7 +31,7 @@ class State:
         """dJ^T/dq F + J^T (K + Gamma F) J, for a given K + Gamma F."""
         J = self.jacobian[representation]
         kinematic = np.stack([dJ.T @ wrench for dJ in self.derivative[representation]], axis=1)
-        return kinematic + J.T @ corrected_stiffness @ J
+        return np.asarray(kinematic + J.T @ corrected_stiffness @ J)
 
 
 def readable_by_pinocchio(xml: str | bytes, masses: bool = True) -> ET.Element:
@@ -61,11 +63,11 @@ class PinocchioChain:
     def __init__(self, xml: str | bytes, tip: str, base: str | None = None, *, masses: bool = True) -> None:
         self.xml = readable_by_pinocchio(xml, masses)
         self.joints = {joint.get("name", ""): joint for joint in self.xml.findall("joint")}
-        above = {joint.find("child").get("link"): joint for joint in self.joints.values()}
+        above = {child_of(joint, "child").get("link"): joint for joint in self.joints.values()}
         path, link = [], tip
         while link in above and link != base:
             path.append(above[link])
-            link = above[link].find("parent").get("link")
+            link = child_of(above[link], "parent").get("link", "")
         assert base in (None, link), f"{base} is no ancestor of {tip}"
         self.base, self.tip = link, tip
         try:
@@ -92,14 +94,16 @@ class PinocchioChain:
         return pin.buildModelFromXML(ET.tostring(self.xml, encoding="unicode"))
 
     def _prune(self, path: list[ET.Element], masses: bool) -> None:
-        kept = {self.base, *(joint.find("child").get("link") for joint in path)}
+        kept = {self.base, *(child_of(joint, "child").get("link") for joint in path)}
         first = next(joint for joint in reversed(path) if joint.get("type") in MOVING)
-        beyond = [first.find("child").get("link")] if masses else []
+        beyond = [child_of(first, "child").get("link")] if masses else []
         while beyond:
             link = beyond.pop()
             kept.add(link)
             beyond += [
-                j.find("child").get("link") for j in self.joints.values() if j.find("parent").get("link") == link
+                child_of(j, "child").get("link")
+                for j in self.joints.values()
+                if child_of(j, "parent").get("link") == link
             ]
         for element in list(self.xml):
             child = element.find("child")
@@ -108,7 +112,7 @@ class PinocchioChain:
                 self.xml.remove(element)
 
     def _column(self, joint: str) -> int:
-        return self.model.joints[self.model.getJointId(joint)].idx_v
+        return int(self.model.joints[self.model.getJointId(joint)].idx_v)
 
     def _relation(self, joint: str) -> tuple[str, float, float]:
         multiplier, offset, steps = 1.0, 0.0, 0
@@ -125,9 +129,7 @@ class PinocchioChain:
     def at(self, q: np.ndarray) -> State:
         """Evaluate everything at q (n)."""
         model, data = self.model, self.data
-        rates = np.zeros((model.nv, len(self.coordinates)))
-        rates[self.columns] = self.coupling
-        positions = pin.integrate(model, pin.neutral(model), self.offsets + rates @ q)
+        rates, positions = self._at(q)
         mass = pin.crba(model, data, positions).reshape(model.nv, -1)
         mass = np.triu(mass) + np.triu(mass, 1).T
         tip, base = (model.getFrameId(link, pin.FrameType.BODY) for link in (self.tip, self.base))
@@ -149,11 +151,32 @@ class PinocchioChain:
         stacked = {name: np.stack(values) for name, values in derivative.items()}
         return State(pose, rates.T @ mass @ rates, jacobian, stacked)
 
+    def _at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What rates of the coordinates are in Pinocchio, and where all joints stand."""
+        rates = np.zeros((self.model.nv, len(self.coordinates)))
+        rates[self.columns] = self.coupling
+        return rates, pin.integrate(self.model, pin.neutral(self.model), self.offsets + rates @ q)
+
+    def forces(self, q: np.ndarray, velocity: np.ndarray, gravity: np.ndarray) -> dict[str, np.ndarray]:
+        """Bias forces, and gradient and Hessian of gravity's potential, for free fall in base axes."""
+        model, data = self.model, self.data
+        rates, positions = self._at(q)
+        pin.framesForwardKinematics(model, data, positions)
+        base = data.oMf[model.getFrameId(self.base, pin.FrameType.BODY)]
+        model.gravity.linear = base.rotation @ gravity
+        return {
+            "bias_forces": rates.T @ pin.nonLinearEffects(model, data, positions, rates @ velocity),
+            "gravity_gradient": rates.T @ pin.computeGeneralizedGravity(model, data, positions),
+            "gravity_joint_stiffness": rates.T
+            @ pin.computeGeneralizedGravityDerivatives(model, data, positions).reshape(model.nv, model.nv)
+            @ rates,
+        }
+
 
 def _seen_from(representation: str, into_base: pin.SE3) -> np.ndarray:
     """What turns a twist given in the root frame into one in the base frame."""
     if representation == "spatial":
-        return into_base.action
+        return np.asarray(into_base.action)
     turn = np.eye(6)
     if representation == "hybrid":
         turn[:3, :3] = turn[3:, 3:] = into_base.rotation

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf" / "iiwa14.urdf"
 
 
-def assert_close(value, expected) -> None:
+def assert_close(value: Any, expected: Any) -> None:
     """Two arrays agree to 1e-12 of the largest entry expected."""
     error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
     assert error <= BOUND, f"relative error {error:.2e}"

@@ -40,11 +40,11 @@ class Drawn:
         self.draw = draw
 
     def integer(self, low: int, high: int) -> int:
-        return self.draw(st.integers(low, high))
+        return int(self.draw(st.integers(low, high)))
 
     def real(self, low: float, high: float) -> float:
         # A coarse grid: subnormal numbers and the like are no robot's, and belong to the broken files.
-        return self.draw(st.integers(0, 4096)) / 4096 * (high - low) + low
+        return float(self.draw(st.integers(0, 4096))) / 4096 * (high - low) + low
 
     def pick(self, values: Sequence[Any]) -> Any:
         return self.draw(st.sampled_from(list(values)))
@@ -195,13 +195,13 @@ def _mutated(source: Source, text: str) -> str:
     first, last = sorted((source.pick(tags), source.pick(tags)))
     match source.integer(0, 6):
         case 0 | 1:  # another value
-            return text[:start] + source.pick(BAD_WORDS) + text[end:]
+            return text[:start] + str(source.pick(BAD_WORDS)) + text[end:]
         case 2:  # a value from elsewhere: wrong names, circles, duplicates
             return text[:start] + text[quotes[other] + 1 : quotes[other + 1]] + text[end:]
         case 3:  # an attribute's name lost
             return text[: start - 2] + "_" + text[start - 2 :]
         case 4:
-            return text[:first] + source.pick(JUNK) + text[first:]
+            return text[:first] + str(source.pick(JUNK)) + text[first:]
         case 5:
             return text[:first] + text[last:]
         case _:

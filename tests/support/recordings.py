@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -50,18 +52,18 @@ def draw(count: int, seed: int = 5) -> np.ndarray:
     return np.hstack([np.arange(count)[:, None] * 0.005, q, wrench])
 
 
-def write_csv(path: Path, rows: np.ndarray, names=NAMES, delimiter=",") -> Path:
+def write_csv(path: Path, rows: np.ndarray, names: Sequence[str] = NAMES, delimiter: str = ",") -> Path:
     lines = [delimiter.join(names), *(delimiter.join(repr(float(v)) for v in row) for row in rows)]
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
-def write_parquet(path: Path, rows: np.ndarray, names=NAMES, **options) -> Path:
+def write_parquet(path: Path, rows: np.ndarray, names: Sequence[str] = NAMES, **options: Any) -> Path:
     pa.parquet.write_table(pa.table(dict(zip(names, rows.T.copy(), strict=True))), path, **options)
     return path
 
 
-def write_npz(path: Path, rows: np.ndarray, *, compressed=False, fortran=False) -> Path:
+def write_npz(path: Path, rows: np.ndarray, *, compressed: bool = False, fortran: bool = False) -> Path:
     order = np.asfortranarray if fortran else np.ascontiguousarray
     save = np.savez_compressed if compressed else np.savez
     save(path, time=rows[:, 0], q=order(rows[:, 1:8]), wrench=order(rows[:, 8:]))
@@ -73,10 +75,18 @@ def stamp(nanoseconds: int) -> SimpleNamespace:
     return SimpleNamespace(stamp=time, frame_id="sensor")
 
 
-def write_mcap(path: Path, rows: np.ndarray, joints, *, delay: int = 1_000_000, skip=(), extra_topics=()) -> Path:
+def write_mcap(
+    path: Path,
+    rows: np.ndarray,
+    joints: Sequence[str],
+    *,
+    delay: int = 1_000_000,
+    skip: Container[int] = (),
+    extra_topics: Iterable[str] = (),
+) -> Path:
     """Wrenches are stamped ``delay`` ns after their joint positions; those of the rows in ``skip`` are left out."""
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer: Any = Writer(file)
         states = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE + HEADER)
         wrenches = writer.register_msgdef("geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED + HEADER)
         for index, row in enumerate(rows):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ def symmetric(random: np.random.Generator, values: np.ndarray) -> np.ndarray:
     return np.asarray((A + A.T) / 2)
 
 
-def pencils(seed: int, count: int):
+def pencils(seed: int, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """(K, M) of every size up to MAX_ROWS: plain, clustered, repeated, singular, indefinite and graded spectra."""
     random = np.random.default_rng(seed)
     for index in range(count):

@@ -1,6 +1,7 @@
-"""The mass matrix: exact to the last digits wherever the base stands and however small the robot is.
+"""The mass matrix: exact to the last digits wherever the base stands and however small the robot is; gravity and bias.
 
-Values by support/exact_chain.py, which knows no composites, no link axes and no Steiner terms.
+Values by support/exact_chain.py and support/exact_tree.py, which know no composites, no link axes and no Steiner terms,
+and by Pinocchio.
 """
 
 from __future__ import annotations
@@ -11,14 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen import load_chain
-from stiffgen.symbolic.kernels import KERNELS
+from stiffgen import StiffnessModel, Tool, load_chain
+from stiffgen.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.symbolic.program import Map
 from stiffgen.symbolic.programs import MAX_UNROLLED_MASS_JOINTS
 from support.chain_checks import value
 from support.chains import chain_urdf
 from support.exact_chain import exact_mass_matrix
-from support.project import URDF
+from support.exact_tree import ExactTree, differentiated, mp, tree_urdf
+from support.pinocchio_oracle import PinocchioChain
+from support.project import URDF, assert_close
 
 MASS = next(kernel for kernel in KERNELS if kernel.name == "mass_matrix")
 CHAINS = {  # name: types of its joints
@@ -108,3 +111,90 @@ def test_which_mass_matrices_have_loops(tmp_path):
         file.write_text(chain_urdf(types))
         loops = any(isinstance(step, Map) for step in MASS.steps(load_chain(file)))
         assert loops == (name != "turning")
+
+
+FORCES = ("bias_forces", "gravity_gradient", "gravity_joint_stiffness")
+
+
+def compare_with_pinocchio(chain, oracle, seed=5):
+    kernels = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
+    random = np.random.default_rng(seed)
+    for _ in range(5):
+        q, velocity = random.uniform(-2, 2, (2, chain.dof))
+        gravity = random.normal(size=3) * 6
+        for name, expected in oracle.forces(q, velocity, gravity).items():
+            assert_close(value(chain, kernels[name], q=q, velocity=velocity, gravity=gravity), expected)
+        still = oracle.forces(q, velocity, np.zeros(3))["bias_forces"]
+        assert_close(value(chain, kernels["bias_forces"], q=q, velocity=velocity, gravity=np.zeros(3)), still)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_bias_forces_and_gravity_of_chains_by_pinocchio(name, tmp_path):
+    file = tmp_path / "robot.urdf"
+    file.write_text(chain_urdf(CHAINS[name]))
+    compare_with_pinocchio(load_chain(file), PinocchioChain(file.read_text(), f"l{len(CHAINS[name])}"))
+
+
+@pytest.mark.parametrize("robot", ["iiwa14", "iiwa7", "med14", "med7"])
+def test_bias_forces_and_gravity_of_the_arms_by_pinocchio(robot):
+    file = URDF.with_name(f"{robot}.urdf")
+    compare_with_pinocchio(load_chain(file), PinocchioChain(file.read_text(), "link_ee"))
+
+
+def of_tree(tmp_path, **options):
+    file = tmp_path / "tree.urdf"
+    file.write_text(tree_urdf(3))
+    chain = load_chain(file, tip=["left", "right"], **options)
+    return chain, StiffnessModel(chain), ExactTree(file.read_text(), [c.name for c in load_chain(
+        file, tip=["left", "right"]).coordinates])  # fmt: skip
+
+
+def test_gravity_of_a_tree_with_sixty_digits(tmp_path):
+    """Twelve joints with two tips, some slide, one mimics: U, its gradient and Hessian, and M beside them."""
+    chain, model, exact = of_tree(tmp_path)
+    assert any(joint.prismatic for joint in chain.joints) and len(chain.joints) == 12 and chain.dof == 11
+    q, gravity = np.random.default_rng(1).uniform(-2, 2, chain.dof), np.array([1.5, -2.0, -9.0])
+    world, positions = (mp.eye(3), mp.zeros(3, 1)), [mp.mpf(float(each)) for each in q]
+    acceleration = mp.matrix(gravity.tolist())
+
+    def energy(x):
+        return exact.potential_energy(exact.moved(world, positions, x), acceleration, left_out=("pelvis",))
+
+    gradient, hessian = differentiated(energy, chain.dof)
+    assert_close(model.gravity.energy(q, gravity), float(energy([mp.mpf(0)] * chain.dof)))
+    assert_close(np.asarray(model.gravity.gradient(q, gravity)).ravel(), gradient)
+    assert_close(model.gravity.joint_stiffness(q, gravity), hessian)
+    assert_close(model.mass_matrix(q), exact.mass_matrix(world, positions, chain.dof, left_out=("pelvis",)))
+
+
+def test_bias_forces_are_the_change_of_the_mass_matrix(tmp_path):
+    """C(q, dq) dq from differences of M alone: dM/dt dq - d(dq^T M dq / 2)/dq; a tree, also with a locked joint."""
+    for options in ({}, {"lock": {"trunk_j1": 0.7}}):
+        chain, model, _ = of_tree(tmp_path, **options)
+        random = np.random.default_rng(2)
+        q, velocity = random.uniform(-2, 2, (2, chain.dof))
+
+        def slope(direction, model=model, q=q, step=1e-4):
+            ahead, back = (np.asarray(model.mass_matrix(q + k * step * direction)) for k in (1, -1))
+            far, behind = (np.asarray(model.mass_matrix(q + k * step * direction)) for k in (2, -2))
+            return (8 * (ahead - back) - (far - behind)) / (12 * step)
+
+        expected = slope(velocity) @ velocity
+        expected -= [velocity @ slope(axis) @ velocity / 2 for axis in np.eye(chain.dof)]
+        bias = np.asarray(model.bias_forces(q, velocity, np.zeros(3))).ravel()
+        assert np.abs(bias - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+def test_a_tool_weighs_on_the_joints():
+    """Energy by hand: the arm without the tool, and the tool's mass at its place."""
+    tool = Tool(mass=2.5, com=(0.1, -0.05, 0.2))
+    bare, loaded = StiffnessModel(load_chain(URDF)), StiffnessModel(load_chain(URDF, tool=tool))
+    gravity = np.array([0.5, 1.0, -9.81])
+    for q in np.random.default_rng(6).uniform(-2, 2, (3, 7)):
+        pose = np.asarray(bare.forward_kinematics(q))
+        weight = -tool.mass * gravity @ (pose[:3, :3] @ tool.com + pose[:3, 3])
+        assert_close(loaded.gravity.energy(q, gravity), np.asarray(bare.gravity.energy(q, gravity)) + weight)
+
+
+def test_no_masses_no_gravity():
+    assert not hasattr(StiffnessModel(load_chain(URDF, masses=False)), "gravity")

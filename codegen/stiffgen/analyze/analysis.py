@@ -43,6 +43,25 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
+class AnalysisOptions:
+    """What is read of a recording, and how it is taken; :func:`analyze` says what each means."""
+
+    representation: Representation = "hybrid"
+    negate_wrench: bool = False
+    tip: str | None = None
+    q_columns: Sequence[str] | None = None
+    wrench_columns: Sequence[str] | None = None
+    time_column: str | None = None
+    q_topic: str | None = None
+    wrench_topic: str | None = None
+    tolerance: float = 0.01
+    output: str | Path | None = None
+    figures: bool = True
+    dask: str | None = None
+    block_rows: int = BLOCK_ROWS
+
+
+@dataclass(frozen=True)
 class Analysis:
     """The result of :func:`analyze`.
 
@@ -115,44 +134,66 @@ def analyze(
         MissingExtraError: a package is not installed.
 
     """
+    options = AnalysisOptions(
+        representation=representation,
+        negate_wrench=negate_wrench,
+        tip=tip,
+        q_columns=q_columns,
+        wrench_columns=wrench_columns,
+        time_column=time_column,
+        q_topic=q_topic,
+        wrench_topic=wrench_topic,
+        tolerance=tolerance,
+        output=output,
+        figures=figures,
+        dask=dask,
+        block_rows=block_rows,
+    )
+    return run_analysis(log, robot, task_stiffness, options, progress)
+
+
+def run_analysis(
+    log: str | Path, robot: str | Path, task_stiffness: ArrayLike, options: AnalysisOptions, progress: Progress
+) -> Analysis:
+    """:func:`analyze` with its options in one."""
     log, robot = Path(log), Path(robot)
-    target = Path("analysis") / log.stem if output is None else Path(output)
+    target = Path("analysis") / log.stem if options.output is None else Path(options.output)
     _refuse_foreign(target)
     chain = _chain(robot)
     _robot_module(robot.absolute())
     task = Task(
-        _one_of(representation),
+        _one_of(options.representation),
         checked_stiffness(task_stiffness),
-        negate_wrench,
+        options.negate_wrench,
         np.array([c.lower for c in chain.coordinates]),
         np.array([c.upper for c in chain.coordinates]),
-        _tip(chain, tip),
+        _tip(chain, options.tip),
     )
-    if not (math.isfinite(tolerance) and tolerance >= 0):
+    if not (math.isfinite(options.tolerance) and options.tolerance >= 0):
         raise RecordingError("--tolerance: must be a time in seconds, not negative")
-    if block_rows < 1:
+    if options.block_rows < 1:
         raise RecordingError("block_rows: must be at least 1")
-    if figures:
+    if options.figures:
         extra("matplotlib", "drawing figures (leave them out with --no-figures)")
     request = Request(
         joints=tuple(coordinate.name for coordinate in chain.coordinates),
-        q=tuple(q_columns) if q_columns is not None else None,
-        wrench=tuple(wrench_columns) if wrench_columns is not None else None,
-        time=time_column,
-        q_topic=q_topic,
-        wrench_topic=wrench_topic,
-        tolerance=tolerance,
+        q=tuple(options.q_columns) if options.q_columns is not None else None,
+        wrench=tuple(options.wrench_columns) if options.wrench_columns is not None else None,
+        time=options.time_column,
+        q_topic=options.q_topic,
+        wrench_topic=options.wrench_topic,
+        tolerance=options.tolerance,
     )
     with swapped_in(target) as staging:
         recording = open_recording(log, request, progress=lambda step: progress(step, 0.0))
-        job = _Job(robot.absolute(), task, recording.layout, block_rows)
-        result = _reduced(job, recording.partitions, dask, progress)
+        job = _Job(robot.absolute(), task, recording.layout, options.block_rows)
+        result = _reduced(job, recording.partitions, options.dask, progress)
         if not result.good:
             raise EmptyRecordingError(_nothing_left(recording, result))
         summary = _summary(recording, chain, task, result)
         try:
             (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-            if figures:
+            if options.figures:
                 progress("drawing", 1.0)
                 write_report(staging, recording, chain, result, summary)
         except OSError as error:

@@ -55,6 +55,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         tool=chain.tool,
         runtime_tool=chain.runtime_tool,
         lock=dict(chain.locked),
+        floating_base=chain.floating,
     )
     names = [field.name for field in fields(Chain) if field.name not in ("source", "digest")]
     faults = [name for name in names if getattr(fresh, name) != getattr(chain, name)]
@@ -71,7 +72,7 @@ def check_tables(robot: GeneratedRobot, library: ctypes.CDLL | None) -> list[Che
     links = [tip.link for tip in chain.tips]
     checks = [faultless("constants in Python", "chain", _python_faults(module, chain, rows, joints, links))]
     if library is not None:
-        n = chain.dof
+        n = len(chain.coordinates)
         faults = [
             f"{robot.name}_{limit}"
             for limit in LIMITS

@@ -8,7 +8,7 @@ What the kernels compute in closed form is computed here another way, from the c
 * Gamma F: the matrix forms in cross-product matrices, written down;
 * joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
   U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
-* mass matrix: the Hessian of the kinetic energy by the joint velocities.
+* mass matrix, bias forces and gravity: kinetic and potential energy, differentiated (:mod:`stiffgen.check.dynamics`).
 
 Errors are relative to the largest entry of the reference.
 """
@@ -29,6 +29,7 @@ import numpy as np
 from stiffgen.check.batches import LONG, check_c_batches, check_stacks
 from stiffgen.check.bounds import check_bounds
 from stiffgen.check.controller import check_controller
+from stiffgen.check.dynamics import differentiated as differentiated_energies
 from stiffgen.check.files import check_files, check_tables, check_urdf
 from stiffgen.check.not_finite import check_not_finite
 from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
@@ -37,6 +38,7 @@ from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError, StiffgenError
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic import arguments
 from stiffgen.symbolic.arguments import Argument, Q
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
@@ -65,6 +67,9 @@ class Samples:
     upper: Array
     zone: Array
     limit_stiffness: Array
+    velocity: Array
+    gravity: Array
+    base_pose: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -76,10 +81,10 @@ class Samples:
         # Limits wholly beyond the reach: sample at the nearer limit.
         upper = [max(a, b) for a, b in zip(lower, upper, strict=True)]
         general = random.normal(size=(count, 6, 6)) * 100 + np.diag([700.0, 700, 800, 30, 30, 30])
-        q = random.uniform(lower, upper, (count, chain.dof))
+        q = random.uniform(lower, upper, (count, len(chain.coordinates)))
         # Every joint at or beyond its lower and its upper limit in turn, now and then at both or none of them.
         joints = np.random.default_rng([seed, 1])
-        turn = (np.arange(count)[:, None] + np.arange(chain.dof)) % 2 == 0
+        turn = (np.arange(count)[:, None] + np.arange(q.shape[1])) % 2 == 0
         odd = np.arange(count)[:, None] % 4 == 3
         at_lower = np.where(odd, joints.random(q.shape) < 0.5, turn)
         at_upper = np.where(odd, joints.random(q.shape) < 0.5, ~turn)
@@ -100,6 +105,9 @@ class Samples:
             upper=q + np.where(at_upper, near[1], away[1]),
             zone=joints.uniform(0.2, 0.4, count),
             limit_stiffness=joints.uniform(50.0, 500.0, q.shape),
+            velocity=joints.normal(size=(count, chain.dof)),
+            gravity=joints.normal(size=(count, 3)) * 6.0,
+            base_pose=_random_poses(np.random.default_rng([seed, 2]), count),
         )
 
     def of(self, argument: Argument, seed: int) -> Array:
@@ -107,7 +115,7 @@ class Samples:
         known = getattr(self, argument.name, None)
         if known is not None and len(known.shape) == 1 + len(argument.shape):
             sizes = zip(argument.shape, known.shape[1:], strict=True)
-            if all(extent in ("n", size) for extent, size in sizes):
+            if all(extent in ("n", "q", size) for extent, size in sizes):
                 values: Array = known
                 return values
         return _random_parameter(argument, len(self.q), seed)
@@ -146,12 +154,14 @@ def _random_positive(random: np.random.Generator, count: int, size: int, scale: 
     return matrices
 
 
-def joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
-    """Pose of every joint's frame in the base, by plain 4x4 products."""
-    joints: list[ca.SX] = []
-    for joint in chain.joints:
-        pose = joints[joint.parent] if joint.parent >= 0 else ca.SX.eye(4)
-        position = joint.multiplier * q[joint.coordinate] + joint.offset
+def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[ca.SX]:
+    """Pose of every joint's frame in the base, or in the world where ``base_pose`` is, by plain 4x4 products."""
+    own = chain.base_joints
+    base = ca.SX.eye(4) if base_pose is None else base_pose
+    joints: list[ca.SX] = own * [base]
+    for joint in chain.joints[own:]:
+        pose = joints[joint.parent] if joint.parent >= 0 else base
+        position = joint.multiplier * q[joint.coordinate - own] + joint.offset
         axis = ca.DM(joint.axis)
         motion = ca.SX.eye(4)
         if joint.type == "prismatic":
@@ -163,9 +173,9 @@ def joint_poses(chain: Chain, q: ca.SX) -> list[ca.SX]:
     return joints
 
 
-def product_of_poses(chain: Chain, q: ca.SX) -> ca.SX:
-    """Pose (4x4) of the chain's only tip in the base, by plain 4x4 products."""
-    return joint_poses(chain, q)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+def product_of_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> ca.SX:
+    """Pose (4x4) of the chain's only tip in the base, or the world, by plain 4x4 products."""
+    return joint_poses(chain, q, base_pose)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
 
 
 def _homogeneous(rotation: Any, translation: Any) -> ca.DM:
@@ -197,6 +207,36 @@ def _jacobian(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
     return ca.horzcat(*columns)
 
 
+class Place:
+    """Symbols of a configuration: joint positions, the base's pose, and how far the base has moved from there.
+
+    Coordinates are those motions (none if the base stands), then the joint positions. The base moves by x = (v, w) to
+    p + R v, R exp([w]), of which two derivatives at zero are exact.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self.floating = chain.floating
+        self.q = ca.SX.sym("q", len(chain.coordinates))
+        self.base_pose = ca.SX.sym("B", 16)  # row by row
+        self.moves = ca.SX.sym("x", chain.base_joints)
+
+    @property
+    def coordinates(self) -> ca.SX:
+        """What derivatives are taken by."""
+        return ca.vertcat(self.moves, self.q)
+
+    def base(self, *further: ca.SX) -> ca.SX | None:
+        """Pose of the base after its motion, and after ``further`` ones; None if it stands."""
+        if not self.floating:
+            return None
+        pose = self.base_pose.reshape((4, 4)).T
+        for moves in (self.moves, *further):
+            turn = ca.skew(moves[3:])
+            rotation = ca.SX.eye(3) + turn + turn @ turn / 2
+            pose = pose @ ca.blockcat([[rotation, moves[:3]], [ca.SX.zeros(1, 3), ca.SX.ones(1)]])
+        return pose
+
+
 def gamma_F(representation: Representation, wrench: Array) -> Array:
     """Gamma F in cross-product matrices (facts of the paper's appendix), for a stack of wrenches."""
     force, moment = (_cross_matrices(wrench[..., part]) for part in (slice(0, 3), slice(3, 6)))
@@ -223,29 +263,32 @@ class References:
         chain: the robot, or the branch to one of its tips.
         count: number of samples.
         seed: of the random generator.
-        q: postures (count, n) instead of random ones.
+        at: where joint positions and base poses are taken from instead of random ones.
         options: springs beyond the default one.
 
     """
 
     def __init__(
-        self, chain: Chain, count: int, seed: int, q: Array | None = None, options: SpringOptions | None = None
+        self, chain: Chain, count: int, seed: int, at: Samples | None = None, options: SpringOptions | None = None
     ) -> None:
         self.chain = chain
         self.options = options or SpringOptions()
         self.samples = Samples.draw(chain, count, seed)
-        if q is not None:
-            self.samples = replace(self.samples, q=q)
-        symbol, tool = ca.SX.sym("q", chain.dof), ca.SX.sym("T", 16)
-        self._symbols = symbol, tool
-        pose = product_of_poses(chain, symbol)
-        if chain.runtime_tool:
-            pose = pose @ tool.reshape((4, 4)).T
+        if at is not None:
+            self.samples = replace(self.samples, q=at.q, base_pose=at.base_pose)
+        place, tool = Place(chain), ca.SX.sym("T", 16)
+        self._symbols, self._moves, symbol = (place.q, place.base_pose, tool), place.moves, place.coordinates
+        mounted = tool.reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
+        pose = product_of_poses(chain, place.q, place.base()) @ mounted
         self.pose = self._evaluate(pose)
+        # Rates of the coordinates, wherever the base has moved to.
+        moves = ca.SX.sym("s", chain.base_joints)
+        moved = product_of_poses(chain, place.q, place.base(moves)) @ mounted
         self.jacobian: dict[str, Array] = {}
         self.derivative: dict[str, Array] = {}
         for representation in REPRESENTATIONS:
-            jacobian = _jacobian(pose, symbol, representation)
+            jacobian = _jacobian(moved, ca.vertcat(moves, place.q), representation)
+            jacobian = ca.substitute(jacobian, moves, ca.DM.zeros(chain.base_joints))
             self.jacobian[representation] = self._evaluate(jacobian)
             # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
             derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), symbol))
@@ -257,14 +300,30 @@ class References:
 
     @property
     def posture(self) -> tuple[Array, ...]:
-        """What the kernels take before everything else: q, and the tool's pose if it is an argument."""
-        return (self.samples.q, self.samples.tool_pose) if self.chain.runtime_tool else (self.samples.q,)
+        """What the kernels take before everything else: q, and the poses of base and tool where they are arguments."""
+        given = arguments.posture(runtime_tool=self.chain.runtime_tool, floating=self.chain.floating)
+        return tuple(self.samples[argument.name] for argument in given)
+
+    def posture_of(self, representation: Representation) -> tuple[Array, ...]:
+        """The same for the kernels of a representation: seen from the tip, the base's place does not matter."""
+        based = self.chain.floating and representation != "body"
+        given = arguments.posture(runtime_tool=self.chain.runtime_tool, floating=based)
+        return tuple(self.samples[argument.name] for argument in given)
+
+    @property
+    def _columns(self) -> list[Array]:
+        """The stacks of what expressions depend on, as columns."""
+        samples = self.samples
+        return [each.reshape(len(each), -1).T for each in (samples.q, samples.base_pose, samples.tool_pose)]
+
+    def _function(self, given: list[ca.SX], expression: ca.SX) -> ca.Function:
+        there = ca.substitute(expression, self._moves, ca.DM.zeros(self._moves.shape[0]))
+        return ca.Function("f", [*self._symbols, *given], [ca.densify(there)], {})
 
     def _evaluate(self, expression: ca.SX) -> Array:
         count = len(self.samples.q)
-        function = ca.Function("f", list(self._symbols), [ca.densify(expression)], {})
         rows, columns = expression.shape
-        mapped = np.asarray(function.map(count)(self.samples.q.T, self.samples.tool_pose.reshape(count, 16).T))
+        mapped = np.asarray(self._function([], expression).map(count)(*self._columns))
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
 
     def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, Array]:
@@ -275,12 +334,12 @@ class References:
             self.samples.of(argument, seed + k) for k, argument in enumerate(spring.parameters)
         ]
         # Stacks go in as columns, a matrix row by row.
-        given = [*self._symbols, *(ca.vec(symbol.T) for symbol in symbols)]
-        columns = [each.reshape(count, -1).T for each in (self.samples.q, self.samples.tool_pose, *stacks)]
+        given = [ca.vec(symbol.T) for symbol in symbols]
+        columns = [*self._columns, *(each.reshape(count, -1).T for each in stacks)]
         results = {}
         for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
             rows, width = expression.shape
-            function = ca.Function("f", given, [ca.densify(expression)], {})
+            function = self._function(given, expression)
             mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
             shape = {"energy": (count,), "wrench": (count, rows), "torque": (count, rows)}.get(name, mapped.shape)
             results[name] = np.ascontiguousarray(mapped).reshape(shape)
@@ -321,23 +380,33 @@ class References:
         else:
             matrix = self.samples.general_stiffness
         stiffness: Array = self.kinematic_stiffness(representation) + np.swapaxes(J, 1, 2) @ matrix @ J
+        if corrected and self.chain.floating:
+            on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples.wrench)
+            stiffness[:, :6, :6] -= gamma_F("body", on_base)
         return stiffness
 
 
-def kinetic_hessian(chain: Chain, q: Array) -> Array:
-    """Mass matrices at postures (count, n): Hessian of the kinetic energy of all bodies by the joint velocities."""
-    symbol = ca.SX.sym("q", chain.dof)
-    total = ca.SX(chain.dof, chain.dof)
-    for joint, pose in zip(chain.joints, joint_poses(chain, symbol), strict=True):
-        xx, xy, xz, yy, yz, zz = joint.body.tensor
-        tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        moment = ca.skew(ca.DM(joint.body.moment))
-        # Kinetic energy 1/2 (m v.v + 2 v.(w x mc) + w.I w) as a 6x6 form on the frame's body twist.
-        form = ca.vertcat(ca.horzcat(joint.body.mass * ca.DM.eye(3), -moment), ca.horzcat(moment, tensor))
-        jacobian = _jacobian(pose, symbol, "body")
-        total += jacobian.T @ form @ jacobian
-    function = ca.Function("M", [symbol], [ca.densify(total)], {})
-    return np.stack([np.asarray(function(each)) for each in q])
+def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[Array, ...], Array]]:
+    """Arguments and reference values of the kernels of a robot's masses, those of the whole tree, by qualified name."""
+    if not chain.masses:
+        return {}
+    place = Place(chain)
+    stacks = samples.q, samples.base_pose.reshape(-1, 16), samples.velocity, samples.gravity
+    poses = joint_poses(chain, place.q, place.base())
+    expected = differentiated_energies(chain, poses, place.moves, place.q, place.base_pose, stacks)
+    table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
+    given = {name: tuple(samples[argument.name] for argument in table[name].arguments) for name in expected}
+    return {name: (given[name], reference) for name, reference in expected.items()}
+
+
+def _dynamics_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[Check]:
+    checks = []
+    for name, (given, reference) in dynamics_references(chain, samples).items():
+        value = kernels[name](*given)
+        checks.append(compared(name, "differentiated energies", value, reference))
+        if name.endswith(("_matrix", "_stiffness")):
+            checks.append(_symmetry(name, value))
+    return checks
 
 
 def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
@@ -345,17 +414,15 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
 
     ``prefix`` is what stands before the kernels' names where a robot has several tips ("left_hand_").
     """
-    samples, posture = references.samples, references.posture
-    wrench = samples.wrench
+    samples, wrench = references.samples, references.samples.wrench
     checks = []
 
     def add(name: str, oracle: str, reference: Array, *arguments: Array) -> None:
         checks.append(compared(prefix + name, oracle, kernels[prefix + name](*arguments), reference))
 
-    add("forward_kinematics", "product of poses", references.pose, *posture)
-    if references.chain.masses and not prefix:
-        add("mass_matrix", "Hessian of the kinetic energy", kinetic_hessian(references.chain, samples.q), samples.q)
+    add("forward_kinematics", "product of poses", references.pose, *references.posture)
     for rep in REPRESENTATIONS:
+        posture = references.posture_of(rep)
         derivative, kinematic = references.derivative[rep], references.kinematic_stiffness(rep)
         add(f"{rep}_jacobian", "differentiated pose", references.jacobian[rep], *posture)
         add(f"{rep}_jacobian_transpose_derivative", "differentiated Jacobian", derivative, *posture)
@@ -370,7 +437,9 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
         Kq = kernels[f"{prefix}{rep}_joint_stiffness"](*posture, wrench, samples.task_stiffness)
         checks.append(_symmetry(f"{prefix}{rep}_joint_stiffness", Kq))
     if not prefix:
-        checks += _joint_potential_checks(kernels, samples)
+        checks += _dynamics_checks(kernels, references.chain, samples) + _joint_potential_checks(
+            kernels, references.chain, samples
+        )
     return checks + _potential_checks(kernels, references, prefix) + _spring_checks(kernels, references, prefix)
 
 
@@ -391,12 +460,15 @@ def _spring_checks(kernels: Kernels, references: References, prefix: str) -> lis
     return checks
 
 
-def _joint_potential_checks(kernels: Kernels, samples: Samples) -> list[Check]:
+def _joint_potential_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[Check]:
     checks = []
-    for group, arguments in joint_potential_arguments(samples).items():
-        for result, reference in by_hand(group, *arguments).items():
+    for group, given in joint_potential_arguments(samples).items():
+        for result, by_joints in by_hand(group, *given).items():
+            # A floating base's coordinates come first, and do not feel it.
+            own = chain.base_joints
+            reference = np.pad(by_joints, [(0, 0), *(by_joints.ndim - 1) * [(own, 0)]])
             name = f"{group}_{result}"
-            checks.append(compared(name, "derivatives by hand", kernels[name](*arguments), reference))
+            checks.append(compared(name, "derivatives by hand", kernels[name](*given), reference))
     return checks
 
 
@@ -414,7 +486,7 @@ def _symmetry(kernel: str, value: Any) -> Check:
 
 
 def _potential_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
-    samples, posture = references.samples, references.posture
+    samples, posture, seen_from_tip = references.samples, references.posture, references.posture_of("body")
     body_kernel, hybrid_kernel = (f"{prefix}{rep}_joint_stiffness" for rep in ("body", "hybrid"))
     wrench, covariant, hessian = references.potential
     rotation = references.pose[:, :3, :3]
@@ -426,11 +498,11 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
         result: Array = np.einsum("sij,sj->si", turn, vector)
         return result
 
-    body = kernels[body_kernel](*posture, wrench, covariant)
+    body = kernels[body_kernel](*seen_from_tip, wrench, covariant)
     hybrid = kernels[hybrid_kernel](*posture, turned(wrench), turn @ covariant @ back)
     in_body = np.einsum("sji,sj->si", turn, samples.wrench)
     stiffness_in_body = back @ samples.task_stiffness @ turn
-    as_body = np.asarray(kernels[body_kernel](*posture, in_body, stiffness_in_body), dtype=float)
+    as_body = np.asarray(kernels[body_kernel](*seen_from_tip, in_body, stiffness_in_body), dtype=float)
     as_hybrid = kernels[hybrid_kernel](*posture, samples.wrench, samples.task_stiffness)
     return [
         compared(body_kernel, "Hessian of a potential", body, hessian),
@@ -445,34 +517,42 @@ def check_robot(
     """Compare all kernels of a robot with every oracle but the CasADi functions they came from."""
     if len(chain.tips) == 1:
         return check_kernels(kernels, References(chain, count, seed, options=options))
-    q = Samples.draw(chain, count, seed).q
-    tips = [References(chain.branch(tip), count, seed + index, q, options) for index, tip in enumerate(chain.tips)]
-    checks = []
-    if chain.masses:
-        reference = kinetic_hessian(chain, q)
-        checks.append(compared("mass_matrix", "Hessian of the kinetic energy", kernels["mass_matrix"](q), reference))
-    checks += _joint_potential_checks(kernels, Samples.draw(chain, count, seed))
+    whole = Samples.draw(chain, count, seed)
+    tips = [References(chain.branch(tip), count, seed + index, whole, options) for index, tip in enumerate(chain.tips)]
+    checks = _dynamics_checks(kernels, chain, whole) + _joint_potential_checks(kernels, chain, whole)
     for tip, references in zip(chain.tips, tips, strict=True):
         checks += check_kernels(kernels, references, f"{tip.name}_")
-    stacked = [np.stack(each, axis=1) for each in zip(*map(_contact, tips), strict=True)]
     for rep in REPRESENTATIONS:
+        contacts = [
+            (*_tool_pose(references), references.samples.wrench, references.samples.task_stiffness)
+            for references in tips
+        ]
+        stacked = [np.stack(each, axis=1) for each in zip(*contacts, strict=True)]
         name = f"{rep}_joint_stiffness_total"
         total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
-        value = kernels[name](q, *stacked)
+        value = kernels[name](*_shared_posture(tips[0].posture_of(rep), chain), *stacked)
         checks += [compared(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
     for spring in tips[0].options.springs():
         given = [np.stack(each, axis=1) for each in zip(*(r.parameters[spring.name] for r in tips), strict=True)]
-        poses = [np.stack([r.posture[1] for r in tips], axis=1)] if chain.runtime_tool else []
+        poses = [np.stack(each, axis=1) for each in zip(*map(_tool_pose, tips), strict=True)]
+        where = _shared_posture(tips[0].posture, chain)
         for result in ("energy", "torque", "joint_stiffness"):
             name = f"{spring.name}_{result}_total"
             total = np.asarray(sum(references.springs[spring.name][result] for references in tips))
-            checks.append(compared(name, "sum of differentiated energies", kernels[name](q, *poses, *given), total))
+            checks.append(
+                compared(name, "sum of differentiated energies", kernels[name](*where, *poses, *given), total)
+            )
     return checks
 
 
-def _contact(references: References) -> tuple[Array, ...]:
-    samples = references.samples
-    return (*references.posture[1:], samples.wrench, samples.task_stiffness)
+def _tool_pose(references: References) -> tuple[Array, ...]:
+    """What each tip has a posture of its own by."""
+    return (references.samples.tool_pose,) if references.chain.runtime_tool else ()
+
+
+def _shared_posture(posture: tuple[Array, ...], chain: Chain) -> tuple[Array, ...]:
+    """The rest of it."""
+    return posture[:-1] if chain.runtime_tool else posture
 
 
 def argument_samples(

@@ -169,7 +169,9 @@ class _TargetPrinter:
         chain = scope.chain
         # What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into
         # NaN, and what earlier steps wrote comes from guarded numbers.
-        sliding = {joint.coordinate for joint in chain.joints if joint.prismatic or step.q_enters_linearly}
+        base = chain.base_joints
+        joints = chain.joints[base:]
+        sliding = {joint.coordinate - base for joint in joints if joint.prismatic or step.q_enters_linearly}
         given: list[ca.SX] = []
         inputs: list[tuple[ca.SX, str]] = []
         guards: dict[int, tuple[str, str]] = {}  # local name and source of the inputs that are guarded
@@ -279,6 +281,7 @@ _RANGES = {
     "i<j": ("j = i + 1", "j < {size}", "i + 1", "{size}"),
     "i>=j": ("j = 0", "j <= i", "0", "i + 1"),
     "i>j": ("j = 0", "j < i", "0", "i"),
+    "i and j of the base": ("j = 0", "j < {base}", "0", "{base}"),
 }
 """Loop over j in row i: start, condition, first, one past the last."""
 
@@ -351,7 +354,8 @@ class _KernelPrinter:
 
     def _store(self, targets: Iterable[Array], arguments: Iterable[Array]) -> None:
         """Note results that are to be guarded. Sines of q are bounded, and so is what depends on them alone."""
-        slides = any(joint.prismatic for joint in self.scope.chain.joints)
+        chain = self.scope.chain
+        slides = any(joint.prismatic for joint in chain.joints[chain.base_joints :])
         if slides or any(array.name != "q" for array in arguments):
             self.unguarded |= {target.name for target in targets if self._public(target)}
 
@@ -422,6 +426,8 @@ class _KernelPrinter:
 
     def _declare_numbers(self, array: Array, at: str) -> None:
         flat = at == "ij" and len(array.shape) == 2  # like a public result
+        if flat:
+            self.flat.add(array.name)
         extents = f"[{array.size}]" if flat else "".join(f"[{extent}]" for extent in array.shape)
         aligned = self.target.aligned if at == "ij" else ""
         self._note(f"{aligned}{self.target.number} {array.name}{extents};")
@@ -434,8 +440,11 @@ class _KernelPrinter:
         if step.start is not None and self.zero_rows.get(step.start.name):
             self._map(step.whole())  # a loop would read entries that were never stored
             return
+        pairs = step.start is not None and step.start.name in self.flat
         if not self._public(step.target):
-            self._declare(step.target, "")
+            self._declare(step.target, "ij" if pairs else "")
+        elif pairs:
+            self._store([step.target], self.inputs)
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
         inputs: list[tuple[ca.SX, str]] = []
         taken = []
@@ -550,14 +559,14 @@ class _KernelPrinter:
 
     def _row_loops(self, step: Map, printed: Printed) -> list[str]:
         name, size = step.target.array.name, self.scope.size
-        _, _, first, last = (text.format(size=size) for text in _RANGES[step.over])
+        _, _, first, last = self._range(step)
         # The first map over pairs stores whole rows: what it does not cover is overwritten.
         put = f"put_entries({name}, {size}, i, row, {first}, {last});"
         if name not in self.filled:
             put = f"put_row({name}, {size}, i, row, {self.scope.blocks});"
         self.filled.add(name)
         return [
-            f"for (int i = 0; i < {size}; ++i) {{",
+            f"for (int i = 0; i < {self._rows_of(step)}; ++i) {{",
             f"    lanes row[{self.scope.padded}];",
             f"    for (int j = 0; j < {self.scope.blocks}; ++j) {{",
             *_indented(printed.lines, 2),
@@ -583,18 +592,26 @@ class _KernelPrinter:
                 "    }",
                 "}",
             ]
-        start, condition, _, _ = (text.format(size=size) for text in _RANGES[step.over])
+        start, condition, _, _ = self._range(step)
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
             lines = [f"{self.target.number} *const entry = &{position};", *lines]
         return [
-            f"for (int i = 0; i < {size}; ++i) {{",
+            f"for (int i = 0; i < {self._rows_of(step)}; ++i) {{",
             f"    for (int {start}; {condition}; ++j) {{",
             *_indented(lines, 2),
             "    }",
             "}",
             *self._mirrored(step),
         ]
+
+    def _range(self, step: Map) -> list[str]:
+        own = self.scope.chain.base_joints
+        return [text.format(size=self.scope.size, base=own) for text in _RANGES[step.over]]
+
+    def _rows_of(self, step: Map) -> str:
+        """Number of rows i that a map over pairs runs over."""
+        return str(self.scope.chain.base_joints) if step.over == "i and j of the base" else self.scope.size
 
     def _mirrored(self, step: Map) -> list[str]:
         if not step.mirror:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from stiffgen.emit.c import CFunction, Scope, TargetCode
 from stiffgen.emit.expressions import Operations
-from stiffgen.emit.target import BATCH, Target
+from stiffgen.emit.target import BATCH, SINGLE, Target
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
@@ -161,8 +161,8 @@ def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
 
 def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> KernelPage:
     """A kernel that was printed for one configuration; ``name`` is the robot's."""
-    parameters = [f"const double {_declared(array)}" for array in function.inputs]
-    parameters += [f"double {_declared(array)}" for array in function.outputs]
+    parameters = [f"const {SINGLE.number} {_declared(array)}" for array in function.inputs]
+    parameters += [f"{SINGLE.number} {_declared(array)}" for array in function.outputs]
     prototype = _fill(f"void {name}_{kernel.qualified_name}(", parameters) + ")"
     arrays, outputs = (*function.inputs, *function.outputs), len(function.outputs)
     return KernelPage(
@@ -188,10 +188,10 @@ def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) ->
 
 def batch_page(name: str, kernel: Kernel, function: CFunction) -> BatchPage:
     """A kernel that was printed for vectors of configurations; ``name`` is the robot's."""
-    parameters = ["size_t count"]
+    number, parameters = BATCH.scalar.name, ["size_t count"]
     for array in function.inputs:
-        parameters += [f"const double *{array.name}", f"ptrdiff_t {array.name}_step"]
-    parameters += [f"double *{array.name}" for array in function.outputs]
+        parameters += [f"const {number} *{array.name}", f"ptrdiff_t {array.name}_step"]
+    parameters += [f"{number} *{array.name}" for array in function.outputs]
     within = [f"const {BATCH.number} {_declared(array)}" for array in function.inputs]
     within += [f"{BATCH.number} {_declared(array)}" for array in function.outputs]
     one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{BATCH.suffix}(", within) + ")"
@@ -352,13 +352,14 @@ def example_of(chain: Chain) -> Example:
     if several:
         many = {"tool_pose": "tool_poses", "wrench": "wrenches", "task_stiffness": "task_stiffnesses"}
         values = {many[key]: f"np.stack({len(chain.tips)} * [{value}])" for key, value in values.items()}
+    asked = ("base_pose", chain.floating), ("tool_pose", chain.runtime_tool)
     given = list(values.items())[0 if chain.runtime_tool else 1 :]
     return Example(
-        posture=(0.1, 0.2, 0.3)[: chain.dof],
+        posture=(0.1, 0.2, 0.3)[: len(chain.coordinates)],
         jacobian=f"{first}hybrid_jacobian",
         stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
-        poses=(("tool_pose", identity),) if chain.runtime_tool else (),
-        arguments=tuple(given),
+        poses=tuple((pose, identity) for pose, is_given in asked if is_given),
+        arguments=((("base_pose", "np.eye(4)"),) if chain.floating else ()) + tuple(given),
     )
 
 

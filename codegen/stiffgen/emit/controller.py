@@ -37,8 +37,8 @@ _FIRST_FIELD_ERROR = -20
 
 
 def has_controller(chain: Chain) -> bool:
-    """Whether the controller can be made for a robot: it needs masses, and few enough coordinates."""
-    return chain.masses and chain.dof <= MAX_DOF
+    """Whether a robot can have the controller: it needs masses, a base that stands, and few enough coordinates."""
+    return chain.masses and not chain.floating and chain.dof <= MAX_DOF
 
 
 def controller_files(name: str, chain: Chain) -> dict[str, str]:

@@ -112,7 +112,8 @@ class _RobotPages:
         name, macro: prefixes of C names and macros.
         version, compatible: stiffgen's, and the part of it that has to agree with a user's demand.
         sources: what the digest of the C sources takes the place of.
-        robot, n: the chain and the number of its coordinates.
+        robot, n, positions: the chain, the number of its velocity coordinates, and that of its joint positions.
+        fixed: what stands still, the base or the world.
         tool: what is to be said of the tool, in lines.
         example: of the README.
         controller: see emit/controller.py; None where a robot has none.
@@ -136,6 +137,8 @@ class _RobotPages:
     sources: str
     robot: Chain
     n: int
+    positions: int
+    fixed: str
     tool: list[str]
     example: contexts.Example
     controller: dict[str, Any] | None
@@ -176,6 +179,8 @@ def _pages(
         sources=_SOURCES,
         robot=chain,
         n=chain.dof,
+        positions=len(chain.coordinates),
+        fixed="world" if chain.floating else "base",
         tool=contexts.tool_lines(chain),
         example=contexts.example_of(chain),
         controller=controller_context(name, chain),

@@ -15,10 +15,12 @@ from pathlib import Path
 from stiffgen.errors import ChainError, DescriptionError, DescriptionWarning, listed, printable
 from stiffgen.names import identifier
 from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Problem
-from stiffgen.robot.geometry import Inertia, Matrix, Placement, Real, Vector, exact, mpf, physical_inertia
+from stiffgen.robot.geometry import IDENTITY, Inertia, Matrix, Placement, Real, Vector, exact, mpf, physical_inertia
 from stiffgen.robot.reader import read_description
 
 MAX_MOVING_JOINTS = 128
+BASE_JOINTS = 6
+"""Of a floating base: three that slide along the base link's axes, three that turn about them."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,8 @@ class Joint:
     joint before it, or in the base link; fixed joints between are folded in. The frame has the axes of the URDF's
     joint frame, but its origin is slid to another point of the joint's axis (:func:`_slide_origins`). ``axis`` is
     the unit axis in the joint's frame. ``parent`` is the index of the moving joint before it, -1 for none. The joint
-    stands at ``multiplier * q[coordinate] + offset`` (1 and 0 unless it mimics).
+    stands at ``multiplier`` times its entry of q, plus ``offset`` (1 and 0 unless it mimics); ``coordinate`` is its
+    place among the velocity coordinates, the place in q but for a floating base's six.
     """
 
     name: str
@@ -117,6 +120,7 @@ class ChainOptions:
     tool: Tool | None = None
     runtime_tool: bool = False
     lock: Mapping[str, float] | None = None
+    floating_base: bool = False
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,10 @@ class Chain:
     meaningless. With ``runtime_tool`` the kernels take the tool's pose in the tip's frame as an argument. ``tool``
     and ``locked`` (joint name, position) record what was asked for and is contained in the rest. ``source`` is the
     URDF's file name without its folder, ``digest`` the SHA-256 of its bytes.
+
+    Where ``floating``, the base is free and its pose an argument. The first six joints are then the base's own:
+    unit rates of them are its body twist (linear first, in the base link's axes), their positions are always zero, and
+    the last one carries the base link. The velocity coordinates are theirs, then those of ``coordinates``.
     """
 
     robot: str
@@ -143,16 +151,22 @@ class Chain:
     runtime_tool: bool = False
     tool: Tool | None = None
     locked: tuple[tuple[str, float], ...] = ()
+    floating: bool = False
+
+    @property
+    def base_joints(self) -> int:
+        """Number of joints that are the floating base's own: 6 or 0."""
+        return BASE_JOINTS if self.floating else 0
 
     @property
     def dof(self) -> int:
-        """Number of entries of q."""
-        return len(self.coordinates)
+        """Number of velocity coordinates: entries of q, and six of a floating base before them."""
+        return self.base_joints + len(self.coordinates)
 
     @property
     def coupled(self) -> bool:
         """Whether joints and entries of q differ (mimic joints, or the branch of a tree)."""
-        return len(self.joints) != len(self.coordinates) or any(
+        return len(self.joints) != self.dof or any(
             joint.coordinate != index or joint.multiplier != 1 or joint.offset != 0
             for index, joint in enumerate(self.joints)
         )
@@ -197,6 +211,7 @@ def load_chain(
     tool: Tool | None = None,
     runtime_tool: bool = False,
     lock: Mapping[str, float] | None = None,
+    floating_base: bool = False,
 ) -> Chain:
     """Read the chain between two links of a URDF file, or the tree between a base and several tips.
 
@@ -210,6 +225,9 @@ def load_chain(
         tool: what is mounted on the (only) tip link; the tool's frame then takes the tip's place.
         runtime_tool: the kernels take the tool's pose (4x4, in the tip's frame) as an argument after q.
         lock: joints to hold at a position [rad or m]; they are no coordinates.
+        floating_base: the base link is free: its pose is an argument, its body twist comes before the joints' rates. A
+            file's own floating joint between base and tips, with nothing that moves before it, has the same effect:
+            the link behind it is the base.
 
     Returns:
         The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry.
@@ -223,7 +241,7 @@ def load_chain(
         DescriptionWarning: the file has problems beside this chain, which cannot change it.
 
     """
-    options = ChainOptions(tip=tip, base=base, masses=masses, tool=tool, runtime_tool=runtime_tool, lock=lock)
+    options = ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base)
     return read_chain(urdf, options)
 
 
@@ -261,11 +279,12 @@ class Selection:
     masters: tuple[str, ...]
     carried: _Carried
     beside: tuple[str, ...]
+    floating: bool = False
 
 
 _Carried = dict[str, list[tuple[str, JointElement | None]]]
 """By moving joint: the links that move rigidly with it, parents first, each with the joint that holds it (None: the
-moving joint itself)."""
+moving joint itself). A floating base stands before the joints, under an empty name."""
 
 
 def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selection:
@@ -284,6 +303,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
         raise ChainError(
             f"{file}: base link '{printable(base)}' does not exist; valid names: {listed(description.links)}"
         )
+    base, floating = _free_base(description, base, tips[0], options)
     couplings = _Couplings(description, _checked_locks(description, options.lock or {}))
     paths = [_path(description, base, link) for link in tips]
     elements = list({element.name: element for path in paths for element in path}.values())
@@ -293,7 +313,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
             f"{file}: {len(moving)} moving joints between '{printable(base)}' and '{printable(tips[0])}', more than "
             f"{MAX_MOVING_JOINTS}; choose a nearer base"
         )
-    carried = carried_links(description, moving) if options.masses else {}
+    carried = carried_links(description, moving, base if floating else None) if options.masses else {}
     problems = _beside(description, couplings, elements, moving, carried)
     beside = tuple(p.text for p in problems if options.masses or not p.element.startswith("link "))
     for tip, path in zip(tips, paths, strict=True):
@@ -304,7 +324,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
             )
     masters = dict.fromkeys(couplings[element].master.name for element in moving)
     return Selection(
-        base, tuple(tips), couplings, tuple(map(tuple, paths)), tuple(moving), tuple(masters), carried, beside
+        base, tuple(tips), couplings, tuple(map(tuple, paths)), tuple(moving), tuple(masters), carried, beside, floating
     )
 
 
@@ -312,9 +332,15 @@ def _assembled(description: Description, options: ChainOptions, selection: Selec
     tree = _Tree(selection)
     slides = tree.slide_origins()
     tool = options.tool
+    if selection.floating:
+        slides = [Placement.identity(), *slides]
     inertias = _inertias(description, selection, slides)
     if tool is not None and options.masses:
-        inertias[tree.tip_joints[0]] += _tool_inertia(tool, tree.tip_placements[0])
+        inertias[tree.tip_joints[0] + selection.floating] += _tool_inertia(tool, tree.tip_placements[0])
+    joints = [_joint(selection, tree, index, each) for index, each in enumerate(inertias[selection.floating :])]
+    if selection.floating:
+        joints = [*_base_joints(selection.base, inertias[0]), *map(_on_base, joints)]
+    first = BASE_JOINTS if selection.floating else 0
     mounted = Placement.identity() if tool is None else Placement.from_xyz_rpy(tool.xyz, tool.rpy)
     frames = [(placement @ mounted).rounded() for placement in tree.tip_placements]
     on_moving_part = [link for links in selection.carried.values() for link, _ in links]
@@ -322,12 +348,12 @@ def _assembled(description: Description, options: ChainOptions, selection: Selec
         robot=description.robot,
         base=selection.base,
         tips=tuple(
-            Tip(link, name, joint, *frame)
+            Tip(link, name, joint + first, *frame)
             for link, name, joint, frame in zip(
                 selection.tips, _tip_names(selection.tips), tree.tip_joints, frames, strict=True
             )
         ),
-        joints=tuple(_joint(selection, tree, index, inertia) for index, inertia in enumerate(inertias)),
+        joints=tuple(joints),
         coordinates=tuple(_coordinate(description.joints[name]) for name in selection.masters),
         massless=tuple(link for link in on_moving_part if description.inertials[link] is None),
         source=description.file,
@@ -336,14 +362,45 @@ def _assembled(description: Description, options: ChainOptions, selection: Selec
         runtime_tool=options.runtime_tool,
         tool=tool,
         locked=tuple(sorted((options.lock or {}).items())),
+        floating=selection.floating,
     )
+
+
+def _base_joints(base: str, inertia: Inertia) -> list[Joint]:
+    """The six joints of a floating base, the last of which carries what rides on the base link."""
+    joints = []
+    for index in range(BASE_JOINTS):
+        x, y, z = (float(k == index % 3) for k in range(3))
+        joints.append(
+            Joint(
+                name=f"base, {('along', 'about')[index // 3]} {'xyz'[index % 3]}",
+                type=("prismatic", "revolute")[index // 3],
+                child=base,
+                rotation=IDENTITY,
+                translation=(0.0, 0.0, 0.0),
+                axis=(x, y, z),
+                body=_body(inertia if index == BASE_JOINTS - 1 else Inertia.zero()),
+                parent=index - 1,
+                coordinate=index,
+            )
+        )
+    return joints
+
+
+def _on_base(joint: Joint) -> Joint:
+    """A joint behind those of the base."""
+    return replace(joint, parent=joint.parent + BASE_JOINTS, coordinate=joint.coordinate + BASE_JOINTS)
+
+
+def _body(inertia: Inertia) -> Body:
+    mass, moment, ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = inertia.rounded()
+    return Body(mass, moment, (xx, xy, xz, yy, yz, zz))
 
 
 def _joint(selection: Selection, tree: _Tree, index: int, inertia: Inertia) -> Joint:
     element = selection.moving[index]
     coupling = selection.couplings[element]
     rotation, translation = tree.placements[index].rounded()
-    mass, moment, ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = inertia.rounded()
     return Joint(
         name=element.name,
         type=element.type,
@@ -351,7 +408,7 @@ def _joint(selection: Selection, tree: _Tree, index: int, inertia: Inertia) -> J
         rotation=rotation,
         translation=translation,
         axis=element.axis,
-        body=Body(mass, moment, (xx, xy, xz, yy, yz, zz)),
+        body=_body(inertia),
         parent=tree.parents[index],
         coordinate=selection.masters.index(coupling.master.name),
         multiplier=coupling.multiplier,
@@ -428,6 +485,12 @@ def _tips(description: Description, tip: str | Sequence[str] | None) -> list[str
     return tips
 
 
+_GROUPS_AND_KERNELS = (
+    "body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "mass_matrix", "bias_forces",
+)  # fmt: skip
+"""What stands beside the tips' names in a module."""
+
+
 def _tip_names(tips: Sequence[str]) -> list[str]:
     """Identifiers of several tips, told apart by a number where links' names give the same one."""
     if len(tips) == 1:
@@ -436,7 +499,17 @@ def _tip_names(tips: Sequence[str]) -> list[str]:
     for tip in tips:
         name = first = identifier(tip)
         number = 2
-        while name in names or name in ("body", "spatial", "hybrid", "spring", "posture", "limits", "mass_matrix"):
+        while name in names or name in (
+            "body",
+            "spatial",
+            "hybrid",
+            "spring",
+            "posture",
+            "limits",
+            "gravity",
+            "mass_matrix",
+            "bias_forces",
+        ):
             name, number = f"{first}_{number}", number + 1
         names.append(name)
     return names
@@ -505,6 +578,30 @@ def _tip(description: Description, tip: str | None) -> str:
             "('stiffgen inspect' lists all links)"
         )
     return tip
+
+
+def _free_base(description: Description, base: str, tip: str, options: ChainOptions) -> tuple[str, bool]:
+    """The base link and whether it floats: as asked for, or because a floating joint holds it."""
+    above = description.parent_joint
+    free: JointElement | None = None
+    link = tip
+    while link != base and link in above:
+        element = above[link]
+        if element.type == "floating":
+            free = element
+        elif element.type != "fixed" and free is not None:
+            free = None  # something moves before it
+        link = element.parent
+    if free is not None and link == base:
+        return free.child, True
+    if not options.floating_base:
+        return base, False
+    if base in above and above[base].type != "floating":
+        raise ChainError(
+            f"{description.file}: a floating base takes all of the robot along, but '{printable(base)}' is held by "
+            f"joint '{printable(above[base].name)}'; leave out --base, or take --base {printable(description.root)}"
+        )
+    return base, True
 
 
 def _path(description: Description, base: str, tip: str) -> list[JointElement]:
@@ -599,18 +696,21 @@ def _held(couplings: _Couplings, element: JointElement) -> Placement:
     return placement @ Placement.rotation_about(element.axis, position)
 
 
-def carried_links(description: Description, moving: Sequence[JointElement]) -> _Carried:
-    """The links that ride on each moving joint. Joints off the chain are held at zero (or where they are locked), so a
-    gripper's fingers count as payload.
+def carried_links(
+    description: Description, moving: Sequence[JointElement], floating_base: str | None = None
+) -> _Carried:
+    """The links that ride on each moving joint, and on a base that floats. Joints off the chain are held at zero (or
+    where they are locked), so a gripper's fingers count as payload.
     """
     children: dict[str, list[JointElement]] = {}
     for element in description.joints.values():
         children.setdefault(element.parent, []).append(element)
     names = {element.name for element in moving}
     carried: _Carried = {}
-    for element in moving:
-        links = carried.setdefault(element.name, [])
-        stack: list[tuple[str, JointElement | None]] = [(element.child, None)]
+    starts = {"": floating_base} if floating_base is not None else {}
+    for name, start in (starts | {element.name: element.child for element in moving}).items():
+        links = carried.setdefault(name, [])
+        stack: list[tuple[str, JointElement | None]] = [(start, None)]
         while stack:
             link, above = stack.pop()
             links.append((link, above))

@@ -5,7 +5,7 @@
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  *
  * Order of a step: is the sample believed? -> account of the interval that ended (s) -> faults -> governor (p) ->
- * stiffness (v) -> tangent, damping -> scale (v) -> torque -> reserve -> limits.
+ * stiffness (v) -> tangent, damping -> scale (v) -> torque that is covered, within its limits.
  */
 typedef struct {
     const config_t *c;
@@ -17,7 +17,7 @@ typedef struct {
     int located;   /* its position is, which is enough in a fault */
     int jumped;    /* and not where the position known last can have led */
     int commanded; /* the command is accepted */
-    double budget; /* of the tank, above its reserve */
+    double budget; /* of the tank, for what costs */
     double pose[16 * TIPS];
     double old_equilibrium[16 * TIPS];
     double velocity[N];
@@ -34,7 +34,7 @@ static const double GOVERNOR = 0.8; /* of its velocity limits: the rest is for t
 /* Paper's law [rad]: up to here a sine is within 10 % of its angle, which is what the law takes it for. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
 static const double TANK_FLOOR = 0.1;  /* of the tank's maximum, that stiffness is not paid from */
-static const double CURVATURE = 1.1; /* how much the tangent may grow within a step, for the reserve */
+static const double COVERED = 0.7;    /* of what covers the torques, that the springs may use: the rest is for damping */
 
 static int all_finite(int count, const double *x)
 {
@@ -313,14 +313,15 @@ static double avoid_limits(frame *f, const double *q)
 
 /* ---- account ---- */
 
+/* Into the tank; what a full one cannot hold goes to the engagement: their sum is what bounds the work put out. */
 static void tank_income(frame *f, double income)
 {
     state_t *const s = f->state;
-    /* what the full tank cannot hold goes to the engagement: their sum is what bounds the work put out */
-    const double lost = s->memory.tank + income - f->c->tank_maximum;
+    const double most = fmax(f->c->tank_maximum, s->memory.reserve);
+    const double lost = s->memory.tank + income - most;
     s->memory.tank += income;
     if (lost > 0.0) {
-        s->memory.tank = f->c->tank_maximum;
+        s->memory.tank = most;
         s->memory.engagement = fmin(s->memory.engagement + lost, f->c->engagement_limit);
     }
 }
@@ -330,34 +331,64 @@ static void book_stiffness(frame *f, double v)
     f->state->memory.totals[STIFFNESS] += v;
     f->state->memory.elastic_energy += v;
     f->budget -= v;
-    if (f->state->memory.gap > 0) {
-        f->state->memory.gap_release -= v; /* blind: no income before it is known what the torque did meanwhile */
-    } else {
-        tank_income(f, -v);
-    }
+    tank_income(f, -v);
 }
 
+/* What moving the equilibrium costs is the engagement's; what it gives back, the tank's. */
 static void book_reference(frame *f, double p)
 {
     f->state->memory.totals[REFERENCE] += p;
-    f->state->memory.engagement = fmin(f->state->memory.engagement - p, f->c->engagement_limit);
+    f->state->memory.engagement -= fmax(p, 0.0);
+    tank_income(f, fmax(-p, 0.0));
 }
 
 /* The torque that acted in the interval that ends now. */
-static const double *acting(const frame *f, const double *last)
+static const double *acting(const state_t *s, const double *last)
 {
-    return f->c->delay_samples == 0 ? last : f->state->memory.older + (f->c->delay_samples - 1) * N;
+    return s->memory.delay == 0 ? last : s->memory.older + (s->memory.delay - 1) * N;
 }
 
-/* Fastest that a joint is taken to be in the next interval. */
-static double fastest(const frame *f, int i)
+/* Another interval begins: last is on its way, and the share of the reference in the torque that follows it. */
+static void pass(state_t *s, const double *last, const double *feed)
 {
-    return fmax(f->state->memory.velocity_limit[i], 1.25 * fabs(f->velocity[i]));
+    memmove(s->memory.older + N, s->memory.older, N * sizeof(double));
+    memcpy(s->memory.older, last, N * sizeof(double));
+    memmove(s->memory.feed + N, s->memory.feed, 2 * N * sizeof(double));
+    memmove(s->memory.feed, feed, N * sizeof(double));
+}
+
+/* Farthest that a joint is taken to move in a sample time. */
+static double farthest(const state_t *s, int i)
+{
+    return fmax(s->memory.velocity_limit[i], fabs(s->memory.dq[i])) * s->memory.sample_time;
 }
 
 /*
- * Take on the configured limit avoidance of each joint whose change stores no more at q than the tank's budget pays, what
- * the change of torque may cost on its way at the rate limit included; else the old one stays. A first sample is free.
+ * What the torques on their way can put out, whatever the environment does, until the last of them has gone to zero at the
+ * rate limit: no joint faster than its limit, and only one of missed_limit steps made.
+ */
+static double reserve(const frame *f, const double *last, const double *torque)
+{
+    const state_t *const s = f->state;
+    const double m = f->c->missed_limit;
+    double sum = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(torque[i]);
+        const double way = (s->memory.delay > 0 ? fabs(last[i]) : 0.0) + (s->memory.delay > 1 ? fabs(s->memory.older[i]) : 0.0);
+        sum += farthest(s, i) * (m * (size + 0.5 * size * (size / s->memory.rate[i])) + way);
+    }
+    return sum;
+}
+
+/* What there is for it. */
+static double cover(const state_t *s)
+{
+    return s->memory.tank + s->memory.elastic_energy + s->memory.limit_energy;
+}
+
+/*
+ * Take on the configured limit avoidance of each joint whose change stores no more at q than the tank's budget pays; else
+ * the old one stays. A first sample is free.
  */
 static void adopt_limits(frame *f, const double *q)
 {
@@ -371,19 +402,16 @@ static void adopt_limits(frame *f, const double *q)
             continue;
         }
         if (s->memory.known) {
-            double before, after, slope;
-            const double old = avoidance(a, q[i], &before, &slope);
-            const double v = avoidance(wanted, q[i], &after, &slope) - old, way = fastest(f, i) * c->sample_time;
-            const double jump = fabs(after - before);
-            const double cost = fmax(v, 0.0) + jump * way * (c->missed_limit + 0.5 * jump / s->memory.rate[i]);
-            if (!(cost <= fmax(f->budget, 0.0))) {
+            double pull, slope;
+            const double v = avoidance(wanted, q[i], &pull, &slope) - avoidance(a, q[i], &pull, &slope);
+            if (!(v <= fmax(f->budget, 0.0))) {
                 f->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
             }
             s->memory.totals[STIFFNESS] += v;
             s->memory.limit_energy += v;
+            f->budget -= v;
             tank_income(f, -v);
-            f->budget -= cost;
         }
         memcpy(a, wanted, sizeof wanted);
     }
@@ -391,46 +419,42 @@ static void adopt_limits(frame *f, const double *q)
 }
 
 /*
- * Intervals without a believed position: the work is at most that of the last interval's torque over the whole way, and,
- * at every change of torque, the change over the way that can have been gone before it.
+ * Intervals without a believed position. Two bounds on their work: that of the last one's torque over the whole way and,
+ * at every change of torque, the change over the way that can have been gone before it; or every torque over its own way.
  */
-static void bridge(frame *f, const double *last, int periods)
+static void bridge(state_t *s, const double *last, int periods)
 {
-    const double *const torque = acting(f, last);
-    state_t *const s = f->state;
+    const double *const torque = acting(s, last);
     if (s->memory.gap == 0) {
         s->memory.gap_work = 0.0;
-        s->memory.gap_feed = 0.0;
-        s->memory.gap_release = 0.0;
-    } else {
-        for (int i = 0; i < N; ++i) {
-            s->memory.gap_work += fabs(torque[i] - s->memory.gap_torque[i]) * s->memory.velocity_limit[i] *
-                                  f->c->sample_time * s->memory.gap;
-        }
+        s->memory.gap_most = 0.0;
+        memcpy(s->memory.gap_torque, torque, N * sizeof(double));
+    }
+    for (int i = 0; i < N; ++i) {
+        s->memory.gap_work += fabs(torque[i] - s->memory.gap_torque[i]) * farthest(s, i) * s->memory.gap;
+        s->memory.gap_most += fabs(torque[i]) * farthest(s, i) * periods;
     }
     memcpy(s->memory.gap_torque, torque, N * sizeof(double));
-    s->memory.gap_feed += s->memory.feed[f->c->delay_samples];
     s->memory.gap = s->memory.gap < 1000000 - periods ? s->memory.gap + periods : 1000000;
 }
 
 /*
  * Energy that the interval up to the believed position q has put in. The damper lies between the arm and the moving
- * reference: what it does on the reference's way (feed) is the reference's work, the rest is dissipation.
+ * reference: what its share for the reference, feed = B dr, does on the arm's way is the reference's work.
  */
 static void account(frame *f, const double *last, const double *q)
 {
     state_t *const s = f->state;
-    const double *torque = acting(f, last);
-    double work = 0.0, released = 0.0, feed = s->memory.feed[f->c->delay_samples];
-    if (s->memory.gap > 0) {
-        bridge(f, last, 1);
-        torque = s->memory.gap_torque;
-        work = s->memory.gap_work;
-        feed = s->memory.gap_feed;
-        released = s->memory.gap_release;
-    }
+    double work = 0.0, feed = 0.0, way[N];
     for (int i = 0; i < N; ++i) {
-        work += torque[i] * (q[i] - s->memory.q[i]);
+        way[i] = q[i] - s->memory.q[i];
+    }
+    if (s->memory.gap > 0) {
+        bridge(s, last, 1);
+        work = fmin(s->memory.gap_work + dot(N, s->memory.gap_torque, way), s->memory.gap_most);
+    } else {
+        work = dot(N, acting(s, last), way);
+        feed = fmax(dot(N, s->memory.feed + s->memory.delay * N, way), 0.0);
     }
     const double limit = avoid_limits(f, q);
     const double elastic = s->memory.scale > 0.0
@@ -440,7 +464,7 @@ static void account(frame *f, const double *last, const double *q)
     s->memory.totals[SAMPLING] += sampling;
     s->memory.elastic_energy = elastic;
     s->memory.limit_energy = limit;
-    tank_income(f, released - sampling);
+    tank_income(f, -sampling);
     book_reference(f, feed);
 }
 
@@ -513,7 +537,11 @@ static int doubt(frame *f, const double *last)
         }
         if (ahead > 0) {
             f->status |= ID(STATUS_MISSED);
-            bridge(f, last, ahead < 1000000 ? ahead : 1000000);
+            for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
+                bridge(s, last, 1);
+                pass(s, last, s->memory.feed);
+            }
+            bridge(s, last, ahead < 3 ? 0 : ahead < 1000000 ? ahead - 3 : 1000000);
             absent(f, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
         }
     }
@@ -782,6 +810,20 @@ static int want(frame *f, int by_posture)
     return moving;
 }
 
+/* The most reference work that the damper's shares on their way can do, the newest, feed, for so many intervals. */
+static double worst_feed(const state_t *s, const double *feed, int intervals)
+{
+    double sum = 0.0;
+    for (int i = 0; i < N; ++i) {
+        double size = intervals * fabs(feed[i]);
+        for (int k = 0; k < s->memory.delay; ++k) {
+            size += fabs(s->memory.feed[k * N + i]);
+        }
+        sum += farthest(s, i) * size;
+    }
+    return sum;
+}
+
 /*
  * Move the equilibrium towards the wanted one: at bounded velocities, never so that the stored energy passes its limit
  * (where a load holds it above, only if it does not rise), and within the reference work left to the engagement.
@@ -802,8 +844,8 @@ static void govern(frame *f)
     }
     const int by_posture = s->memory.joined && (!f->commanded || f->input->command == ID(COMMAND_POSITION));
     const int moving = want(f, by_posture);
-    const double left = s->memory.engagement - fmax(s->memory.feed[0], 0.0);
-    const double allowed = fmin(fmax(c->energy_limit - s->memory.elastic_energy, 0.0), fmax(left, 0.0));
+    const double left = fmax(s->memory.engagement - worst_feed(s, s->memory.feed, c->missed_limit), 0.0);
+    const double allowed = fmin(fmax(c->energy_limit - s->memory.elastic_energy, 0.0), left);
     for (int attempt = 0; attempt < 5 && share > 0.0; ++attempt) {
         candidate(f, share, by_posture, posture, equilibrium);
         double speed = 0.0, twist[6];
@@ -966,7 +1008,8 @@ static void vary_stiffness(frame *f)
             s->memory.posture_stiffness[i] += step * posture[i];
         }
         cost = s->memory.scale * springs(f, s->memory.q, s->memory.equilibrium, s->memory.posture, NULL, NULL) - released;
-        const double budget = fmax(f->budget, 0.0);
+        /* nor stiffer than is covered: the scale would take back what was paid */
+        const double budget = fmax(fmin(f->budget, cover(s) - s->memory.reserve / COVERED), 0.0);
         if (cost <= budget) {
             break;
         }
@@ -1128,7 +1171,7 @@ static void smooth_velocity(frame *f)
 }
 
 /* New scale: to zero in a fault, as fast as the torque's rate limit lets; else as far as caps and effort limits allow. */
-static void vary_scale(frame *f, const double *pull, double energy, double cap)
+static void vary_scale(frame *f, const double *last, const double *pull, double energy, double cap)
 {
     state_t *const s = f->state;
     const config_t *const c = f->c;
@@ -1142,6 +1185,18 @@ static void vary_scale(frame *f, const double *pull, double energy, double cap)
         }
     }
     f->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
+    /* the reserve of l times the torque is quadratic in l */
+    double half[N], none[N] = {0.0};
+    for (int i = 0; i < N; ++i) {
+        half[i] = 0.5 * pull[i];
+    }
+    const double least = reserve(f, last, none), all = reserve(f, last, pull) - least;
+    const double b = 2.0 * all - 4.0 * (reserve(f, last, half) - least), a = all - b;
+    const double most = fmax(COVERED * cover(s) - least, 0.0);
+    if ((a + b * target) * target > most) {
+        target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
+        f->status |= ID(STATUS_RESERVE);
+    }
     if (s->memory.fault != ID(FAULT_NONE)) {
         target = fmax(s->memory.scale - fastest_fall, 0.0);
         if (s->memory.law == ID(LAW_PAPER)) {
@@ -1175,38 +1230,19 @@ static void limit_torque(frame *f, const double *last)
     }
 }
 
-/*
- * Largest energy that the torques on their way can put in while no joint is faster than v: |torque + dU/dq| v T of each
- * (returned), and 1/2 D |L| D over all of them together (quadratic), D = v T for every interval. A torque is on its way
- * for delay intervals and, if samples are missed, for up to missed_limit more and its fall to zero at the rate limit.
- */
-static double reserve(const frame *f, const double *last, const double *gradient, double *quadratic)
+/* Torque with a share of what is wanted: 0 what goes to zero, 1 the springs, 2 with all the damping. Is it covered? */
+static int choose(frame *f, const double *last, double share)
 {
-    const state_t *const s = f->state;
-    const int delay = f->c->delay_samples;
-    const double T = f->c->sample_time;
-    double linear = 0.0, D[N];
-    *quadratic = 0.0;
-    for (int k = 0; k <= delay; ++k) {
-        linear += fmax(-s->memory.feed[k], 0.0);
-    }
+    output_t *const out = f->out;
     for (int i = 0; i < N; ++i) {
-        const double v = fastest(f, i) * T, excess = fabs(f->out->torque[i] + gradient[i]);
-        const double fall = excess / s->memory.rate[i], change = fabs(f->out->torque[i] - last[i]);
-        linear += excess * v * (delay + f->c->missed_limit + 0.5 * fall) + change * v * delay;
-        linear += delay > 1 ? fabs(last[i] - s->memory.older[i]) * v : 0.0;
-        D[i] = (delay + f->c->missed_limit) * v;
+        const double rate = f->state->memory.rate[i], least = last[i] - clamp(last[i], -rate, rate);
+        const double springs = clamp(out->elastic_torque[i] + out->limit_torque[i], last[i] - rate, last[i] + rate);
+        out->torque[i] = share < 1.0 ? least + share * (springs - least)
+                                     : out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
     }
-    for (int i = 0; i < N; ++i) {
-        const double *const a = s->memory.avoidance + 4 * i;
-        const double zone = s->memory.q[i] > a[1] - D[i] || s->memory.q[i] < a[0] + D[i] ? a[2] : 0.0;
-        *quadratic += 0.5 * zone * D[i] * D[i];
-        for (int j = 0; j < N; ++j) {
-            const double l = f->out->joint_stiffness[i * N + j] - (i == j ? f->limit_slope[i] : 0.0);
-            *quadratic += 0.5 * CURVATURE * s->memory.scale * fabs(l) * D[i] * D[j];
-        }
-    }
-    return linear;
+    limit_torque(f, last);
+    f->state->memory.reserve = reserve(f, last, out->torque);
+    return f->state->memory.reserve <= cover(f->state);
 }
 
 /* Torque at the position known last; moved: the governor has moved the equilibrium in this step. */
@@ -1217,7 +1253,7 @@ static void act(frame *f, const double *last, int moved)
     output_t *const out = f->out;
     const double *const q = s->memory.q;
     const int paper = s->memory.law == ID(LAW_PAPER);
-    double J[6 * N * TIPS], hessian[36 * TIPS], pull[N], follow[N], slip[N];
+    double J[6 * N * TIPS], hessian[36 * TIPS], pull[N], follow[N], slip[N], feed[N];
     robot_mass_matrix(q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
@@ -1267,7 +1303,7 @@ static void act(frame *f, const double *last, int moved)
         latch(f, ID(REASON_PAPER_BOUND));
     }
     if (s->memory.engaged) {
-        vary_scale(f, pull, energy, cap);
+        vary_scale(f, last, pull, energy, cap);
     }
     smooth_velocity(f);
     double speed = 1.0;
@@ -1284,47 +1320,37 @@ static void act(frame *f, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= s->memory.scale;
     }
-    double feed = c->sample_time * dot(N, out->damping_torque, out->reference_velocity);
-    if (feed > fmax(s->memory.engagement, 0.0)) {
+    multiply(out->damping, out->reference_velocity, feed);
+    if (worst_feed(s, feed, c->missed_limit) > s->memory.engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
-        feed = 0.0;
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        multiply(out->damping, f->velocity, slip);
         for (int i = 0; i < N; ++i) {
-            out->damping_torque[i] = -slip[i];
+            out->damping_torque[i] -= feed[i];
+            feed[i] = 0.0;
         }
         f->status |= ID(STATUS_GOVERNOR);
     }
-    memmove(s->memory.feed + 1, s->memory.feed, 2 * sizeof(double));
-    double damped = 1.0, quadratic = 0.0;
-    for (int attempt = 0; attempt < 2; ++attempt) {
-        double gradient[N];
-        for (int i = 0; i < N; ++i) {
-            const double conservative = out->elastic_torque[i] + out->limit_torque[i];
-            gradient[i] = -conservative;
-            if (attempt > 0) {
-                out->damping_torque[i] = damped * (out->torque[i] - conservative); /* of what the rate limit let through */
-            }
-            out->torque[i] = conservative + out->damping_torque[i];
+    double share = 2.0;
+    if (!choose(f, last, share) && !paper) {
+        /* what is not covered is not risked: less damping, and, where that is not enough, less of the springs' torque */
+        double trial = 1.0;
+        share = 0.0;
+        for (double step = 0.5; step > 0.01; step *= 0.5) {
+            const int covered = choose(f, last, trial);
+            share = covered ? trial : share;
+            trial += covered ? step : -step;
         }
-        feed *= damped;
-        s->memory.feed[0] = feed;
-        limit_torque(f, last);
-        if (paper) {
-            return;
-        }
-        const double linear = reserve(f, last, gradient, &quadratic);
-        s->memory.reserve = linear + quadratic;
-        if (s->memory.reserve <= s->memory.tank) {
-            break;
-        }
-        /* what the tank cannot cover is not risked: less damping, and, where that is not enough, no energy to be damped */
+        choose(f, last, share);
         f->status |= ID(STATUS_RESERVE);
-        if (attempt > 0) {
+        if (share < 1.0 && s->memory.tank < TANK_FLOOR * c->tank_maximum) {
             latch(f, ID(REASON_RESERVE));
         }
-        damped = linear > 0.0 ? clamp((s->memory.tank - quadratic) / linear, 0.0, 1.0) : 0.0;
+        for (int i = 0; i < N; ++i) {
+            out->damping_torque[i] *= fmax(share - 1.0, 0.0);
+            feed[i] *= fmax(share - 1.0, 0.0);
+        }
     }
+    pass(s, last, feed);
 }
 
 /* ---- step ---- */
@@ -1380,8 +1406,7 @@ static void sighted(frame *f, const double *last)
     if (s->memory.engaged && (c->law != s->memory.law || other_tool)) {
         latch(f, ID(REASON_CHANGED));
     }
-    /* what may be spent on stiffness leaves enough for the reserve to grow */
-    f->budget = s->memory.tank - 2.0 * s->memory.reserve - TANK_FLOOR * c->tank_maximum;
+    f->budget = s->memory.tank - TANK_FLOOR * c->tank_maximum;
     if (s->memory.fault == ID(FAULT_NONE)) {
         adopt_limits(f, in->q);
     } else if (s->memory.engaged && s->memory.scale == 0.0) {
@@ -1393,7 +1418,7 @@ static void sighted(frame *f, const double *last)
         if (s->memory.fault != ID(FAULT_NONE) && (s->memory.reset || automatic) && s->memory.good_time > c->sample_time) {
             s->memory.fault = ID(FAULT_NONE);
             s->memory.reason = ID(REASON_NONE);
-            s->memory.reset = 0;
+            s->memory.reset = s->memory.absent = s->memory.bad = 0;
         }
         settle(f);
     } else if (s->memory.fault == ID(FAULT_NONE)) {
@@ -1406,32 +1431,35 @@ static void sighted(frame *f, const double *last)
     act(f, last, moved);
 }
 
-/* No believed sample: the torque is held, or, in a fault, goes to zero as fast as the rate limit lets. */
+/* Nothing is known, or nothing is to be done: the torque goes to zero as fast as the rate limit lets. */
+static void drop(frame *f, const double *last)
+{
+    state_t *const s = f->state;
+    const double none[N] = {0.0};
+    bridge(s, last, 1);
+    s->memory.totals[STIFFNESS] -= s->memory.elastic_energy;
+    s->memory.tank += s->memory.elastic_energy;
+    s->memory.elastic_energy = s->memory.scale = s->memory.good_time = 0.0;
+    for (int i = 0; i < N; ++i) {
+        f->out->torque[i] = last[i] - clamp(last[i], -s->memory.rate[i], s->memory.rate[i]);
+    }
+    pass(s, last, none);
+}
+
+/* No believed sample: the torque is held, or, in a fault, dropped. */
 static void blind(frame *f, const double *last)
 {
     state_t *const s = f->state;
-    bridge(f, last, 1);
+    const double none[N] = {0.0};
     s->memory.missed += s->memory.missed < 1000000 ? 1 : 0;
-    s->memory.good_time = 0.0;
-    f->budget = 0.0;
-    if (!s->memory.known || (s->memory.fault != ID(FAULT_NONE) && s->memory.law == ID(LAW_PAPER))) {
-        memset(f->out->torque, 0, sizeof f->out->torque);
-        memmove(s->memory.feed + 1, s->memory.feed, 2 * sizeof(double));
-        s->memory.feed[0] = 0.0;
-        s->memory.scale = 0.0;
-        limit_torque(f, last);
-    } else if (s->memory.fault == ID(FAULT_NONE)) {
-        memcpy(f->out->torque, last, N * sizeof(double));
-        limit_torque(f, last);
-        memmove(s->memory.feed + 1, s->memory.feed, 2 * sizeof(double));
-        s->memory.feed[0] = 0.0;
-    } else {
-        robot_poses(s->memory.q, s->memory.tool_pose, f->pose);
-        s->memory.limit_energy = avoid_limits(f, s->memory.q);
-        /* what depends on a position or a velocity that is no longer known must not stay; nor is there a tank for it */
-        memset(f->out->limit_torque, 0, sizeof f->out->limit_torque);
-        act(f, last, 0);
+    if (!s->memory.known || s->memory.fault != ID(FAULT_NONE)) {
+        drop(f, last);
+        return;
     }
+    bridge(s, last, 1);
+    memcpy(f->out->torque, last, N * sizeof(double));
+    limit_torque(f, last);
+    pass(s, last, none);
 }
 
 static void report(frame *f)
@@ -1464,7 +1492,7 @@ static void report(frame *f)
     out->mode = fault ? (s->memory.engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW))
                       : (s->memory.engaged ? ID(MODE_ACTIVE) : ID(MODE_START));
     f->status |= fault ? (uint32_t)ID(STATUS_FAULT) : 0u;
-    f->status |= s->memory.tank < 0.0 ? (uint32_t)ID(STATUS_TANK_DEFICIT) : 0u;
+    f->status |= cover(s) < -1e-9 ? (uint32_t)ID(STATUS_TANK_DEFICIT) : 0u;
     out->status = f->status;
 }
 
@@ -1505,6 +1533,8 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
             state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
         }
         keep(state->rate, state->memory.rate);
+        state->memory.delay = c->delay_samples;
+        state->memory.sample_time = c->sample_time;
         const int valid = input->sample_valid == 1;
         if (valid) {
             observe_wrench(&f);
@@ -1533,13 +1563,8 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     } else {
         latch(&f, ID(REASON_CONFIG));
         f.status |= ID(STATUS_CONFIG);
-        state->memory.gap += state->memory.gap < 1000000 ? 1 : 0;
-        for (int i = 0; i < N; ++i) {
-            output->torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
-        }
+        drop(&f, last);
     }
-    memmove(state->memory.older + N, state->memory.older, N * sizeof(double));
-    memcpy(state->memory.older, last, sizeof last);
     keep(state->torque, output->torque);
     report(&f);
     state->checksum = checksum(state);

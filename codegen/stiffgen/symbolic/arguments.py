@@ -9,7 +9,7 @@ from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.program import Array
 
 Extent = int | str
-"""A fixed extent, or "n", the number of coordinates."""
+"""A fixed extent, "n", the number of velocity coordinates, or "q", of joint positions (fewer on a floating base)."""
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,9 @@ class Argument:
     """An argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
 
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
-    formulas have for an argument, ``plural`` its name where it holds one block a tip. ``varying`` says of a matrix that
-    CUDA takes one for each configuration, too, as it does of vectors.
+    formulas have for an argument, ``plural`` its name where it holds one block a tip. ``of_posture`` says that it is
+    part of the configuration that all tips share, ``varying`` of a matrix that CUDA takes one for each configuration,
+    too, as it does of vectors.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Argument:
     symmetric: bool = False
     symbol: str = ""
     plural: str = ""
+    of_posture: bool = False
     varying: bool = False
 
     def of_all_tips(self, names: list[str]) -> Argument:
@@ -37,15 +39,22 @@ class Argument:
 
     def array(self, chain: Chain) -> Array:
         """The argument as an array of the chain's sizes."""
-        return Array(
-            self.name, tuple(chain.dof if extent == "n" else int(extent) for extent in self.shape), self.symbol
-        )
+        sizes = {"n": chain.dof, "q": len(chain.coordinates)}
+        return Array(self.name, tuple(sizes[e] if isinstance(e, str) else e for e in self.shape), self.symbol)
 
 
-Q = Argument("q", ("n",), "rad or m", "joint positions, base to tip", symbol="q")
+Q = Argument("q", ("q",), "rad or m", "joint positions, base to tip", symbol="q", of_posture=True)
+BASE_POSE = Argument(
+    "base_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the base link in the world; R must be a rotation",
+    symbol="B", of_posture=True, varying=True,
+)  # fmt: skip
 TOOL_POSE = Argument(
     "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation",
     symbol="T", plural="tool_poses",
+)  # fmt: skip
+VELOCITY = Argument("velocity", ("n",), "rad/s or m/s", "rates of the joint positions", symbol="dq")
+GRAVITY = Argument(
+    "gravity", (3,), "m/s^2", "acceleration of free fall in base axes, (0, 0, -9.81) where z points up", symbol="g"
 )  # fmt: skip
 _WRENCH_FRAME = {
     "body": "in tip axes, moment about the tip's origin",
@@ -86,6 +95,26 @@ def task_stiffness(representation: Representation, reading: str) -> Argument:
 POSE = Argument("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the base frame")
 
 
-def posture(*, runtime_tool: bool) -> tuple[Argument, ...]:
-    """What the tip's pose depends on: q, and the tool's pose where it is known at run time only."""
-    return (Q, TOOL_POSE) if runtime_tool else (Q,)
+def posture(*, runtime_tool: bool, floating: bool = False) -> tuple[Argument, ...]:
+    """What the tip's pose depends on: q, before it the pose of a floating base, after it that of a tool at run time."""
+    return (*((BASE_POSE,) if floating else ()), Q, *((TOOL_POSE,) if runtime_tool else ()))
+
+
+_IN_THE_WORLD = (
+    ("in base axes", "in world axes"),
+    ("base axes at the", "world axes at the"),
+    ("the base's origin", "the world's origin"),
+    ("the base's height", "the world's origin's height"),
+    ("in the base frame", "in the world"),
+    (
+        "rates of the joint positions",
+        "twist of the base link (linear, angular) in its own axes, then rates of the joints",
+    ),
+)
+
+
+def in_the_world(text: str) -> str:
+    """A text on a robot whose base stands, for one whose base floats: what was seen from the base is from the world."""
+    for standing, floating in _IN_THE_WORLD:
+        text = text.replace(standing, floating)
+    return text

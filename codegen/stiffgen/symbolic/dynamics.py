@@ -1,4 +1,4 @@
-"""CasADi expressions of the joint-space mass matrix, by composite bodies in link axes.
+"""CasADi expressions of the joint-space mass matrix, by composite bodies in link axes, and of the bias forces.
 
 M_ij = J_i . h_j for every joint i on the way from the base to joint j, where h_j = I^c_j J_j is the momentum of
 everything beyond joint j at a unit rate of joint j (Featherstone, Rigid Body Dynamics Algorithms, 2008,
@@ -10,6 +10,10 @@ J_i . h_j an entry of h_j as link i sees it. What keeps it short, and independen
 * What of a link does not feel its joint's motion is counted with the link before (base inertial parameters: Gautier
   and Khalil 1990): the mass of a turning link, its first moment along the axis, and a rod's inertia along it; the
   inertia tensor of a sliding one. This is done once, with 50 digits.
+
+The bias forces C(q, dq) dq + g(q) come from one pass outwards, for rates and accelerations, and one pass inwards, for
+forces (recursive Newton-Euler algorithm: Luh, Walker and Paul 1980), in the same axes and with the same parameters,
+which change neither. The base is taken to accelerate against gravity.
 """
 
 from __future__ import annotations
@@ -18,9 +22,9 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from stiffgen.robot.chain import Body, Chain
-from stiffgen.robot.geometry import Inertia, Matrix, Placement, Vector, aligning_rotation, mpf
-from stiffgen.symbolic.kinematics import Expressions, Section, cross, joint_position
+from stiffgen.robot.chain import Body, Chain, Joint
+from stiffgen.robot.geometry import Inertia, Placement, aligning_rotation, mpf
+from stiffgen.symbolic.kinematics import Expressions, Posture, Section, constant, cross, joint_position
 
 _ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
 """The axis of every joint, in the axes of its link."""
@@ -45,7 +49,7 @@ def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
 
     Every h_j is taken from link to link towards the base: the fewest operations, but quadratic in length.
     """
-    links = _links(chain)
+    links, _ = _links(chain)
     sections: list[Section] = []
     turns = _turns(chain, q, sections)
     result = ca.SX.zeros(len(links), len(links))
@@ -73,7 +77,7 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
     Both are taken about the origin of the first joint on the way to joint j and in the axes of its link. The length is
     linear in the number of joints; the products J_i . h_j are left to a loop.
     """
-    links = _links(chain)
+    links, _ = _links(chain)
     sections: list[Section] = []
     turns = _turns(chain, q, sections)
     frames = _frames(chain, links, turns, q, sections)
@@ -91,6 +95,96 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
     return Expressions(ca.densify(ca.horzcat(*stacked)), tuple(sections))
 
 
+def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
+    """Forces (number of joints) that the joints need to move at constant rates: Coriolis, centrifugal and gravity's.
+
+    ``given``: the base's pose if it floats, q, velocity, gravity. A floating base's rates are those of its body twist,
+    and what it needs is a wrench at the base link's origin in its axes.
+    """
+    *posture, velocity, gravity = given
+    at = Posture.of(chain, posture)
+    q, (base_rotation, _), own = at.q, at.base, chain.base_joints
+    links, base_link = _links(chain)
+    sections: list[Section] = []
+    rates = [joint.multiplier * velocity[joint.coordinate] for joint in chain.joints]
+    turns: list[_Turn] = [
+        None if joint.prismatic or index < own else _sine_cosine(chain, joint, q)
+        for index, joint in enumerate(chain.joints)
+    ]
+    named = {f"{letter}{k}": turn[i] for k, turn in enumerate(turns) if turn for i, letter in enumerate("sc")}
+    sections.append(Section("sine and cosine of each joint angle", named))
+    zero = ca.SX(3, 1)
+    falling = ca.densify(-(base_rotation.T @ gravity))
+    motions: list[tuple[ca.SX, ca.SX, ca.SX]] = []
+    wrenches: list[tuple[ca.SX, ca.SX]] = []
+    if base_link is not None:
+        # The twist's rate is zero in the base's own axes: there the origin accelerates by w x v.
+        turning = velocity[3:6]
+        motions = own * [(turning, zero, falling + cross(turning, velocity[:3]))]
+        wrenches = own * [_rate_of_momentum(base_link, *motions[0])]
+    for index, (joint, link, turn, rate) in enumerate(zip(chain.joints, links, turns, rates, strict=True)):
+        if index < own:
+            continue
+        turning, turning_rate, linear = motions[joint.parent] if joint.parent >= 0 else (zero, zero, falling)
+        shift, relative = _shift(chain, joint, link, q), rate * _ALONG
+        linear = linear + cross(turning_rate, shift) + cross(turning, cross(turning, shift))
+        turning, turning_rate, linear = (
+            _into_link(each, link.rotation, turn) for each in (turning, turning_rate, linear)
+        )
+        if joint.prismatic:
+            linear = linear + 2 * cross(turning, relative)
+        else:
+            turning, turning_rate = turning + relative, turning_rate + cross(turning, relative)
+        motion = ca.densify(turning), ca.densify(turning_rate), ca.densify(linear)
+        title = f"link of joint {joint.name}: angular velocity w{index} and its rate e{index}, acceleration a{index}"
+        letters = zip(("w", "e", "a"), motion, strict=True)
+        sections.append(Section(title, {f"{letter}{index}_": each for letter, each in letters}))
+        motions.append(motion)
+        wrenches.append(_rate_of_momentum(link, *motion))
+    forces: list[ca.SX] = [ca.SX()] * len(links)
+    for index in reversed(range(own, len(links))):
+        joint, link = chain.joints[index], links[index]
+        force, moment = wrenches[index]
+        forces[index] = (force if joint.prismatic else moment)[2]
+        if joint.parent < 0:
+            continue
+        force, moment = (_out_of_link(each, link.rotation, turns[index]) for each in (force, moment))
+        moment = moment + cross(_shift(chain, joint, link, q), force)
+        title = f"force f{index} and moment n{index} of everything from joint {joint.name} outwards, seen before it"
+        sections.append(Section(title, {f"f{index}_": ca.densify(force), f"n{index}_": ca.densify(moment)}))
+        outer_force, outer_moment = wrenches[joint.parent]
+        wrenches[joint.parent] = outer_force + force, outer_moment + moment
+    if own:
+        forces[:own] = [each for part in wrenches[own - 1] for each in ca.vertsplit(part)]
+    return Expressions(ca.densify(ca.vertcat(*forces)), tuple(sections))
+
+
+def _rate_of_momentum(link: _Link, turning: ca.SX, turning_rate: ca.SX, linear: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Force and moment about the link's origin that accelerate it (Newton, Euler)."""
+    moved = cross(turning, link.moment)
+    force = link.mass * linear + cross(turning_rate, link.moment) + cross(turning, moved)
+    moment = link.tensor @ turning_rate + cross(turning, link.tensor @ turning) + cross(link.moment, linear)
+    return force, moment
+
+
+def _shift(chain: Chain, joint: Joint, link: _Link, q: ca.SX) -> ca.SX:
+    """Where a link's origin stands, seen from the link before."""
+    if not joint.prismatic:
+        return link.translation
+    return link.translation + link.rotation[:, 2] * joint_position(chain, joint, q)
+
+
+def _into_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:
+    """A vector of the link before in the axes of a link."""
+    vector = rotation.T @ vector
+    return ca.densify(vector if turn is None else _turned(vector, (-turn[0], turn[1])))
+
+
+def _out_of_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:
+    """The way back."""
+    return ca.densify(rotation @ (vector if turn is None else _turned(vector, turn)))
+
+
 _Turn = tuple[ca.SX, ca.SX] | None
 """Sine and cosine of a joint's angle, None where the mass matrix does not depend on it or the joint slides."""
 
@@ -99,15 +193,19 @@ def _turns(chain: Chain, q: ca.SX, sections: list[Section]) -> list[_Turn]:
     section = Section("sine and cosine of each joint angle")
     turns: list[_Turn] = []
     for index, joint in enumerate(chain.joints):
-        if joint.prismatic or joint.parent < 0:
+        if joint.prismatic or joint.parent < 0 or index < chain.base_joints:
             turns.append(None)
             continue
-        position = joint_position(chain, joint, q)
-        sine, cosine = ca.sin(position), ca.cos(position)
+        sine, cosine = _sine_cosine(chain, joint, q)
         section.values |= {f"s{index}": sine, f"c{index}": cosine}
         turns.append((sine, cosine))
     sections.append(section)
     return turns
+
+
+def _sine_cosine(chain: Chain, joint: Joint, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+    position = joint_position(chain, joint, q)
+    return ca.sin(position), ca.cos(position)
 
 
 def _frames(
@@ -166,9 +264,7 @@ def _momenta(
             linear, angular = _ALONG * linear, _ALONG * angular
         momenta[index] = linear, angular
         if joint.parent >= 0:
-            shift = link.translation
-            if joint.prismatic:
-                shift = shift + link.rotation[:, 2] * joint_position(chain, joint, q)
+            shift = _shift(chain, joint, link, q)
             moment, tensor = link.rotation @ moment, _symmetric(link.rotation @ tensor @ link.rotation.T)
             moment, tensor = _moved(mass, moment, tensor, shift)
             outer = beyond[joint.parent]
@@ -206,8 +302,10 @@ def _symmetric(matrix: ca.SX) -> ca.SX:
     return ca.triu2symm(ca.triu(matrix))
 
 
-def _links(chain: Chain) -> list[_Link]:
-    """Every link with what does not feel its joint's motion counted with the link before."""
+def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
+    """Every link with what does not feel its joint's motion counted with the link before; and, of a floating base, the
+    base link with all that is counted with it.
+    """
     joints = chain.joints
     aligned = [Placement.turned(aligning_rotation(joint.axis)) for joint in joints]
     places = []
@@ -218,15 +316,19 @@ def _links(chain: Chain) -> list[_Link]:
         )
     bodies = [_inertia(joint.body).seen_from(own.inverse()) for joint, own in zip(joints, aligned, strict=True)]
     links: list[_Link] = []
+    base_link = None
     for index in reversed(range(len(joints))):
         joint, total = joints[index], bodies[index]
+        if index == chain.base_joints - 1:
+            mass, moment, tensor = total.rounded()
+            base_link = _Link(ca.SX.eye(3), ca.SX.zeros(3), mass, constant(moment), constant(tensor))
         still = _insensitive(total, prismatic=joint.prismatic)
         if joint.parent >= 0:
             bodies[joint.parent] += still.seen_from(places[index])
         rotation, translation = places[index].rounded()
         mass, moment, tensor = (total - still).rounded(scale=total)
-        links.append(_Link(_constant(rotation), _constant(translation), mass, _constant(moment), _constant(tensor)))
-    return links[::-1]
+        links.append(_Link(constant(rotation), constant(translation), mass, constant(moment), constant(tensor)))
+    return links[::-1], base_link
 
 
 def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:
@@ -242,7 +344,3 @@ def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:
 def _inertia(body: Body) -> Inertia:
     xx, xy, xz, yy, yz, zz = map(mpf, body.tensor)
     return Inertia(mpf(body.mass), tuple(map(mpf, body.moment)), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
-
-
-def _constant(matrix: Matrix | Vector) -> ca.SX:
-    return ca.SX(ca.sparsify(ca.DM(matrix)))

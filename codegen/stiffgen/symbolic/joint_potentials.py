@@ -58,8 +58,8 @@ POSTURE = JointPotential(
     "posture",
     "the spring that pulls every joint to a posture",
     (
-        Argument("posture", ("n",), "rad or m", "joint positions at which the spring is at rest", symbol="r"),
-        Argument("posture_stiffness", ("n",), _STIFFNESS_UNIT, "of every joint, not negative", symbol="k"),
+        Argument("posture", ("q",), "rad or m", "joint positions at which the spring is at rest", symbol="r"),
+        Argument("posture_stiffness", ("q",), _STIFFNESS_UNIT, "of every joint, not negative", symbol="k"),
     ),
     _posture_energy,
     "U = sum_i k_i (q_i - r_i)^2/2",
@@ -69,10 +69,10 @@ LIMITS = JointPotential(
     "limits",
     "the potential that keeps joints away from their limits",
     (
-        Argument("lower", ("n",), "rad or m", "lower limits", symbol="a"),
-        Argument("upper", ("n",), "rad or m", "upper limits, above the lower ones", symbol="b"),
+        Argument("lower", ("q",), "rad or m", "lower limits", symbol="a"),
+        Argument("upper", ("q",), "rad or m", "upper limits, above the lower ones", symbol="b"),
         Argument("zone", (), "rad or m", "width w of the zone before a limit where it acts, positive", symbol="w"),
-        Argument("limit_stiffness", ("n",), _STIFFNESS_UNIT, "of every joint at its limit, not negative", symbol="k"),
+        Argument("limit_stiffness", ("q",), _STIFFNESS_UNIT, "of every joint at its limit, not negative", symbol="k"),
     ),
     _limits_energy,
     "U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit",
@@ -84,9 +84,11 @@ JOINT_POTENTIALS = (POSTURE, LIMITS)
 
 
 def terms(chain: Chain, q: ca.SX, *parameters: ca.SX, potential: JointPotential, part: Part) -> Expressions:
-    """Energy, torque -dU/dq, or joint stiffness d2U/dq2 (row-major) of a potential."""
-    at = ca.SX.sym("q", chain.dof)
+    """Energy, torque -dU/dq, or joint stiffness d2U/dq2 (row-major) of a potential; none of a floating base."""
+    at = ca.SX.sym("q", *q.shape)
     energy = potential.energy(at, *parameters)
     hessian, gradient = ca.hessian(energy, at)
+    own = chain.base_joints
+    gradient, hessian = ca.vertcat(ca.SX.zeros(own), gradient), ca.diagcat(ca.SX(own, own), hessian)
     result = {"energy": energy, "torque": -gradient, "joint_stiffness": ca.vec(hessian.T)}[part]
     return Expressions(ca.substitute(result, at, q), ())

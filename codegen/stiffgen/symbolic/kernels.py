@@ -219,8 +219,10 @@ def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel
     )  # fmt: skip
 
 
-def _tip_kernels(tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: bool) -> tuple[Kernel, ...]:
-    given = posture(runtime_tool=runtime_tool)
+def _tip_kernels(
+    tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: bool, floating: bool = False
+) -> tuple[Kernel, ...]:
+    given, seen_from_tip = posture(runtime_tool=runtime_tool, floating=floating), posture(runtime_tool=runtime_tool)
     pose = Kernel(
         "forward_kinematics", None, given, (POSE,),
         "Pose of the tip in the base frame.",
@@ -229,7 +231,11 @@ def _tip_kernels(tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: 
     )  # fmt: skip
     kernels = (
         pose,
-        *(kernel for rep in REPRESENTATIONS for kernel in _representation_kernels(rep, given)),
+        *(
+            kernel
+            for rep in REPRESENTATIONS
+            for kernel in _representation_kernels(rep, seen_from_tip if rep == "body" else given)
+        ),
         *(kernel for spring in springs for kernel in _spring_kernels(spring, given)),
     )
     note = "With a tool pose, 'tip' is the tool's frame." if runtime_tool else ""
@@ -237,13 +243,13 @@ def _tip_kernels(tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: 
 
 
 def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], results: tuple[Argument, ...]) -> Program:
-    """Sum of a kernel's results over the tips; each argument but q holds one block a tip."""
-    q, *per_tip = (argument.array(chain) for argument in given)
+    """Sum of a kernel's results over the tips; each argument but the posture's holds one block a tip."""
+    arrays = [(argument.array(chain), argument.of_posture) for argument in given]
     terms = []
     for index, tip in enumerate(chain.tips):
         kernel = replace(of, tip=tip)
         own = [argument.array(chain) for argument in kernel.arguments]
-        parts = (Part(q, None), *(Part(array, index) for array in per_tip))
+        parts = (Part(array, None if shared else index) for array, shared in arrays)
         scope = kernel.scope(chain)
         terms.append(Term(kernel.qualified_name, scope, kernel.steps(chain), tuple(zip(own, parts, strict=True))))
     targets = tuple(result.array(chain) for result in results)
@@ -253,7 +259,7 @@ def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], result
 def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
     """The kernel that sums the results of ``of`` over the tips."""
     names = [tip.name for tip in chain.tips]
-    given = (arguments.Q, *(argument.of_all_tips(names) for argument in of.arguments[1:]))
+    given = tuple(each if each.of_posture else each.of_all_tips(names) for each in of.arguments)
     results = tuple(
         replace(
             result,
@@ -275,7 +281,7 @@ def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, .
     )
     of_springs = ("{summary} Springs at all tips together.", "A tip without a spring: its stiffnesses zero.")
     totals = []
-    for kernel in _tip_kernels(None, springs, runtime_tool=chain.runtime_tool):
+    for kernel in _tip_kernels(None, springs, runtime_tool=chain.runtime_tool, floating=chain.floating):
         if kernel.group in REPRESENTATIONS:
             if kernel.name == "joint_stiffness":
                 totals.append(_total(chain, kernel, *contacts))
@@ -292,6 +298,53 @@ _MASS_MATRIX = Kernel(
     "Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.",
     batch=True,
 )  # fmt: skip
+
+
+_BIAS = Argument(
+    "bias_forces", ("n",), "N m or N", "C(q, dq) dq + dU/dq; add M ddq and it is the torque that the motion takes"
+)
+_GRAVITY_ENERGY = Argument(
+    "energy", (), "J", "potential energy U, 0 where the centre of mass of all moving links lies at the base's height"
+)  # fmt: skip
+_GRAVITY_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq: torque that holds the robot against gravity")
+_GRAVITY_STIFFNESS = Argument("joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2, bitwise symmetric", symmetric=True)
+
+
+def _gravity_kernel(
+    given: tuple[Argument, ...], result: Argument, summary: str, equation: str, program: Callable[..., Program]
+) -> Kernel:
+    made = partial(program, result=result)
+    return Kernel(result.name, "gravity", given, (result,), summary, equation, made, _MASS_MATRIX.note, batch=True)
+
+
+def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
+    """What a robot's masses make."""
+    where = posture(runtime_tool=False, floating=floating)
+    falling = (*where, arguments.GRAVITY)
+    base = "; on the base less Gamma dU/dq of its twist" if floating else ""
+    return (
+        _MASS_MATRIX,
+        Kernel(
+            "bias_forces", None, (*where, arguments.VELOCITY, arguments.GRAVITY), (_BIAS,),
+            "Bias forces: Coriolis, centrifugal and gravity's.",
+            "C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)",
+            partial(programs.bias_forces, result=_BIAS),
+            f"With gravity zero: Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
+            batch=True,
+        ),
+        _gravity_kernel(
+            falling, _GRAVITY_ENERGY, "Potential energy of gravity.", "U = -g . sum of m_k c_k",
+            programs.gravity_energy,
+        ),
+        _gravity_kernel(
+            falling, _GRAVITY_GRADIENT, "Gravity torque: gradient of the potential energy.", "dU/dq_j = -g . w_j",
+            programs.gravity_gradient,
+        ),
+        _gravity_kernel(
+            falling, _GRAVITY_STIFFNESS, "Joint stiffness of gravity: Hessian of the potential energy.",
+            f"d2U/dq_i dq_j = a_i . (g x w_j){base}", programs.gravity_joint_stiffness,
+        ),
+    )  # fmt: skip
 
 
 def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
@@ -320,10 +373,10 @@ _OF_JOINTS = tuple(kernel for potential in JOINT_POTENTIALS for kernel in _joint
 
 
 def _serial(
-    springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True
+    springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True, floating: bool = False
 ) -> tuple[Kernel, ...]:
-    first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool)
-    return (first, *((_MASS_MATRIX,) if masses else ()), *others, *_OF_JOINTS)
+    first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool, floating=floating)
+    return (first, *(_dynamics(floating=floating) if masses else ()), *others, *_OF_JOINTS)
 
 
 KERNELS: tuple[Kernel, ...] = _serial()
@@ -341,13 +394,32 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     representation kernels, and the joint stiffness of all contacts together is added.
     """
     kernels = _all_kernels(chain, (options or SpringOptions()).springs())
+    if chain.floating:
+        kernels = tuple(map(_in_the_world, kernels))
     if len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)
 
 
+def _in_the_world(kernel: Kernel) -> Kernel:
+    """The texts of a kernel for a robot whose base floats."""
+
+    def told(several: tuple[Argument, ...]) -> tuple[Argument, ...]:
+        return tuple(replace(each, meaning=arguments.in_the_world(each.meaning)) for each in several)
+
+    return replace(
+        kernel,
+        arguments=told(kernel.arguments),
+        results=told(kernel.results),
+        summary=arguments.in_the_world(kernel.summary),
+        note=arguments.in_the_world(kernel.note),
+    )
+
+
 def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
     if len(chain.tips) == 1:
-        return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses)
-    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, runtime_tool=chain.runtime_tool)]
-    return (*((_MASS_MATRIX,) if chain.masses else ()), *per_tip, *_total_kernels(chain, springs), *_OF_JOINTS)
+        return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses, floating=chain.floating)
+    options = {"runtime_tool": chain.runtime_tool, "floating": chain.floating}
+    per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, **options)]
+    of_masses = _dynamics(floating=chain.floating) if chain.masses else ()
+    return (*of_masses, *per_tip, *_total_kernels(chain, springs), *_OF_JOINTS)

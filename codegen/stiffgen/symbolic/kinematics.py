@@ -11,6 +11,7 @@ hybrid   v = velocity of the tip's origin, w, both in base axes                 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -38,7 +39,8 @@ class Expressions:
     sections: tuple[Section, ...]
 
 
-def _constant(matrix: Matrix | Vector) -> ca.SX:
+def constant(matrix: Matrix | Vector) -> ca.SX:
+    """A matrix or column of numbers."""
     # Exact zeros become structural ones, so that products with them vanish from the graph.
     return ca.SX(ca.sparsify(ca.DM(matrix)))
 
@@ -79,8 +81,10 @@ def jacobian_column_derivative(
 
 
 def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
-    """Position of a joint [rad or m] from the chain's coordinates."""
-    return joint.multiplier * q[joint.coordinate] + joint.offset
+    """Position of a joint [rad or m] from the joint positions q; a floating base's own joints stand at zero."""
+    if joint.coordinate < chain.base_joints:
+        return ca.SX(0)
+    return joint.multiplier * q[joint.coordinate - chain.base_joints] + joint.offset
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ class PoseRecursion:
         trig = Section("sine and cosine of each joint angle")
         self.rotations: list[ca.SX | None] = []
         for index, joint in enumerate(chain.joints):
-            if joint.prismatic:
+            if joint.prismatic or index < chain.base_joints:
                 self.rotations.append(None)
                 continue
             s, c = ca.sin(self.positions[index]), ca.cos(self.positions[index])
@@ -127,20 +131,22 @@ class PoseRecursion:
         if trig.values:
             self.sections.append(trig)
 
-    def frame(self, title: str, tag: str, rotation: ca.SX, translation: ca.SX) -> None:
-        """Name a frame's entries R<tag>_ij and p<tag>_i."""
-        self.sections.append(Section(title, {f"R{tag}_": ca.densify(rotation), f"p{tag}_": ca.densify(translation)}))
+    def frame(self, index: int, axes: str, rotation: ca.SX, translation: ca.SX) -> None:
+        """Name the entries R<index>_ij and p<index>_i of a joint's frame, seen in base or tip axes."""
+        title = f"{frame_title(self.chain, index)}: rotation R{index}, origin p{index}, in {axes} axes"
+        values = {f"R{index}_": ca.densify(rotation), f"p{index}_": ca.densify(translation)}
+        self.sections.append(Section(title, values))
 
     def local(self, index: int) -> ca.SX:
         """Rotation of joint ``index``'s auxiliary frame at zero, in the frame before it."""
         joint, align = self.chain.joints[index], self.axes[index].align
-        rotation = _constant(joint.rotation)
-        return rotation if align is None else rotation @ _constant(align)
+        rotation = constant(joint.rotation)
+        return rotation if align is None else rotation @ constant(align)
 
     def after(self, index: int) -> ca.SX:
         """Constant rotation from joint ``index``'s auxiliary frame back to its URDF frame."""
         align = self.axes[index].align
-        return _IDENTITY if align is None else _constant(align).T
+        return _IDENTITY if align is None else constant(align).T
 
     def axis(self, index: int, rotation: ca.SX) -> ca.SX:
         """Joint ``index``'s axis, given the rotation of its auxiliary frame."""
@@ -151,13 +157,41 @@ Frame = tuple[ca.SX, ca.SX, ca.SX]
 """Of a moving joint, in base axes: rotation of its URDF frame (3x3), a point on its axis [m], its axis."""
 
 
-def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[Frame]]:
+@dataclass(frozen=True)
+class Posture:
+    """What a tip's pose depends on, from a kernel's arguments: q, the base's pose where it floats, and the tool's where
+    it is known at run time only (else None).
+    """
+
+    q: ca.SX
+    base_pose: ca.SX | None = None
+    tool_pose: ca.SX | None = None
+
+    @staticmethod
+    def of(chain: Chain, given: Sequence[ca.SX], *, seen_from_tip: bool = False) -> Posture:
+        """``given`` in the order of :func:`stiffgen.symbolic.arguments.posture`; seen from the tip without the base,
+        and without the tool where only joints matter.
+        """
+        rest = list(given)
+        base_pose = rest.pop(0) if chain.floating and not seen_from_tip else None
+        return Posture(rest[0], base_pose, rest[1] if len(rest) > 1 else None)
+
+    @property
+    def base(self) -> tuple[ca.SX, ca.SX]:
+        """Rotation and origin of the base link in the axes in which frames are given."""
+        if self.base_pose is None:
+            return _IDENTITY, ca.SX.zeros(3)
+        return self.base_pose[:3, :3], self.base_pose[:3, 3]
+
+
+def outward_frames(chain: Chain, posture: Posture) -> tuple[PoseRecursion, list[Frame]]:
     """Frames of all moving joints, from the base outwards."""
-    r = PoseRecursion(chain, q)
-    frames: list[Frame] = []
-    for index, joint in enumerate(chain.joints):
-        rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (_IDENTITY, ca.SX.zeros(3), None)
-        origin = origin + rotation @ _constant(joint.translation)
+    r = PoseRecursion(chain, posture.q)
+    base_rotation, base_origin = posture.base
+    frames: list[Frame] = [(base_rotation, base_origin, base_rotation[:, k % 3]) for k in range(chain.base_joints)]
+    for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
+        rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (base_rotation, base_origin, None)
+        origin = origin + rotation @ constant(joint.translation)
         auxiliary = rotation @ r.local(index)
         axis = r.axis(index, auxiliary)
         turn = r.rotations[index]
@@ -165,14 +199,14 @@ def outward_frames(chain: Chain, q: ca.SX) -> tuple[PoseRecursion, list[Frame]]:
             origin = origin + axis * r.positions[index]
         else:
             auxiliary = auxiliary @ turn
-        r.frame(_title(chain, index) + ", in base axes", str(index), auxiliary, origin)
+        r.frame(index, "base", auxiliary, origin)
         frames.append((auxiliary @ r.after(index), origin, axis))
     return r, frames
 
 
 def _tip_in_joint(chain: Chain, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
     """Rotation and origin of the tip, or of the tool at it, in the last joint's frame."""
-    rotation, origin = _constant(chain.tip_rotation), _constant(chain.tip_translation)
+    rotation, origin = constant(chain.tip_rotation), constant(chain.tip_translation)
     if tool_pose is None:
         return rotation, origin
     return rotation @ tool_pose[:3, :3], origin + rotation @ tool_pose[:3, 3]
@@ -184,9 +218,9 @@ def _tip_in_base(chain: Chain, frames: list[Frame], tool_pose: ca.SX | None) -> 
     return ca.densify(rotation @ tip_rotation), ca.densify(origin + rotation @ tip_origin)
 
 
-def _title(chain: Chain, index: int) -> str:
-    joint = chain.joints[index]
-    return f"frame of joint {joint.name}: rotation R{index}, origin p{index}"
+def frame_title(chain: Chain, index: int) -> str:
+    """What the sections of pose recursions are called."""
+    return f"frame of joint {chain.joints[index].name}"
 
 
 def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
@@ -196,10 +230,11 @@ def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
     return ca.vertcat(cross(origin, axis), axis)
 
 
-def forward_kinematics(chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None) -> Expressions:
+def forward_kinematics(chain: Chain, *given: ca.SX) -> Expressions:
     """Pose (4x4, metres) of the tip in the base frame, or of a tool whose pose in the tip's frame is given."""
-    r, frames = outward_frames(chain, q)
-    rotation, tip = _tip_in_base(chain, frames, tool_pose)
+    posture = Posture.of(chain, given)
+    r, frames = outward_frames(chain, posture)
+    rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
     return Expressions(_pose(rotation, tip), tuple(r.sections))
 
 
@@ -207,23 +242,23 @@ def _pose(rotation: ca.SX, origin: ca.SX) -> ca.SX:
     return ca.densify(ca.vertcat(ca.horzcat(rotation, origin), ca.SX([[0, 0, 0, 1]])))
 
 
-def joint_jacobian(
-    chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None, *, representation: Representation
-) -> Expressions:
+def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) -> Expressions:
     """Jacobian (6 x number of joints), one column a moving joint of the chain (mimic joints their own)."""
     if representation == "body":
-        return _body_jacobian(chain, q, tool_pose)
-    r, frames = outward_frames(chain, q)
-    _, tip = _tip_in_base(chain, frames, tool_pose)
+        return _body_jacobian(chain, Posture.of(chain, given, seen_from_tip=True))
+    posture = Posture.of(chain, given)
+    r, frames = outward_frames(chain, posture)
+    _, tip = _tip_in_base(chain, frames, posture.tool_pose)
     if representation == "hybrid":
         r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
     return Expressions(_outward_columns(chain, frames, tip, representation), tuple(r.sections))
 
 
-def hybrid_jacobian_and_pose(chain: Chain, q: ca.SX, tool_pose: ca.SX | None = None) -> Expressions:
+def hybrid_jacobian_and_pose(chain: Chain, *given: ca.SX) -> Expressions:
     """Hybrid Jacobian (6 x number of joints) and pose (4x4) of the tip, entries row by row below each other."""
-    r, frames = outward_frames(chain, q)
-    rotation, tip = _tip_in_base(chain, frames, tool_pose)
+    posture = Posture.of(chain, given)
+    r, frames = outward_frames(chain, posture)
+    rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
     r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
     columns = _outward_columns(chain, frames, tip, "hybrid")
     return Expressions(ca.vertcat(ca.vec(columns.T), ca.vec(_pose(rotation, tip).T)), tuple(r.sections))
@@ -241,18 +276,18 @@ def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representati
     return ca.densify(ca.horzcat(*columns))
 
 
-def _body_jacobian(chain: Chain, q: ca.SX, tool_pose: ca.SX | None) -> Expressions:
+def _body_jacobian(chain: Chain, posture: Posture) -> Expressions:
     """From tip to base: (rotation, origin) is the pose of the link's frame seen in the tip frame."""
-    r = PoseRecursion(chain, q)
-    tip_rotation, tip_origin = _tip_in_joint(chain, tool_pose)
+    r = PoseRecursion(chain, posture.q)
+    tip_rotation, tip_origin = _tip_in_joint(chain, posture.tool_pose)
     rotation = tip_rotation.T
     origin = -(rotation @ tip_origin)
     columns: list[ca.SX] = []
-    for index in reversed(range(len(chain.joints))):
+    for index in reversed(range(chain.base_joints, len(chain.joints))):
         joint = chain.joints[index]
         auxiliary = rotation @ r.after(index).T
         axis = r.axis(index, auxiliary)
-        r.frame(_title(chain, index) + ", in tip axes", str(index), auxiliary, origin)
+        r.frame(index, "tip", auxiliary, origin)
         columns.append(spatial_column(joint, origin, axis))  # the tip frame plays the base's part
         turn = r.rotations[index]
         if turn is None:
@@ -260,5 +295,10 @@ def _body_jacobian(chain: Chain, q: ca.SX, tool_pose: ca.SX | None) -> Expressio
         else:
             auxiliary = auxiliary @ turn.T
         rotation = auxiliary @ r.local(index).T
-        origin = origin - rotation @ _constant(joint.translation)
+        origin = origin - rotation @ constant(joint.translation)
+    own = chain.joints[: chain.base_joints]
+    if own:
+        values = {"Rb_": ca.densify(rotation), "pb_": ca.densify(origin)}
+        r.sections.append(Section("base link: rotation Rb, origin pb, in tip axes", values))
+    columns += [spatial_column(joint, origin, rotation[:, k % 3]) for k, joint in reversed(list(enumerate(own)))]
     return Expressions(ca.densify(ca.horzcat(*reversed(columns))), tuple(r.sections))

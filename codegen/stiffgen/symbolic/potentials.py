@@ -29,8 +29,9 @@ from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.springs import KINDS, Placement, Spring, spring
 
 _TAKEN = (
-    "body", "spatial", "hybrid", "posture", "limits", "q", "tool_pose", "pose", "energy", "wrench", "torque",
-    "task_stiffness", "joint_stiffness", "linearization", "forward_kinematics", "mass_matrix", "impedance",
+    "body", "spatial", "hybrid", "posture", "limits", "gravity", "q", "tool_pose", "pose", "energy", "wrench", "torque",
+    "task_stiffness", "joint_stiffness", "linearization", "forward_kinematics", "mass_matrix",
+    "bias_forces", "impedance",
 )  # fmt: skip
 _WITHOUT_DERIVATIVES = {
     ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder", ca.OP_SIGN: "sign",

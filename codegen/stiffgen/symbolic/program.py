@@ -8,6 +8,7 @@ The quadratic part of every kernel is one small expression repeated over joints.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
@@ -18,9 +19,9 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
-Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j"]
+Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j", "i and j of the base"]
 """What a map runs over: nothing (once), every joint j, or the pairs (i, j) of joints that satisfy the relation (of
-their numbers; the last one: i is j or a joint between the base and j)."""
+their numbers; "on the way": i is j or a joint between the base and j; the last one: a floating base's own joints)."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,8 @@ class Map:
                 while i >= 0:
                     yield i, j
                     i = chain.joints[i].parent
+        elif self.over == "i and j of the base":
+            yield from itertools.product(range(chain.base_joints), repeat=2)
         else:
             holds = {"i<=j": int.__le__, "i>=j": int.__ge__, "i<j": int.__lt__, "i>j": int.__gt__}[self.over]
             yield from ((i, j) for i in range(m) for j in range(m) if holds(i, j))

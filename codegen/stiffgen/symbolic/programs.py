@@ -12,8 +12,8 @@ from functools import partial
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import dynamics, joint_potentials, kinematics, springs, stiffness
-from stiffgen.symbolic.arguments import POSE, Argument, Q, posture
+from stiffgen.symbolic import dynamics, gravity, joint_potentials, kinematics, springs, stiffness
+from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argument, Q, posture
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
@@ -21,8 +21,9 @@ from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program,
 from stiffgen.symbolic.springs import Spring
 
 
-def _posture(chain: Chain) -> tuple[Array, ...]:
-    return tuple(argument.array(chain) for argument in posture(runtime_tool=chain.runtime_tool))
+def _posture(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
+    based = chain.floating and not seen_from_tip
+    return tuple(argument.array(chain) for argument in posture(runtime_tool=chain.runtime_tool, floating=based))
 
 
 def _columns(chain: Chain, representation: Representation, name: str = "J") -> tuple[Block, Array]:
@@ -30,7 +31,8 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
-    return Block((array,), expressions, _posture(chain), f"{representation}_columns", heading, meaning, 1), array
+    given = _posture(chain, seen_from_tip=representation == "body")
+    return Block((array,), expressions, given, f"{representation}_columns", heading, meaning, 1), array
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
@@ -41,6 +43,15 @@ def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Progra
     m = len(chain.joints)
     joints = Array(f"{target.name}_of_joints", (m, m, *target.shape[2:]))
     return (*steps(joints), SumJoints(joints, target, mirror=mirror))
+
+
+def _vector_of_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program]) -> Program:
+    """Let ``steps`` write a result [j] for joints, then gather into coordinates where joints mimic."""
+    target = result.array(chain)
+    if not chain.coupled:
+        return steps(target)
+    joints = Array(f"{target.name}_of_joints", (len(chain.joints),))
+    return *steps(joints), SumJoints(joints, target)
 
 
 def _pairs(left: Array, right: Array, over: Over, target: Array, comment: str, *, mirror: bool = False) -> Map:
@@ -78,9 +89,9 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
             def derivative(moving: ca.SX, column: ca.SX) -> ca.SX:
                 return kinematics.jacobian_column_derivative(representation, column, moving, by_is_outward=outward)
 
-            side = "beyond" if outward else "before"
+            side = f"for the joints i {'beyond' if outward else 'before'} joint j" if over != BASE else BASE
             return Map(
-                f"dJ_j/dq_i for the joints i {side} joint j",
+                f"dJ_j/dq_i {side}",
                 over,
                 Operand(target, "ij"),
                 (Operand(J, "i"), Operand(J, "j")),
@@ -89,12 +100,17 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
 
         outer: Over = "i>=j" if diagonal_outward else "i>j"
         inner: Over = "i<j" if diagonal_outward else "i<=j"
-        return recursion, half(inner, False), half(outer, True)
+        return recursion, half(inner, False), half(outer, True), *((half(BASE, False),) if chain.floating else ())
 
     return _over_joints(chain, result, steps)
 
 
+BASE: Over = "i and j of the base"
+"""A floating base moves as one: each of its six joints moves the tip as if it were nearer the base than the others."""
+
+
 def _two_sided(
+    chain: Chain,
     J: Array,
     target: Array,
     representation: Representation,
@@ -113,7 +129,8 @@ def _two_sided(
         comment = f"{symbol}_j = {formula}, for the joints j {side} joint i"
         expression = partial(covector, representation, outward=outward)
         maps.append(Map(comment, "j", Operand(u, "j"), (Operand(J, "j"), *operands), expression))
-        maps.append(_pairs(J, u, over, target, f"{left_hand_side}_ij = J_i . {symbol}_j for {over}"))
+        overs = (over, BASE) if chain.floating and not outward else (over,)
+        maps += [_pairs(J, u, each, target, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
     return tuple(maps)
 
 
@@ -125,7 +142,7 @@ def kinematic_stiffness(chain: Chain, representation: Representation, result: Ar
         operands = (Operand(wrench.array(chain), ""),)
         names = ("z", "Kkin", "gradient of (dJ_i/dq_j) . F by J_i")
         covector = stiffness.kinematic_covector
-        return (recursion, *_two_sided(J, target, representation, covector, operands, names))
+        return (recursion, *_two_sided(chain, J, target, representation, covector, operands, names))
 
     return _over_joints(chain, result, steps)
 
@@ -143,12 +160,14 @@ def joint_stiffness_uncorrected(
         operands = (Operand(wrench.array(chain), ""), Operand(y, "j"))
         names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F by J_i")
         covector = stiffness.uncorrected_covector
-        return (recursion, product, *_two_sided(J, target, representation, covector, operands, names))
+        return (recursion, product, *_two_sided(chain, J, target, representation, covector, operands, names))
 
     return _over_joints(chain, result, steps)
 
 
-def _tangent(J: Array, wrench: Array, task_stiffness: Array, representation: Representation, target: Array) -> Program:
+def _tangent(
+    chain: Chain, J: Array, wrench: Array, task_stiffness: Array, representation: Representation, target: Array
+) -> Program:
     """Target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
     A, u = Array("A", (6, 6)), Array("u", J.shape)
     force = Operand(wrench, "")
@@ -168,7 +187,13 @@ def _tangent(J: Array, wrench: Array, task_stiffness: Array, representation: Rep
             (Operand(J, "j"), force, Operand(A, "")),
             partial(stiffness.stiffness_covector, representation),
         ),
-        _pairs(J, u, half, target, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),
+        *_with_base_connection(
+            chain,
+            target,
+            lambda into: (_pairs(J, u, half, into, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),),
+            (Operand(J, "j"), force),
+            ca.dot,
+        ),
     )
 
 
@@ -180,7 +205,7 @@ def joint_stiffness(
     def steps(target: Array) -> Program:
         block, J = _columns(chain, representation)
         given = wrench.array(chain), task_stiffness.array(chain)
-        return (block, *_tangent(J, *given, representation, target))
+        return (block, *_tangent(chain, J, *given, representation, target))
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -214,15 +239,120 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J and the momenta h that they cause"
         recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
-        if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
-            return recursion, _pairs(J, h, "i<=j", target, "M_ij = J_i . h_j for i<=j, mirrored", mirror=True)
-        nothing = Map(
-            "joints of different branches: 0", "i<=j", Operand(target, "ij"), (), lambda: ca.SX(0), mirror=True
-        )
-        over: Over = "i on the way to j"
-        return recursion, nothing, _pairs(J, h, over, target, f"M_ij = J_i . h_j for {over}, mirrored", mirror=True)
+        return recursion, *_pairs_on_the_way(chain, J, h, target, "M_ij = J_i . h_j", ca.dot)
 
     return _over_joints(chain, result, steps, mirror=True)
+
+
+def _pairs_on_the_way(
+    chain: Chain, left: Array, right: Array, target: Array, formula: str, body: Callable[..., ca.SX]
+) -> Program:
+    """A symmetric target_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
+    operands = Operand(left, "i"), Operand(right, "j")
+    if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
+        return (Map(f"{formula} for i<=j, mirrored", "i<=j", Operand(target, "ij"), operands, body, mirror=True),)
+    nothing = Map("joints of different branches: 0", "i<=j", Operand(target, "ij"), (), lambda: ca.SX(0), mirror=True)
+    over: Over = "i on the way to j"
+    return nothing, Map(f"{formula} for {over}, mirrored", over, Operand(target, "ij"), operands, body, mirror=True)
+
+
+def bias_forces(chain: Chain, result: Argument) -> Program:
+    """Forces at constant rates, joint by joint, gathered into coordinates."""
+    given = (*posture(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
+    return _vector_of_joints(
+        chain,
+        result,
+        lambda target: (
+            Block(
+                (target,),
+                dynamics.bias_forces,
+                tuple(argument.array(chain) for argument in given),
+                heading="the joints' forces: what acts along their axes",
+            ),
+        ),
+    )
+
+
+def _gravity_columns(chain: Chain) -> tuple[Block, Array, Array]:
+    columns, moment = Array("C", (6, len(chain.joints))), Array("first_moment", (3,))
+    heading = "axes a of turning joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies"
+    meaning = (
+        "Axes a_j of turning joints, the first moment w_j that a unit rate of joint j moves, and that of all bodies; "
+        "in base axes"
+    )
+    block = Block(
+        (columns, moment), gravity.axes_and_moment_rates, (Q.array(chain),), "gravity_columns", heading, meaning, 1
+    )
+    return block, columns, moment
+
+
+def gravity_energy(chain: Chain, result: Argument) -> Program:
+    """Potential energy of all bodies."""
+    recursion, _, moment = _gravity_columns(chain)
+    given = moment, *(a.array(chain) for a in (GRAVITY, *((BASE_POSE,) if chain.floating else ())))
+    heading = "U = -g . (R first moment + m p), R and p of the base" if chain.floating else "U = -g . first moment"
+    return recursion, Block((result.array(chain),), gravity.potential_energy, given, heading=heading)
+
+
+def _gravity_in_base_axes(chain: Chain) -> tuple[Program, Operand]:
+    """The acceleration of free fall in the axes of :func:`_gravity_columns`."""
+    given = Operand(GRAVITY.array(chain), "")
+    if not chain.floating:
+        return (), given
+    turned = Operand(Array("g_in_base", (3,)), "")
+    operands = Operand(BASE_POSE.array(chain), ""), given
+    return (Map("gravity in base axes", "", turned, operands, gravity.in_base_axes),), turned
+
+
+def gravity_gradient(chain: Chain, result: Argument) -> Program:
+    """DU/dq joint by joint, gathered into coordinates."""
+    recursion, C, _ = _gravity_columns(chain)
+    turned, g = _gravity_in_base_axes(chain)
+
+    def steps(target: Array) -> Program:
+        rates = Map("dU/dq_j = -g . w_j", "j", Operand(target, "j"), (Operand(C, "j"), g), gravity.moment_rate)
+        return recursion, *turned, rates
+
+    return _vector_of_joints(chain, result, steps)
+
+
+def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
+    """d2U/dq2; on a floating base the covariant Hessian."""
+    recursion, C, _ = _gravity_columns(chain)
+    turned, g = _gravity_in_base_axes(chain)
+    u = Array("u", (3, len(chain.joints)))
+    covectors = Map("u_j = g x w_j", "j", Operand(u, "j"), (Operand(C, "j"), g), gravity.covector)
+
+    def steps(target: Array) -> Program:
+        def pairs(into: Array) -> Program:
+            return _pairs_on_the_way(chain, C, u, into, "Kq_ij = a_i . u_j", gravity.second_derivative)
+
+        tau = Operand(C, "j"), g
+        return recursion, *turned, covectors, *_with_base_connection(chain, target, pairs, tau, gravity.moment_rate)
+
+    return _over_joints(chain, result, steps, mirror=True)
+
+
+def _with_base_connection(
+    chain: Chain,
+    target: Array,
+    pairs: Callable[[Array], Program],
+    operands: tuple[Operand, ...],
+    generalised_force: Callable[..., ca.SX],
+) -> Program:
+    """What ``pairs`` write, a second derivative joint after joint, as one along exponentials of the base's twist.
+
+    The base's joints are passed one after the other; its connection tells that from a motion along one twist.
+    ``generalised_force(*operands)`` of a joint is the gradient that belongs to the second derivative.
+    """
+    if not chain.floating:
+        return pairs(target)
+    m = len(chain.joints)
+    serial, tau = Array("S", (m, m)), Array("tau", (m,))
+    force = Map("tau_j: generalised force of joint j", "j", Operand(tau, "j"), operands, generalised_force)
+    comment = "moment on the base: from turns one after the other to a turn about one axis"
+    connection = SparseSum(comment, target, serial, (tau,), stiffness.base_connection)
+    return *pairs(serial), force, connection
 
 
 def spring_terms(chain: Chain, spring: Spring, results: tuple[Argument, ...], parts: str) -> Program:
@@ -257,18 +387,18 @@ def spring_joint_terms(
         targets, parts = [energy.array(chain), *targets], "U" + parts
     program: Program = (columns, _spring_block(chain, spring, pose, tuple(targets), parts))
     if torque:
-        target = torque.array(chain)
-        per_joint = Array(f"{target.name}_of_joints", (m,)) if chain.coupled else target
-        program += (
-            Map(
-                "torque_j = -J_j . F", "j", Operand(per_joint, "j"), (Operand(J, "j"), Operand(F, "")),
-                lambda column, wrench: ca.SX(-ca.dot(column, wrench)),
-            ),
-        )  # fmt: skip
-        if chain.coupled:
-            program += (SumJoints(per_joint, target),)
+        operands = Operand(J, "j"), Operand(F, "")
+
+        def dot(column: ca.SX, wrench: ca.SX) -> ca.SX:
+            return ca.SX(-ca.dot(column, wrench))
+
+        program += _vector_of_joints(
+            chain, torque, lambda target: (Map("torque_j = -J_j . F", "j", Operand(target, "j"), operands, dot),)
+        )
     if joint_stiffness:
-        program += _over_joints(chain, joint_stiffness, lambda target: _tangent(J, F, K, "hybrid", target), mirror=True)
+        program += _over_joints(
+            chain, joint_stiffness, lambda target: _tangent(chain, J, F, K, "hybrid", target), mirror=True
+        )
     return program
 
 

@@ -26,6 +26,28 @@ def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
     return result
 
 
+def base_connection(generalised_force: ca.SX) -> ca.SX:
+    """What a floating base's connection adds to a symmetric matrix of second derivatives joint after joint (m x m).
+
+    Args:
+        generalised_force: tau (m), joint by joint; its entries 3..5 are the moment on the base in its own axes.
+
+    Returns:
+        -Gamma(tau) of the body representation in the base's six rows and columns, entries below the diagonal taken
+        for both sides: joint after joint the base slides along x, y, z, then turns about x, y, z, and entry (i, j) for
+        i < j is the derivative by j before that by i. Of Gamma, only the half moment stands below the diagonal.
+
+    """
+    size = generalised_force.shape[0]
+    gamma = gamma_F("body", generalised_force[:6])
+    result = ca.SX(size, size)
+    for i in range(6):
+        for j in range(i):
+            if not gamma[i, j].is_zero():
+                result[i, j] = result[j, i] = -gamma[i, j]
+    return result
+
+
 def symmetric_from_upper(matrix: ca.SX) -> ca.SX:
     """The symmetric matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
     return ca.triu2symm(ca.triu(matrix))

@@ -122,7 +122,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     command_t command, previous;
     double pipe[MOST_DELAY + 1][N] = {{0}}, pipe_feed[MOST_DELAY + 1][N] = {{0}};
     double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
-    int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0;
+    int at = 0, was_faulted = 0, clamped = 0, initialised = 0, known = 0, skipped = 0;
     memset(&forces, 0, sizeof forces);
     memset(&sensors, 0, sizeof sensors);
     memset(&command, 0, sizeof command);
@@ -167,7 +167,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             }
             initialised = 1;
         }
-        if (k - s->start >= s->skip) {
+        skipped = skipped < s->skip ? skipped + 1 : 0;
+        if (skipped == 0) {
             previous = command;
             law_step(configs[s->config], state, &sample, output, &command);
             if (summary->finished == 0) {

@@ -13,7 +13,7 @@ enum { STUCK_HELD = 1, STUCK_ZERO = 2 };
 typedef struct {
     int start;                   /* [samples] */
     int config;                  /* which configuration */
-    int skip;                    /* first so many samples: the controller is not called, the last torque is held */
+    int skip;                    /* after each call so many are left out, the last torque is held */
     int missed;                  /* 1: called without a sample */
     int reset;                   /* 1: faults are acknowledged at the segment's first sample */
     int measure_wrench;          /* 1: the true wrench is measured; 0: zero is given */

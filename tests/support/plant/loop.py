@@ -26,7 +26,7 @@ Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 _TYPES = {"double": ctypes.c_double, "int": ctypes.c_int, "uint32_t": ctypes.c_uint32, "uint64_t": ctypes.c_uint64}
 
 
-def struct(header: Path, name: str, known: dict[str, type], sizes: dict[str, int]) -> type[ctypes.Structure]:
+def struct(header: Path, name: str, known: dict[str, Any], sizes: dict[str, int]) -> type[ctypes.Structure]:
     """The C struct of that name as ctypes sees it; ``known`` has the structs that it contains."""
     text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
     (body,) = re.findall(r"typedef struct(?: \w+)? \{([^{}]*)\}\s*" + name + ";", text)
@@ -36,7 +36,7 @@ def struct(header: Path, name: str, known: dict[str, type], sizes: dict[str, int
         for entry in names.split(","):
             found = re.fullmatch(r"(\w+)((?:\[[^]]+\])*)", entry.strip())
             assert found, f"{header.name}: {declaration}"
-            base = known[kind] if kind in known else _TYPES[kind]
+            base: Any = known[kind] if kind in known else _TYPES[kind]
             for size in reversed(re.findall(r"\[([^]]+)\]", found[2])):
                 base = base * _number(size, sizes)
             fields.append((found[1], base))
@@ -67,7 +67,7 @@ class Loop:
     """A control law in the loop.
 
     Args:
-        folder: where to compile.
+        folder: where to compile; what another process compiled there is taken.
         robot: folder of the generated iiwa 14.
         law: C file that implements law.h on the robot's controller.
         sources: C files of the robot's folder.
@@ -85,10 +85,11 @@ class Loop:
         path = folder / "loop.so"
         files = [HERE / "plant.c", HERE / "episode.c", law, *(robot / source for source in sources)]
         command = ["gcc", "-std=c99", *flags, "-shared", "-fPIC", f"-I{HERE}", f"-I{robot}", *map(str, files), "-lm"]
-        subprocess.run([*command, "-o", str(path)], check=True)
+        if not path.exists():
+            subprocess.run([*command, "-o", str(path)], check=True)
         self.library = ctypes.CDLL(str(path))
         sizes = {"N": N}
-        known: dict[str, type] = {}
+        known: dict[str, Any] = {}
         for header, name in (
             (HERE / "plant.h", "plant_t"),
             (HERE / "episode.h", "segment_t"),
@@ -101,7 +102,8 @@ class Loop:
             known[name] = struct(header, name, known, sizes)
         self._known = known
         if law == FREE:
-            self.Config = self.Output = ctypes.c_int
+            self.Config: Any = ctypes.c_int
+            self.Output: Any = ctypes.c_int
         else:
             header = robot / "iiwa14_impedance.h"
             self.Config = struct(header, "iiwa14_impedance_config", known, sizes)
@@ -174,13 +176,13 @@ class Loop:
         return episode
 
     def segment(self, base: Any = None, **values: Any) -> Any:
-        """The segment before with some fields changed, no reset, no skip; the first: Q0 and the paper's stiffness."""
+        """The segment before with some fields changed, no reset; the first: Q0 and the paper's stiffness."""
         new = self.Segment()
         if base is None:
             fill(new, wanted=Q0, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
         else:
             ctypes.memmove(ctypes.byref(new), ctypes.byref(base), ctypes.sizeof(new))
-            new.reset = new.skip = 0
+            new.reset = 0
         return fill(new, **values)
 
     def segments(self, *parts: dict[str, Any]) -> list[Any]:

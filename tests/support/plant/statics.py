@@ -30,6 +30,7 @@ class Springs:
         translation: (3, 3) [N/m], base axes.
         rotation: (3, 3) [N m/rad], axes of the tip at the equilibrium.
         joint: [N m/rad] of the springs over the joints.
+        zone: lower edges, upper edges (n) [rad] and stiffness (n) [N m/rad] of a limit avoidance, where there is one.
 
     """
 
@@ -40,10 +41,11 @@ class Springs:
     translation: Array
     rotation: Array
     joint: float
+    zone: tuple[Array, Array, Array] | None = None
 
     @property
     def _G(self) -> Array:
-        return np.trace(self.rotation) / 2 * np.eye(3) - self.rotation
+        return np.asarray(np.trace(self.rotation) / 2 * np.eye(3) - self.rotation)
 
     def energy(self, q: Array) -> float:
         """U [J]."""
@@ -59,7 +61,25 @@ class Springs:
         A = H[:3, :3] @ self._G @ self.equilibrium[:3, :3].T
         moment = np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
         force = self.translation @ (H[:3, 3] - self.equilibrium[:3, 3])
-        return self.jacobian(q).T @ np.concatenate([force, moment]) + self.joint * (q - self.posture)
+        slope = self.jacobian(q).T @ np.concatenate([force, moment]) + self.joint * (q - self.posture)
+        if self.zone is not None:
+            lower, upper, stiffness = self.zone
+            slope = slope + stiffness * (np.maximum(q - upper, 0) + np.minimum(q - lower, 0))
+        return np.asarray(slope)
+
+    def near(self, q: Array, load: Array) -> Array | None:
+        """The stable posture of rest under a load (6) that Newton's method finds from q within 0.1 rad, or None."""
+        found = q.copy()
+        for _ in range(30):
+            error = self._left(found, load, np.zeros(len(q)))
+            if np.abs(error).max() < 1e-9:
+                slope = self._slope(found, load, np.zeros(len(q)))
+                return found if np.linalg.eigvalsh((slope + slope.T) / 2)[0] > 0 else None
+            move = np.linalg.solve(self._slope(found, load, np.zeros(len(q))), error)
+            found = found + move * min(1.0, 0.03 / np.abs(move).max())
+            if np.abs(found - q).max() > 0.1:
+                break
+        return None
 
     def rest(self, load: Array, bias: Array, steps: int = 10) -> tuple[Array, Array] | None:
         """Posture of rest under a load at the tip and a torque over the joints, grown together from zero.
@@ -88,7 +108,7 @@ class Springs:
             values = np.linalg.eigvalsh((slope + slope.T) / 2)
             if values[0] <= 0:
                 return None
-        return q, values
+        return q, np.asarray(values, dtype=float)
 
     def _left(self, q: Array, load: Array, bias: Array) -> Array:
         return np.asarray(self.jacobian(q).T @ load + bias - self.gradient(q))

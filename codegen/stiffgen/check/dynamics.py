@@ -1,0 +1,70 @@
+"""Oracles for what a robot's masses make: kinetic and potential energy along its joints' poses, differentiated.
+
+A body with mass m, first moment h and inertia tensor I in a frame whose pose is H (4x4) has
+
+    T = trace(dH P dH^T)/2    with the 4x4 P = [[trace(I)/2 1 - I, h], [h^T, m]]
+    U = -g . (m p + R h)
+
+The bias forces are Lagrange's equations at constant rates, d/dt dT/d(dq) - dT/dq + dU/dq. A floating base has moved by
+x = (v, w) to p + R v, R exp([w]); its twist is constant in its own axes where x accelerates by (w x v, 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from stiffgen.check.result import Array
+from stiffgen.robot.chain import Body, Chain
+
+
+def _second_moments(body: Body) -> ca.DM:
+    """P of a body."""
+    xx, xy, xz, yy, yz, zz = body.tensor
+    tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moment = ca.DM(body.moment)
+    return ca.blockcat([[ca.trace(tensor) / 2 * ca.DM.eye(3) - tensor, moment], [moment.T, body.mass]])
+
+
+def differentiated(
+    chain: Chain, poses: Sequence[ca.SX], moves: ca.SX, q: ca.SX, base_pose: ca.SX, samples: Sequence[Array]
+) -> dict[str, Array]:
+    """What the kernels of a robot's dynamics give, by qualified name.
+
+    Args:
+        chain: the robot.
+        poses: of its joints' frames, as expressions of the three that follow.
+        moves: motion of the base from its pose (6), no entries if it stands.
+        q: joint positions.
+        base_pose: row by row (16); nothing depends on it if the base stands.
+        samples: stacks of joint positions, base poses, rates and accelerations of free fall.
+
+    """
+    place, own = ca.vertcat(moves, q), moves.shape[0]
+    rates, gravity = ca.SX.sym("dq", *place.shape), ca.SX.sym("g", 3)
+    kinetic, potential = ca.SX(0), ca.SX(0)
+    for joint, pose in zip(chain.joints, poses, strict=True):
+        moments = _second_moments(joint.body)
+        moving = ca.jtimes(ca.vec(pose), place, rates).reshape((4, 4))
+        kinetic += ca.trace(moving @ moments @ moving.T) / 2
+        potential -= ca.dot(gravity, (pose @ moments[:, 3])[:3])
+    mass_matrix, momentum = ca.hessian(kinetic, rates)
+    stiffness, gradient = ca.hessian(potential, place)
+    forces = ca.jtimes(momentum, place, rates) - ca.gradient(kinetic, place) + gradient
+    if own:
+        forces += mass_matrix[:, :3] @ ca.cross(rates[3:6], rates[:3])
+    expected = {
+        "mass_matrix": mass_matrix,
+        "bias_forces": forces,
+        "gravity_energy": potential,
+        "gravity_gradient": gradient,
+        "gravity_joint_stiffness": stiffness,
+    }
+    there = [ca.densify(ca.substitute(each, moves, ca.DM.zeros(own))) for each in expected.values()]
+    function = ca.Function("f", [q, base_pose, rates, gravity], there, {})
+    values = zip(*(function(*each) for each in zip(*samples, strict=True)), strict=True)
+    results = {name: np.array([np.asarray(one) for one in each]) for name, each in zip(expected, values, strict=True)}
+    shapes = {"gravity_energy": (), "gravity_gradient": place.shape[:1], "bias_forces": place.shape[:1]}
+    return {name: each.reshape(len(each), *shapes.get(name, each.shape[1:])) for name, each in results.items()}

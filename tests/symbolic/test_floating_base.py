@@ -1,0 +1,348 @@
+"""A floating base: coordinates, connection and values, against sixty digits along exponentials, and Pinocchio."""
+
+from __future__ import annotations
+
+import math
+import re
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import stiffgen
+from stiffgen.errors import ChainError
+from stiffgen.symbolic.connection import REPRESENTATIONS
+from support.exact_tree import ExactTree, as_array, differentiated, exact_pose, exponential, mp, tree_urdf
+from support.project import assert_close
+
+TIPS = ["left", "right"]
+FRAMES = {
+    "body": pin.ReferenceFrame.LOCAL,
+    "spatial": pin.ReferenceFrame.WORLD,
+    "hybrid": pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+}
+
+
+def random_pose(random):
+    """A pose of doubles; its rotation is one to the last digit or two."""
+    pose = np.eye(4)
+    pose[:3, :3] = as_array(exponential(mp.matrix(random.normal(size=3).tolist())))
+    pose[:3, 3] = random.normal(size=3)
+    return pose
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    """Twelve joints with two tips, sliding and mimic ones among them, on a floating base; a configuration."""
+    file = tmp_path_factory.mktemp("floating") / "tree.urdf"
+    file.write_text(tree_urdf(7))
+    chain = stiffgen.load_chain(file, tip=TIPS, floating_base=True)
+    random = np.random.default_rng(4)
+    return SimpleNamespace(
+        file=file,
+        chain=chain,
+        model=stiffgen.StiffnessModel(chain),
+        exact=ExactTree(file.read_text(), [c.name for c in chain.coordinates]),
+        base=random_pose(random),
+        q=random.uniform(-2, 2, len(chain.coordinates)),
+        velocity=random.normal(size=chain.dof),
+        gravity=np.array([1.5, -2.0, -9.0]),
+    )
+
+
+def exactly(tree):
+    return exact_pose(tree.base), [mp.mpf(float(each)) for each in tree.q]
+
+
+def values(result, shape=None):
+    found = np.asarray(result)
+    return found.reshape(shape) if shape else found
+
+
+def test_shapes(tree):
+    chain = tree.chain
+    assert (len(chain.joints), len(chain.coordinates), chain.dof) == (18, 11, 17)
+    assert chain.coupled and any(joint.prismatic for joint in chain.joints[6:])
+
+
+class Spring:
+    """A potential of a tip's pose: places, orientations, and both together, with 60 digits."""
+
+    def __init__(self, seed):
+        random = np.random.default_rng(seed)
+        stiff = random.normal(size=(3, 3)) * 20
+        self.stiff = mp.matrix((stiff @ stiff.T).tolist())
+        self.centre = mp.matrix(random.normal(size=3).tolist())
+        self.turning = [mp.matrix((random.normal(size=3) * 100).tolist()) for _ in range(3)]
+        self.mixed = [mp.matrix((random.normal(size=(3, 3)) * 50).tolist()) for _ in range(3)]
+
+    def energy(self, pose):
+        R, p = pose
+        away = p - self.centre
+        total = (away.T * self.stiff * away)[0] / 2
+        for k in range(3):
+            total += (self.turning[k].T * R[:, k])[0] + (away.T * self.mixed[k] * R[:, k])[0]
+        return total
+
+    def wrench_and_stiffness(self, pose):
+        """DU and its covariant Hessian in body representation."""
+
+        def moved(x):
+            R, p = pose
+            return self.energy((R * exponential(mp.matrix(x[3:])), p + R * mp.matrix(x[:3])))
+
+        return differentiated(moved, 6)
+
+
+def in_hybrid(pose, wrench, stiffness):
+    turn = np.kron(np.eye(2), as_array(pose[0]))
+    return turn @ wrench, turn @ stiffness @ turn.T
+
+
+def symmetrised(stiffness):
+    return np.triu(stiffness) + np.triu(stiffness, 1).T
+
+
+@pytest.mark.slow
+def test_joint_stiffness_is_the_hessian_along_exponentials(tree):
+    """The contacts of both tips, body and hybrid form, alone and in total; and gravity's."""
+    base, q = exactly(tree)
+    springs, poses = {tip: Spring(k) for k, tip in enumerate(TIPS)}, tree.exact.poses(base, q)
+    hessians, contacts = [], {"body": [], "hybrid": []}
+    for tip, spring in springs.items():
+        gradient, hessian = differentiated(
+            lambda x, tip=tip, spring=spring: spring.energy(tree.exact.moved(base, q, x)[tip]), tree.chain.dof
+        )
+        hessians.append(hessian)
+        contact = spring.wrench_and_stiffness(poses[tip])
+        contacts["body"].append(contact)
+        contacts["hybrid"].append(in_hybrid(poses[tip], *contact))
+        for rep, where in (("body", (tree.q,)), ("hybrid", (tree.base, tree.q))):
+            wrench, stiffness = contacts[rep][-1]
+            group = getattr(getattr(tree.model, tip), rep)
+            found = values(group.joint_stiffness(*where, wrench, symmetrised(stiffness)))
+            assert np.array_equal(found, found.T)
+            assert_close(found, hessian)
+            assert_close(values(group.jacobian(*where)).T @ wrench, gradient)
+    for rep, where in (("body", (tree.q,)), ("hybrid", (tree.base, tree.q))):
+        wrenches, stiffnesses = (np.stack(each) for each in zip(*contacts[rep], strict=True))
+        function = getattr(tree.model, rep).joint_stiffness_total
+        total = function(*where, wrenches, np.concatenate([symmetrised(each) for each in stiffnesses]))
+        assert_close(values(total), hessians[0] + hessians[1])
+
+
+def test_the_bases_own_connection_term_matters(tree):
+    """Without it the base block is not even symmetric: facts in docs/whole_body.md."""
+    base, q = exactly(tree)
+    wrench, stiffness = Spring(0).wrench_and_stiffness(tree.exact.poses(base, q)["left"])
+    found = values(tree.model.left.body.joint_stiffness(tree.q, wrench, symmetrised(stiffness)))
+    J = values(tree.model.left.body.jacobian(tree.q))
+    kinematic = values(tree.model.left.body.kinematic_stiffness(tree.q, wrench))
+    force, moment = wrench[:3], wrench[3:]
+
+    def cross(v):
+        return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+    def gamma(f, m):
+        return np.block([[np.zeros((3, 3)), cross(f)], [np.zeros((3, 3)), cross(m) / 2]])
+
+    without = kinematic + J.T @ (stiffness + gamma(force, moment)) @ J
+    on_base = (J.T @ wrench)[:6]
+    expected = without.copy()
+    expected[:6, :6] -= gamma(on_base[:3], on_base[3:])
+    assert_close(found, expected)
+    assert np.abs(without - without.T).max() > 0.1 * np.abs(on_base).max()
+
+
+@pytest.mark.slow
+def test_gravity_and_mass_matrix_with_sixty_digits(tree):
+    base, q = exactly(tree)
+    gravity = mp.matrix(tree.gravity.tolist())
+    energy, n = tree.exact.potential_energy, tree.chain.dof
+    gradient, hessian = differentiated(lambda x: energy(tree.exact.moved(base, q, x), gravity), n)
+    given = tree.base, tree.q, tree.gravity
+    assert_close(values(tree.model.gravity.energy(*given), ()), float(energy(tree.exact.poses(base, q), gravity)))
+    assert_close(values(tree.model.gravity.gradient(*given), n), gradient)
+    assert_close(values(tree.model.gravity.joint_stiffness(*given)), hessian)
+    assert_close(values(tree.model.mass_matrix(tree.q)), tree.exact.mass_matrix(base, q, n))
+
+
+def test_body_jacobian_with_sixty_digits(tree):
+    base, q = exactly(tree)
+    both = tree.exact.twists(base, q, tree.chain.dof, lambda poses: [poses[tip] for tip in TIPS])
+    for tip, jacobian in zip(TIPS, both, strict=True):
+        assert_close(values(getattr(tree.model, tip).body.jacobian(tree.q)), as_array(jacobian))
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_derivative_of_the_jacobian_along_the_coordinates(rep, tree):
+    """Differences of the Jacobian's kernel, the base moved along each of its unit twists."""
+    group, n, step = getattr(tree.model.left, rep), tree.chain.dof, 1e-4
+
+    def jacobian(k, far):
+        x = far * step * np.eye(n)[k]
+        turn = np.eye(4)
+        turn[:3, :3] = as_array(exponential(mp.matrix(x[3:6].tolist())))
+        turn[:3, 3] = x[:3]
+        where = (tree.q + x[6:],) if rep == "body" else (tree.base @ turn, tree.q + x[6:])
+        return values(group.jacobian(*where))
+
+    where = (tree.q,) if rep == "body" else (tree.base, tree.q)
+    found = values(group.jacobian_transpose_derivative(*where), (n, n, 6))
+    wrench = np.array([20.0, -30, 10, 5, 8, -6])
+    for k in range(n):
+        near, far = (jacobian(k, d) - jacobian(k, -d) for d in (1, 2))
+        expected = (8 * near - far) / (12 * step)
+        assert np.abs(found[k].T - expected).max() < 1e-10 * max(1, np.abs(expected).max())
+    kinematic = values(group.kinematic_stiffness(*where, wrench))
+    assert_close(kinematic, np.einsum("ibk,k->bi", found, wrench))
+    K = np.random.default_rng(2).normal(size=(6, 6))
+    J = values(group.jacobian(*where))
+    assert_close(values(group.joint_stiffness_uncorrected(*where, wrench, K)), kinematic + J.T @ K @ J)
+
+
+def test_spatial_form(tree):
+    """Kin + J^T (K + Gamma F) J less the base's Gamma, with the tip's spatial connection: symmetric by that alone."""
+    wrench = np.array([20.0, -30, 10, 5, 8, -6])
+    K = np.random.default_rng(2).normal(size=(6, 6)) * 100
+    K = K + K.T
+    group, where = tree.model.left.spatial, (tree.base, tree.q)
+    J, kinematic = values(group.jacobian(*where)), values(group.kinematic_stiffness(*where, wrench))
+    expected = kinematic + J.T @ (K + values(group.connection_correction(wrench))) @ J
+    on_base = J.T @ wrench
+    expected[:6, :6] -= values(tree.model.left.body.connection_correction(on_base[:6]))
+    assert_close(expected, expected.T)
+    assert_close(values(group.joint_stiffness(*where, wrench, K)), expected)
+
+
+def test_rigid_motion_of_everything(tree):
+    """Base, equilibria and gravity moved together leave the springs' and gravity's joint stiffness as it is."""
+    random = np.random.default_rng(9)
+    motion, equilibria = random_pose(random), [random_pose(random) for _ in TIPS]
+    Kt, Ko = np.diag([900.0, 400, 1500]), np.diag([40.0, 20, 60])
+    turn = motion[:3, :3]
+
+    def total(base, equilibria, Kt, gravity):
+        kinds = (np.concatenate(each) for each in (equilibria, 2 * [Kt], 2 * [Ko]))
+        stiffness = values(tree.model.spring.joint_stiffness_total(base, tree.q, *kinds))
+        return stiffness, values(tree.model.gravity.joint_stiffness(base, tree.q, gravity))
+
+    before = total(tree.base, equilibria, Kt, tree.gravity)
+    moved = [motion @ each for each in equilibria]
+    after = total(motion @ tree.base, moved, turn @ Kt @ turn.T, turn @ tree.gravity)
+    for a, b in zip(after, before, strict=True):
+        assert_close(a, b)
+        assert np.array_equal(a, a.T)
+
+
+def free_flyer(tree):
+    model = pin.buildModelFromXML(tree.file.read_text(), pin.JointModelFreeFlyer(), mimic=True)
+    model.gravity.linear = tree.gravity
+    names = [c.name for c in tree.chain.coordinates]
+    order = [model.joints[model.getJointId(name)].idx_v for name in names]
+    return model, model.createData(), [*range(6), *order]
+
+
+def test_pinocchio(tree):
+    model, data, order = free_flyer(tree)
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    q[:7] = pin.SE3ToXYZQUAT(pin.SE3(tree.base[:3, :3], tree.base[:3, 3]))
+    for name, position in zip([c.name for c in tree.chain.coordinates], tree.q, strict=True):
+        q[model.joints[model.getJointId(name)].idx_q] = position
+    v[order] = tree.velocity
+    given = tree.base, tree.q
+    bias = values(tree.model.bias_forces(*given, tree.velocity, tree.gravity), tree.chain.dof)
+    assert_close(bias, pin.nonLinearEffects(model, data, q, v)[order])
+    model.gravity.linear = np.zeros(3)
+    still = values(tree.model.bias_forces(*given, tree.velocity, np.zeros(3)), tree.chain.dof)
+    assert_close(still, pin.nonLinearEffects(model, data, q, v)[order])
+    for tip in TIPS:
+        frame = model.getFrameId(tip)
+        for rep, reference in FRAMES.items():
+            where = (tree.q,) if rep == "body" else given
+            expected = pin.computeFrameJacobian(model, data, q, frame, reference)[:, order]
+            assert_close(values(getattr(getattr(tree.model, tip), rep).jacobian(*where)), expected)
+
+
+def test_a_floating_root_joint_is_the_base(tree, tmp_path):
+    text = tree.file.read_text()
+    world = (
+        '<link name="world"/><joint name="free" type="floating"><parent link="world"/><child link="pelvis"/></joint>'
+    )
+    file = tmp_path / "world.urdf"
+    file.write_text(text.replace("<link", world + "<link", 1))
+    chain = stiffgen.load_chain(file, tip=TIPS)
+    assert chain.floating and chain.base == "pelvis" and chain.joints == tree.chain.joints
+    assert not stiffgen.load_chain(file, tip=TIPS, base="pelvis").floating
+    with pytest.raises(ChainError, match=r"leave out --base, or take --base world"):
+        stiffgen.load_chain(file, tip=TIPS, base="left_1", floating_base=True)
+
+
+def test_what_moves_before_a_floating_joint_refuses_it(tree, tmp_path):
+    text = tree.file.read_text()
+    before = (
+        '<link name="world"/><link name="cart"/><joint name="rail" type="prismatic"><parent link="world"/>'
+        '<child link="cart"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        '<joint name="free" type="floating"><parent link="cart"/><child link="pelvis"/></joint>'
+    )
+    file = tmp_path / "cart.urdf"
+    file.write_text(text.replace("<link", before + "<link", 1))
+    with pytest.raises(ChainError, match=r"'free'.*floating.*--base pelvis"):
+        stiffgen.load_chain(file, tip=TIPS)
+
+
+ROBOTS = {
+    "talos_data/robots/talos_reduced.urdf": (
+        "left_sole_link",
+        "right_sole_link",
+        "gripper_left_base_link",
+        "gripper_right_base_link",
+    ),
+    "solo_description/robots/solo12.urdf": ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
+def test_robots_of_example_robot_data(robot, tmp_path):
+    """A humanoid and a quadruped: J, M, gravity and bias forces by Pinocchio's free-flyer."""
+    try:
+        data_files = distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data (400 MB) is not installed: pip install '.[robots]'")
+    urdf = Path(str(data_files.locate_file("cmeel.prefix/share/example-robot-data/robots"))) / robot
+    # stiffgen takes 1.57079632679 as the right angle that is meant, Pinocchio as it is written.
+    text = re.sub(r"1\.570796326\d*", repr(math.pi / 2), urdf.read_text())
+    urdf = tmp_path / urdf.name
+    urdf.write_text(re.sub(r"3\.1415926535\d*", repr(math.pi), text))
+    chain = stiffgen.load_chain(urdf, tip=ROBOTS[robot], floating_base=True)
+    kernels = stiffgen.StiffnessModel(chain)
+    model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+    data, names = model.createData(), [c.name for c in chain.coordinates]
+    order = [*range(6), *(model.joints[model.getJointId(name)].idx_v for name in names)]
+    random = np.random.default_rng(3)
+    for _ in range(3):
+        base, gravity = random_pose(random), random.normal(size=3) * 6
+        q, velocity = random.uniform(-1, 1, len(names)), random.normal(size=chain.dof)
+        model.gravity.linear = gravity
+        at, rates = pin.neutral(model), np.zeros(model.nv)
+        at[:7] = pin.SE3ToXYZQUAT(pin.SE3(base[:3, :3], base[:3, 3]))
+        at[[model.joints[model.getJointId(name)].idx_q for name in names]] = q
+        rates[order] = velocity
+        mass = np.triu(pin.crba(model, data, at))
+        mass = (mass + np.triu(mass, 1).T)[np.ix_(order, order)]
+        assert_close(values(kernels.mass_matrix(q)), mass)
+        gradient = values(kernels.gravity.gradient(base, q, gravity), chain.dof)
+        assert_close(gradient, pin.computeGeneralizedGravity(model, data, at)[order])
+        bias = values(kernels.bias_forces(base, q, velocity, gravity), chain.dof)
+        assert_close(bias, pin.nonLinearEffects(model, data, at, rates)[order])
+        for tip in chain.tips:
+            for rep, reference in FRAMES.items():
+                where = (q,) if rep == "body" else (base, q)
+                expected = pin.computeFrameJacobian(model, data, at, model.getFrameId(tip.link), reference)
+                found = getattr(getattr(kernels, tip.name), rep).jacobian(*where)
+                assert_close(values(found), expected[:, order])
