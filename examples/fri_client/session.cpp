@@ -167,7 +167,7 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
             client.let_go(LET_GO_INTERRUPTED);
         }
         if (client.gone() != LET_GO_NONE && deadline <= 0.0) {
-            deadline = now + LONGEST_RELEASE;
+            deadline = now + (options.settings.simulated_time ? patience : LONGEST_RELEASE);
             connection.set_deadline(deadline);
         }
         const bool silent = client.gone() == LET_GO_USELESS && !connection.handed_on();
