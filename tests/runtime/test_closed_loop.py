@@ -162,6 +162,20 @@ def test_a_planner_with_gaps(loop: Loop) -> None:
 # ---- low limits ----
 
 
+@pytest.mark.parametrize("stiffness", [(700.0, 30.0), (4900.0, 490.0)])
+def test_a_start_off_in_each_joint_is_not_stopped_by_the_energy_limit(
+    loop: Loop, stiffness: tuple[float, float]
+) -> None:
+    """0.1 rad in each joint, the springs up to the stiffest accepted: the arm follows, so that little is stored."""
+    gains = {"translation": np.diag([stiffness[0]] * 3), "rotation": np.diag([stiffness[1]] * 3)}
+    off = np.array([0.1, -0.1, 0.1, 0.1, -0.1, 0.1, -0.1])
+    for q in (Q0 + off, Q0 + np.abs(off)):
+        summary, rows = loop.run(5000, loop.segments(gains), loop.episode(q=q), config(loop), rows=True)
+        assert summary.faults == 0
+        assert summary.error < 1e-3
+        assert rows["energy"].max() < 0.2
+
+
 @pytest.mark.parametrize("delay", [0, 2])
 @pytest.mark.parametrize("quantum", [0.0, 1e-4])
 def test_commissioning_limits_leave_the_arm_able_to_run(loop: Loop, delay: int, quantum: float) -> None:
