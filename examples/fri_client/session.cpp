@@ -85,7 +85,7 @@ const char *fault_text(int fault)
     switch (fault) {
     case robot::FAULT_SENSOR: return "the measured positions are not believed";
     case robot::FAULT_LIMIT: return "the arm is beyond a limit";
-    case robot::FAULT_ENERGY: return "the tank does not cover the worst next step";
+    case robot::FAULT_ENERGY: return "the tank is almost empty and does not cover the springs' torque";
     default: return "configuration";
     }
 }
