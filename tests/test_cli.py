@@ -211,6 +211,7 @@ def test_options_that_contradict_are_refused(capsys, tmp_path, options, named):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_another_robot_in_the_folder_asks_for_force(capsys, tmp_path):
     generate = ("generate", URDF, "--no-build", "--output", tmp_path)
     assert run(capsys, *generate)[0] == 0
@@ -236,8 +237,16 @@ def stiffgen_process(*arguments, **options):
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["inspect", URDF]], ids=["help", "inspect"])
-@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize(
+    ("arguments", "unbuffered"),
+    [
+        (["--help"], ""),
+        (["inspect", URDF], "1"),
+        pytest.param(["--help"], "1", marks=pytest.mark.slow),
+        pytest.param(["inspect", URDF], "", marks=pytest.mark.slow),
+    ],
+    ids=["help", "inspect, unbuffered", "help, unbuffered", "inspect"],
+)
 def test_standard_output_that_cannot_be_written(arguments, unbuffered, monkeypatch):
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     reading, writing = os.pipe()
@@ -288,6 +297,7 @@ def test_a_full_disk(capsys, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("name", ["semi;colon", "new\nline", "back\\slash", "sp ace $HOME", '(paren) "quote" #'])
 def test_any_character_in_the_output_folder(tmp_path, name):
     """The whole build goes through; the compiler and Python get the path as it is."""

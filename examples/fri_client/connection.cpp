@@ -75,7 +75,9 @@ bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std
     const std::size_t count = static_cast<std::size_t>(size);
     ++traffic_.received;
     Fault fault = check_datagram(bytes, count, message);
-    if (fault == FAULT_NONE) {
+    if (fault == FAULT_NONE && sequence_known_ && !datagrams_.from_peer()) {
+        fault = FAULT_SENDER;
+    } else if (fault == FAULT_NONE) {
         fault = order(*message, advance);
     } else if (other_framing(bytes, count)) {
         ++traffic_.other_framing;
@@ -85,6 +87,7 @@ bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std
         arrival_.refused = true;
         return false;
     }
+    datagrams_.adopt_peer();
     reflection(*message);
     return true;
 }
@@ -95,12 +98,16 @@ int Connection::receive(Buffer buffer, Size capacity)
     arrival_.refused = false;
     int taken = -1;
     std::uint32_t advance_sum = 0;
-    bool anew = false;
+    bool anew = false, signalled = false;
     for (int looked_at = 0; taken < 0 || looked_at < MOST_WAITING; ++looked_at) {
         const double left = std::max(give_up - monotonic_time(), 0.0);
+        if (taken < 0 && left <= 0.0 && looked_at > 0) {
+            break; /* nothing but what is refused, without a pause */
+        }
         double age = 0.0;
         const int size = datagrams_.receive(scratch_, sizeof scratch_, taken < 0 ? left : 0.0, &age);
         if (size < 0) {
+            signalled = size == Datagrams::SIGNALLED;
             break;
         }
         Message message;
@@ -120,6 +127,9 @@ int Connection::receive(Buffer buffer, Size capacity)
         }
     }
     handed_on_ = taken >= 0;
+    if (!handed_on_ && signalled) {
+        return -1; /* no silence */
+    }
     if (!handed_on_) {
         traffic_.timeouts += traffic_.messages > 0 ? 1 : 0;
         sequence_known_ = false; /* after a silence the next message may have any counter */

@@ -389,7 +389,8 @@ const char *fault_name(int fault)
 {
     static const char *const names[FAULT_COUNT] = {"none",   "empty",      "too_long",    "frame",
                                                    "checksum", "decode",   "identifier",  "joint_count",
-                                                   "range",  "incomplete", "duplicate",   "out_of_order"};
+                                                   "range",  "incomplete", "duplicate",   "out_of_order",
+                                                   "sender"};
     return fault >= 0 && fault < FAULT_COUNT ? names[fault] : "unknown";
 }
 

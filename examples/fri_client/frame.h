@@ -23,6 +23,7 @@ enum Fault {
     FAULT_INCOMPLETE,   /* cut at the border of a field, or a part left out: connection, measurement, interpolator */
     FAULT_DUPLICATE,    /* the same sequence counter as the last message */
     FAULT_OUT_OF_ORDER, /* an older sequence counter */
+    FAULT_SENDER,       /* sound, but not from where the session's messages come from */
     FAULT_COUNT
 };
 

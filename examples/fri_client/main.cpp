@@ -61,17 +61,17 @@ int run(Options &options)
         throw std::runtime_error(refusal_text(*client) + "; see fri_wiping --help");
     }
     Log log(*records, options.log, question);
+    log.start();
+    if (options.realtime > 0) {
+        be_real_time(options.realtime);
+    }
+    prefault_stack();
     KUKA::FRI::ClientApplication application(*connection, *client);
     if (!application.connect(options.port, options.host.empty() ? NULL : options.host.c_str())) {
         throw std::runtime_error("port " + std::to_string(options.port) +
                                  (options.host.empty() ? "" : " and host " + options.host) +
                                  ": cannot be opened; choose a free --port and a numeric IPv4 --host");
     }
-    log.start();
-    if (options.realtime > 0) {
-        be_real_time(options.realtime);
-    }
-    prefault_stack();
     std::printf("%s, %s; waiting for the robot on port %d\n", robot::name(), fri_description(), options.port);
     std::fflush(stdout);
     Ending ending = run_session(options, *client, *connection, application, interrupts);
@@ -96,6 +96,8 @@ int run(Options &options)
 
 int main(int argc, char **argv)
 {
+    static char output[1 << 16]; /* standard output's, so that none is allocated for it */
+    std::setvbuf(stdout, output, _IOLBF, sizeof output);
     struct sigaction action;
     std::memset(&action, 0, sizeof action);
     action.sa_handler = interrupt; /* no SA_RESTART: a wait for the robot is to end */

@@ -85,7 +85,7 @@ const char *fault_text(int fault)
     switch (fault) {
     case robot::FAULT_SENSOR: return "the measured positions are not believed";
     case robot::FAULT_LIMIT: return "the arm is beyond a limit";
-    case robot::FAULT_ENERGY: return "the tank does not cover the worst next step";
+    case robot::FAULT_ENERGY: return "the tank is almost empty and does not cover the springs' torque";
     default: return "configuration";
     }
 }
@@ -167,7 +167,7 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
             client.let_go(LET_GO_INTERRUPTED);
         }
         if (client.gone() != LET_GO_NONE && deadline <= 0.0) {
-            deadline = now + LONGEST_RELEASE;
+            deadline = now + (options.settings.simulated_time ? patience : LONGEST_RELEASE);
             connection.set_deadline(deadline);
         }
         const bool silent = client.gone() == LET_GO_USELESS && !connection.handed_on();

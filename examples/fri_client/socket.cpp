@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <ctime>
@@ -26,6 +27,7 @@ double since(const struct timespec &then)
 UdpSocket::UdpSocket() : socket_(-1), connected_(false)
 {
     std::memset(&peer_, 0, sizeof peer_);
+    std::memset(&from_, 0, sizeof from_);
 }
 
 UdpSocket::~UdpSocket()
@@ -42,6 +44,7 @@ bool UdpSocket::open(int port, const char *host)
     local.sin_addr.s_addr = htonl(INADDR_ANY);
     local.sin_port = htons(static_cast<unsigned short>(port));
     peer_ = local;
+    std::memset(&from_, 0, sizeof from_);
     connected_ = host != NULL && host[0] != '\0';
     if (port < 1 || port > 65535 || (connected_ && inet_pton(AF_INET, host, &peer_.sin_addr) != 1)) {
         return false;
@@ -50,10 +53,14 @@ bool UdpSocket::open(int port, const char *host)
     if (socket_ < 0) {
         return false;
     }
+    struct sockaddr_in remote = peer_;
+    if (!connected_) {
+        std::memset(&peer_, 0, sizeof peer_);
+    }
     const int on = 1;
     if (::setsockopt(socket_, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on) != 0 ||
         ::bind(socket_, reinterpret_cast<struct sockaddr *>(&local), sizeof local) != 0 ||
-        (connected_ && ::connect(socket_, reinterpret_cast<struct sockaddr *>(&peer_), sizeof peer_) != 0)) {
+        (connected_ && ::connect(socket_, reinterpret_cast<struct sockaddr *>(&remote), sizeof remote) != 0)) {
         UdpSocket::close();
         return false;
     }
@@ -75,20 +82,20 @@ int UdpSocket::receive(std::uint8_t *bytes, std::size_t capacity, double wait, d
     }
     if (wait > 0.0) {
         struct pollfd ready = {socket_, POLLIN, 0};
-        if (::poll(&ready, 1, static_cast<int>(std::ceil(1e3 * std::min(wait, 1e6)))) != 1) {
-            return -1;
+        const int count = ::poll(&ready, 1, static_cast<int>(std::ceil(1e3 * std::min(wait, 1e6))));
+        if (count != 1) {
+            return count < 0 && errno == EINTR ? static_cast<int>(SIGNALLED) : -1;
         }
     }
     union {
         struct cmsghdr aligned;
         char bytes[CMSG_SPACE(sizeof(struct timespec))];
     } control;
-    struct sockaddr_in from;
     struct iovec part = {bytes, capacity};
     struct msghdr message;
     std::memset(&message, 0, sizeof message);
-    message.msg_name = &from;
-    message.msg_namelen = sizeof from;
+    message.msg_name = &from_;
+    message.msg_namelen = sizeof from_;
     message.msg_iov = &part;
     message.msg_iovlen = 1;
     message.msg_control = control.bytes;
@@ -106,10 +113,13 @@ int UdpSocket::receive(std::uint8_t *bytes, std::size_t capacity, double wait, d
             *age = std::max(0.0, since(then));
         }
     }
-    if (!connected_) {
-        peer_ = from;
-    }
     return static_cast<int>(count);
+}
+
+bool UdpSocket::from_peer() const
+{
+    return connected_ || peer_.sin_port == 0 ||
+           (from_.sin_addr.s_addr == peer_.sin_addr.s_addr && from_.sin_port == peer_.sin_port);
 }
 
 bool UdpSocket::send(const std::uint8_t *bytes, std::size_t size)

@@ -16,9 +16,16 @@ public:
 
     /*
      * The next datagram: its size, which is larger than `capacity` if it was cut; -1 if none came in `wait` seconds (0:
-     * none is there), or a signal came. `age` [s]: since the kernel received it.
+     * none is there), SIGNALLED if a signal came first. `age` [s]: since the kernel received it.
      */
+    enum { SIGNALLED = -2 };
     virtual int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age) = 0;
+
+    /* Whether the last datagram came from where answers go to; true while they go nowhere yet. */
+    virtual bool from_peer() const { return true; }
+
+    /* From now on answers go to where the last datagram came from. */
+    virtual void adopt_peer() {}
 
     virtual bool send(const std::uint8_t *bytes, std::size_t size) = 0;
 };
@@ -26,8 +33,7 @@ public:
 /*
  * UDP over IPv4 with the kernel's receive time stamps. Listens on a port of all interfaces; the robot sends first.
  *
- * Without a host, answers go to where the last datagram came from. With one, only datagrams from that address and the
- * same port number are taken.
+ * With a host, only datagrams from that address and the same port number arrive.
  */
 class UdpSocket : public Datagrams {
 public:
@@ -39,6 +45,8 @@ public:
     virtual void close();
     virtual bool is_open() const { return socket_ >= 0; }
     virtual int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age);
+    virtual bool from_peer() const;
+    virtual void adopt_peer() { peer_ = from_; }
     virtual bool send(const std::uint8_t *bytes, std::size_t size);
 
 private:
@@ -47,7 +55,7 @@ private:
 
     int socket_;
     bool connected_;
-    struct sockaddr_in peer_;
+    struct sockaddr_in peer_, from_; /* where answers go; where the last datagram came from; no port: nobody yet */
 };
 
 #endif

@@ -18,6 +18,9 @@ const double RESET_TIME = 0.2;
 /* Periods that torque can be commanded at, in seconds. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
 
+/* Periods that the trajectory may be ahead of this machine's time: messages that come late, and then together. */
+const double ALLOWANCE = 8.0;
+
 const double NOT_A_NUMBER = std::nan("");
 
 void copy(const double *from, double *to, int count)
@@ -88,7 +91,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
       other_period_(0), since_position_(0.0), valid_(false), button_(false), quality_(0), operation_mode_(0),
       without_torque_mode_(0), without_drives_(0), controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE), events_(0),
-      last_command_(0.0), last_callback_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE),
+      last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE),
       ended_(false), refusal_(REFUSAL_NONE), controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
@@ -380,6 +383,7 @@ void WipingClient::command()
     ++counters_.commanding_cycles;
     counters_.lost_commanding += static_cast<unsigned long long>(std::max(clock_.lost(), 0));
     guard_.pass(settings_.simulated_time ? clock_.periods() * sample_time_ : begin - last_command_, sample_time_);
+    allowance_ = std::min(allowance_ + begin - last_command_, ALLOWANCE * sample_time_);
     last_command_ = begin;
     if (refusal_ == REFUSAL_NONE) {
         control();
@@ -428,7 +432,12 @@ void WipingClient::missed_and_advance()
         step_controller(false);
         record_step(clock_.time() - (lost - k) * sample_time_);
     }
-    const double seconds = (lost < config_.missed_limit ? clock_.periods() : 1) * sample_time_;
+    double seconds = (lost < config_.missed_limit ? clock_.periods() : 1) * sample_time_;
+    if (!settings_.simulated_time) {
+        /* The last witness, where neither counter nor time stamps of the robot are to be trusted. */
+        seconds = std::min(seconds, allowance_);
+        allowance_ -= seconds;
+    }
     double wanted[16], there[16], error = 0.0, lag = 0.0, force = 0.0;
     robot::pose(input_.q0, wanted);
     robot::pose(q_, there);

@@ -184,6 +184,7 @@ private:
     double dq0_[JOINTS]; /* [rad/s] of the reference, for the log */
     std::uint32_t events_;
     double last_command_, last_callback_; /* [s] monotonic time; duration */
+    double allowance_;                    /* [s] that the trajectory may move on by now, by this machine's time */
     Pace::Reason held_by_;
     int fast_samples_, fast_joint_; /* in a row beyond the speed limit; the joint */
     LetGo let_go_;

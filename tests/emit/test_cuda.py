@@ -66,7 +66,7 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
     """Also with a stride beyond the count: nothing outside is read (NaN lies there) or written."""
     samples = Samples.draw(chain, count, seed=4)
     ufuncs = kernels_of(robot, chain)
-    assert len(host.kernels) == 13 + 3 * len(JOINT_POTENTIALS)
+    assert len(host.kernels) == 17 + 3 * len(JOINT_POTENTIALS)
     for name, kernel in host.kernels.items():
         given = arguments(kernel, samples)
         results = (as_results(each) for each in (host(name, *given, spare=spare), ufuncs[name](*given)))
@@ -135,7 +135,7 @@ def test_other_chains(case, compiler, tmp_path):
     host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
     samples = Samples.draw(chain, 5, seed=9)
     of_joints = 3 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness
-    assert len(host.kernels) == 1 + of_joints + 12 * len(chain.tips)
+    assert len(host.kernels) == 5 + of_joints + 12 * len(chain.tips)  # 5: of masses
     for kernel in chain_kernels(chain):
         if not kernel.batch:
             continue

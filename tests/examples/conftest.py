@@ -96,7 +96,8 @@ def session(
     ) -> Run:
         port = free_port()
         files = [tmp_path / f"client-{port}.csv", tmp_path / f"client-{port}.json"]
-        program = os.environ.get("FRI_CLIENT") or client_program(version)  # another client, to see a test fail
+        # Another client, to see a test fail: FRI_CLIENT=/some/where/{version}/fri_wiping.
+        program = os.environ.get("FRI_CLIENT", "").format(version=version) or client_program(version)
         command = [program, "--trajectory", trajectory, "--port", port, "--timeout", 5000]
         command += ["--log", files[0], "--summary", files[1], *client]
         command += ["--simulated-time"] if "--lockstep" in options else []

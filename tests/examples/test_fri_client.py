@@ -443,7 +443,7 @@ def test_bad_message_is_counted_skipped_and_refused_as_a_whole(name: str, progra
 
 
 FAULTS = ("empty", "too_long", "frame", "checksum", "decode", "identifier", "joint_count", "range", "incomplete",
-          "duplicate", "out_of_order")  # fmt: skip
+          "duplicate", "out_of_order", "sender")  # fmt: skip
 
 
 def test_bad_datagrams_of_every_kind_end_no_session(programs: Programs) -> None:
@@ -1093,14 +1093,11 @@ def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, tmp_path: Path) 
     assert steps.summary["faults"]["sensor_silent"] > 20
 
 
-@pytest.mark.parametrize("registered", [True, False])
-def test_nothing_is_allocated_after_the_first_datagram(
-    registered: bool, programs: Programs, robot: ModuleType, tmp_path: Path
-) -> None:
-    """In no thread, the log's among them, up to the end of the session; with an interposed allocator.
-
-    Nor when the button is not registered, and what is needed is left out: the library throws no exception then.
-    """
+def watched_session(
+    programs: Programs, robot: ModuleType, folder: Path, *arguments: str, registered: bool
+) -> tuple[int, int, int]:
+    """Allocations in all threads from the opening of the port to its closing; page faults, minor and major, of the FRI
+    thread from the first datagram on. A session with everything in it, its faults too."""
     script = programs.script()
     ios = [button(False)] if registered else []
     for state, count in ((MONITORING_WAIT, 3), (MONITORING_READY, 3), (COMMANDING_WAIT, 3)):
@@ -1111,14 +1108,45 @@ def test_nothing_is_allocated_after_the_first_datagram(
     for k in range(300):
         q, _, torque = moving(robot, k * 0.005)
         script.add(COMMANDING_ACTIVE, position=q, external_torque=torque, ios=[button(k > 200)] if registered else [])
+        if k in (100, 150):
+            script.lose(k - 98)  # two, then a fault of the controller
+    script.add(MONITORING_READY, 3, ios=ios)
     script.add(IDLE)
-    result = tmp_path / "allocations"
+    result = folder / "allocations"
     environment = {"LD_PRELOAD": str(programs.folder / "liballocations.so"), "FRI_ALLOCATIONS": str(result)}
-    code, _, _ = over_udp(programs, script, "--log", tmp_path / "log.csv", environment=environment)
+    code, _, _ = over_udp(
+        programs, script, "--log", folder / "log.csv", "--summary", folder / "summary.json", *arguments,
+        environment=environment,
+    )  # fmt: skip
     assert code == 3
-    allocations, datagrams = map(int, result.read_text().split())
+    told = json.loads((folder / "summary.json").read_text())
+    assert told["faults"]["controller_faults"] == 1 and told["log_rows"] > 300
+    allocations, datagrams, minor, major = map(int, result.read_text().split())
     assert datagrams == len(script.datagrams)
-    assert allocations == 0
+    return allocations, minor, major
+
+
+@pytest.mark.parametrize("registered", [True, False])
+def test_nothing_is_allocated_from_the_opening_of_the_port_to_its_closing(
+    registered: bool, programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    """In no thread, the log's among them; with an interposed allocator.
+
+    Nor when the button is not registered, and what is needed is left out: the library throws no exception then.
+    """
+    assert watched_session(programs, robot, tmp_path, registered=registered)[0] == 0
+
+
+@pytest.mark.parametrize("registered", [True, False])
+def test_with_locked_memory_the_fri_thread_meets_no_page_fault(
+    registered: bool, programs: Programs, robot: ModuleType, tmp_path: Path
+) -> None:
+    tried = fri_wiping(
+        programs, "--trajectory", TRAJECTORY, "--port", str(free_port()), "--realtime", "1", "--wait", "0.1"
+    )
+    if "grant rtprio and memlock" in tried.stderr:
+        pytest.skip("this user may not lock memory and have a real-time priority")
+    assert watched_session(programs, robot, tmp_path, "--realtime", "1", registered=registered) == (0, 0, 0)
 
 
 def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
@@ -1149,6 +1177,97 @@ def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, robot: 
     assert len(torques) == 60 and np.abs(torques[-1][1]).max() > 0
     for t, torque in torques:
         assert (np.abs(torque) <= limit * (t + 0.01 + 0.005)).all()  # two periods that may be used at once
+
+
+def test_the_trajectory_never_runs_ahead_of_this_machines_time(programs: Programs, tmp_path: Path) -> None:
+    """A counter that grows faster than messages come, by no more than the controller bears, and no time stamps."""
+    short = tmp_path / "short.csv"
+    s = np.linspace(0.0, 1.0, 201)
+    way = 10 * s**3 - 15 * s**4 + 6 * s**5
+    np.savetxt(short, POSTURE + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
+    script = programs.script()
+    script.begin()
+    for k in range(250):
+        script.lose(k % 2)
+        script.add(COMMANDING_ACTIVE, change=lambda m: m.monitorData.ClearField("timestamp"))
+    port, summary = free_port(), tmp_path / "summary.json"
+    command = [programs.folder / "client" / "fri_wiping", "--trajectory", short, "--port", port, "--approach", "0.1",
+               "--summary", summary, "--timeout", "300", *FULL]  # fmt: skip
+    with (
+        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                         text=True) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):  # fmt: skip
+        assert client.stdout is not None and "waiting" in client.stdout.readline()
+        sender.settimeout(10)
+        begin = time.monotonic()
+        for datagram in script.datagrams:
+            sender.sendto(datagram or b"", ("127.0.0.1", port))
+            sender.recv(1500)
+        passed = time.monotonic() - begin
+        client.communicate(timeout=30)
+    told = json.loads(summary.read_text())
+    assert told["faults"]["lost_cycles"] == 125 and told["faults"]["controller_faults"] == 0
+    assert not told["trajectory_done"] or passed > 1.1 - 8 * 0.005
+
+
+def test_another_sender_takes_no_part_in_the_session(programs: Programs, tmp_path: Path) -> None:
+    """Neither sound messages nor garbage from elsewhere are answered, nor do they turn answers away from the robot."""
+    script = programs.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 30)
+    foreign = [programs.script().message(IDLE), b"garbage", script.message(COMMANDING_ACTIVE)]
+    port, summary = free_port(), tmp_path / "summary.json"
+    command = [programs.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port,
+               "--simulated-time", "--summary", summary, "--timeout", "300"]  # fmt: skip
+    with (
+        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                         text=True) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):  # fmt: skip
+        assert client.stdout is not None and "waiting" in client.stdout.readline()
+        sender.settimeout(10)
+        for k, datagram in enumerate(script.datagrams):
+            if k > 0:
+                client.send_signal(signal.SIGSTOP)  # all of them are there when it looks
+                os.waitpid(client.pid, os.WUNTRACED)
+                stranger.sendto(foreign[k % 3], ("127.0.0.1", port))
+            sender.sendto(datagram or b"", ("127.0.0.1", port))
+            if k > 0:
+                stranger.sendto(foreign[k % 3], ("127.0.0.1", port))
+                client.send_signal(signal.SIGCONT)
+            assert script.protocol.decode_command(sender.recv(1500)).reflected == k + 1
+        stranger.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            stranger.recv(1500)
+        client.communicate(timeout=30)
+    faults = json.loads(summary.read_text())["faults"]
+    count = len(script.datagrams) - 1
+    assert faults["datagram_sender"] == 2 * sum(k % 3 != 1 for k in range(1, count + 1))
+    assert faults["bad_datagrams"] == 2 * count
+    assert faults["lost_messages"] == faults["state_drops"] == 0
+
+
+def test_a_flood_of_what_is_refused_does_not_keep_the_client(one: Programs) -> None:
+    """--timeout holds under garbage that never pauses."""
+    port = free_port()
+    command = [one.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, "--wait", "0.3",
+               "--timeout", "300"]  # fmt: skip
+    with (
+        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                         text=True) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):  # fmt: skip
+        assert client.stdout is not None and "waiting" in client.stdout.readline()
+        sender.connect(("127.0.0.1", port))
+        deadline = time.monotonic() + 60
+        while client.poll() is None and time.monotonic() < deadline:
+            with contextlib.suppress(ConnectionRefusedError):
+                for _ in range(1000):
+                    sender.send(b"x")
+        assert client.returncode == 1
+        assert "datagrams arrive but do not decode as FRI 2.7: datagram_frame" in client.communicate(timeout=30)[1]
 
 
 def test_after_a_stop_the_newest_alone_is_answered(programs: Programs, tmp_path: Path) -> None:
