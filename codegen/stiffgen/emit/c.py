@@ -323,6 +323,7 @@ class _KernelPrinter:
         self.lines: list[str] = []
         self.operations = Operations()
         self.zero_rows: dict[str, set[int]] = {}
+        self.of_joints: set[str] = set()  # arrays with a column a joint, of which zero_rows has rows, not entries
         self.renamed: dict[str, Array] = {}
         self.filled: set[str] = set()
         self.lane_arrays: set[str] = set()
@@ -443,10 +444,17 @@ class _KernelPrinter:
             private = {target.name for target in targets if not self._public(target)}
             inputs = {array.name for array in self.inputs}
             local = {a.name: self._texts(a) for a in step.arguments if a.name not in inputs}
+            zeros = {name: set(known) for name, known in self.zero_rows.items()}
+            for array in step.arguments:
+                if array.name in self.of_joints:  # of which whole rows are known to be zero
+                    count = array.shape[1]
+                    rows = self.zero_rows.get(array.name, ())
+                    zeros[array.name] = {row * count + column for row in rows for column in range(count)}
             block = self.printer.block(
-                self.scope, step, targets, local, private, self.zero_rows, self.temporaries,
+                self.scope, step, targets, local, private, zeros, self.temporaries,
                 set() if self.scoped else self.guards,
             )  # fmt: skip
+            self.zero_rows |= {name: zeros[name] for name in private & zeros.keys()}
             lines = ["{", *_indented(block.lines, 1), "}"] if self.scoped else block.lines
             operations, self.temporaries = block.operations, block.temporaries
             self.calls |= block.calls
@@ -556,6 +564,8 @@ class _KernelPrinter:
             # Entries, or rows of all joints, that are always zero are neither stored nor read.
             zeros = {k for k, value in enumerate(results) if value.is_zero()}
             self.zero_rows[target.array.name] = zeros
+            if target.at == "j" and len(target.array.shape) == 2:
+                self.of_joints.add(target.array.name)
             if len(zeros) == len(results):
                 return
         if not self._public(target.array):
@@ -829,6 +839,7 @@ class _KernelPrinter:
         size, target = self.scope.size, step.target
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
         zeros = self.zero_rows[target.name] = {k for k, value in enumerate(results) if value.is_zero()}
+        self.of_joints.add(target.name)
         self._declare(target, "j")
         opening, printed = self._sums(inputs, wide, results)
         pairs = sum(1 for _ in indices(self.scope.chain, step.over))
@@ -905,6 +916,7 @@ class _KernelPrinter:
         self._declare(target, "j")
         self.lines += ["", f"/* {step.comment} */"]
         zeros = self.zero_rows[target.name] = self.zero_rows.get(source.name, set())
+        self.of_joints.add(target.name)
         rows = [k for k in range(source.shape[0]) if k not in zeros]
         length = f"LANES * {self.scope.padded}" if self.target.joint_lanes else self.scope.size
         self.operations = self.operations + Operations(add=len(rows) * len(self.scope.chain.joints))
