@@ -389,7 +389,7 @@ def growth(folder: Path) -> list[tuple[int, float, int, int]]:
     for n in JOINTS:
         urdf = folder / "chain.urdf"
         urdf.write_text(synthetic(n))
-        made = stiffgen.generate(urdf, output=folder, name="chain", build=False)
+        made = stiffgen.generate(urdf, output=folder, name="chain", build=False, force=True)
         main, program, library = folder / "main.c", folder / "program", folder / "chain.o"
         main.write_text(GROWTH)
         run(["gcc", *NATIVE.split(), f"-I{made}", str(main), "-o", str(program), "-lm"])

@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 from support.plant.loop import Loop, N
+from support.plant.statics import random_stiffness
 from support.project import ROOT
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -89,13 +90,6 @@ class Outcome:
     summary: Any
 
 
-def positive(random: np.random.Generator, least: float, most: float) -> Array:
-    """A random symmetric 3 x 3 matrix with eigenvalues between two bounds, evenly in their logarithms."""
-    Q = np.linalg.qr(random.normal(size=(3, 3)))[0]
-    A = Q @ np.diag(np.exp(random.uniform(np.log(least), np.log(most), 3))) @ Q.T
-    return np.asarray((A + A.T) / 2)
-
-
 def situation(random: np.random.Generator, lower: Array, upper: Array, loaded: bool = True) -> Situation:
     """Draw one."""
     wanted = random.uniform(lower + MARGIN, upper - MARGIN)
@@ -112,8 +106,8 @@ def situation(random: np.random.Generator, lower: Array, upper: Array, loaded: b
     return Situation(
         wanted,
         start,
-        positive(random, 100, 3000),
-        positive(random, 10, 300),
+        random_stiffness(random, 100, 3000),
+        random_stiffness(random, 10, 300),
         np.concatenate([force, moment]) if loaded and random.random() < 0.9 else np.zeros(6),
         np.concatenate([random.normal(size=3) * 5, random.normal(size=3)]),
         bool(random.random() < 0.2),

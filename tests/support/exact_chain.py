@@ -1,4 +1,4 @@
-"""Pose and mass matrix of a serial chain with 50 digits, straight from the numbers in the file.
+"""Pose and mass matrix of a serial chain with 60 digits, straight from the numbers in the file.
 
 M = sum over the links of J_k^T I_k J_k: no composites, no link axes, no Steiner terms; angles and axes as written.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from support.chains import child_of
 
 mp = mpmath.mp.clone()
-mp.dps = 50
+mp.dps = 60
 
 
 def numbers(text: str | None, default: str) -> list[mpmath.mpf]:

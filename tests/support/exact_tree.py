@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 
-mp = mpmath.mp.clone()
-mp.dps = 60
+from support.chains import child_of
+from support.exact_chain import mp, numbers, origin, turn
+
 STEP = mp.mpf(10) ** -12
 MOVING = ("revolute", "continuous", "prismatic")
 Pose = tuple[mpmath.matrix, mpmath.matrix]
@@ -26,14 +27,14 @@ def tree_urdf(seed: int, joints: int = 12) -> str:
     """A random tree with the tips "left" and "right": each with a sliding joint, and one that mimics."""
     source = random.Random(seed)
 
-    def numbers(count: int, low: float, high: float) -> str:
+    def drawn(count: int, low: float, high: float) -> str:
         return " ".join(f"{source.uniform(low, high):.6f}" for _ in range(count))
 
     def link(name: str) -> str:
         xx, yy = source.uniform(0.02, 0.04), source.uniform(0.02, 0.04)
         offs = [f"{source.uniform(-0.004, 0.004):.6f}" for _ in range(3)]
         return (
-            f'<link name="{name}"><inertial><origin xyz="{numbers(3, -0.1, 0.1)}" rpy="{numbers(3, -2, 2)}"/>'
+            f'<link name="{name}"><inertial><origin xyz="{drawn(3, -0.1, 0.1)}" rpy="{drawn(3, -2, 2)}"/>'
             f'<mass value="{source.uniform(0.5, 3):.6f}"/><inertia ixx="{xx:.6f}" iyy="{yy:.6f}" izz="0.03" '
             f'ixy="{offs[0]}" ixz="{offs[1]}" iyz="{offs[2]}"/></inertial></link>'
         )
@@ -51,42 +52,16 @@ def tree_urdf(seed: int, joints: int = 12) -> str:
         parts.append(link(child))
         parts.append(
             f'<joint name="{branch}_j{k}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{numbers(3, -0.3, 0.3)}" rpy="{numbers(3, -3, 3)}"/><axis xyz="{numbers(3, -1, 1)}"/>'
+            f'<origin xyz="{drawn(3, -0.3, 0.3)}" rpy="{drawn(3, -3, 3)}"/><axis xyz="{drawn(3, -1, 1)}"/>'
             f'<limit lower="-2" upper="2" effort="10" velocity="1"/>{mimic}</joint>'
         )
     return f'<robot name="tree">{"".join(parts)}</robot>'
 
 
-def _numbers(text: str | None, default: str) -> list[mpmath.mpf]:
-    return [mp.mpf(word) for word in (text or default).split()]
-
-
-def _part(element: ET.Element, tag: str) -> dict[str, str]:
-    """Attributes of an element's only child of a tag."""
-    (found,) = element.findall(tag)
-    return found.attrib
-
-
-def cross_matrix(v: mpmath.matrix) -> mpmath.matrix:
-    return mp.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
 def exponential(w: mpmath.matrix) -> mpmath.matrix:
     """The rotation exp([w])."""
     angle = mp.norm(w)
-    if angle == 0:
-        return mp.eye(3)
-    K = cross_matrix(w / angle)
-    return mp.eye(3) + mp.sin(angle) * K + (1 - mp.cos(angle)) * K * K
-
-
-def _origin(element: ET.Element) -> Pose:
-    found = element.find("origin")
-    given = {} if found is None else found.attrib
-    roll, pitch, yaw = _numbers(given.get("rpy"), "0 0 0")
-    turns = ((0, 0, yaw), (0, pitch, 0), (roll, 0, 0))
-    first, second, third = (exponential(mp.matrix(turn)) for turn in turns)
-    return first * second * third, mp.matrix(_numbers(given.get("xyz"), "0 0 0"))
+    return turn(w / angle, angle) if angle else mp.eye(3)
 
 
 def _after(outer: Pose, inner: Pose) -> Pose:
@@ -115,22 +90,23 @@ class ExactTree:
         for link in robot.findall("link"):
             inertial = link.find("inertial")
             if inertial is not None:
-                i = {key: mp.mpf(value) for key, value in _part(inertial, "inertia").items()}
+                i = {key: mp.mpf(value) for key, value in child_of(inertial, "inertia").attrib.items()}
                 rows = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
                 tensor = mp.matrix([[i[key] for key in row] for row in rows])
-                mass = mp.mpf(_part(inertial, "mass")["value"])
-                self.bodies[link.attrib["name"]] = mass, _origin(inertial), tensor
+                mass = mp.mpf(child_of(inertial, "mass").attrib["value"])
+                self.bodies[link.attrib["name"]] = mass, origin(inertial), tensor
         self.joints = []
         for joint in robot.findall("joint"):
             axis, mimic, name = None, joint.find("mimic"), joint.attrib["name"]
+            parent, child = (child_of(joint, end).attrib["link"] for end in ("parent", "child"))
             if joint.get("type") in MOVING:
-                axis = mp.matrix(_numbers(_part(joint, "axis")["xyz"], ""))
+                axis = mp.matrix(numbers(child_of(joint, "axis").attrib["xyz"], ""))
                 axis /= mp.norm(axis)
             relation = {} if mimic is None else mimic.attrib
             master = relation.get("joint", name)
             self.joints.append(
                 _Joint(
-                    _part(joint, "parent")["link"], _part(joint, "child")["link"], _origin(joint), axis,
+                    parent, child, origin(joint), axis,
                     joint.get("type") == "prismatic", coordinates.index(master) if axis is not None else -1,
                     mp.mpf(relation.get("multiplier", "1")), mp.mpf(relation.get("offset", "0")),
                 )
@@ -152,9 +128,9 @@ class ExactTree:
     def moved(self, base: Pose, q: list[mpmath.mpf], x: list[mpmath.mpf]) -> dict[str, Pose]:
         """Poses after a motion x along the exponentials: base to p + R v, R exp([w]), joints to q + y."""
         own, y = (x[:6], x[6:]) if len(x) > self.size else ([mp.mpf(0)] * 6, x)
-        turn = base[0] * exponential(mp.matrix(own[3:]))
+        rotation = base[0] * exponential(mp.matrix(own[3:]))
         place = base[1] + base[0] * mp.matrix(own[:3])
-        return self.poses((turn, place), [a + b for a, b in zip(q, y, strict=True)])
+        return self.poses((rotation, place), [a + b for a, b in zip(q, y, strict=True)])
 
     def potential_energy(
         self, poses: dict[str, Pose], gravity: mpmath.matrix, left_out: tuple[str, ...] = ()

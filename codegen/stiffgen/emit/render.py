@@ -19,7 +19,6 @@ from stiffgen.emit.target import BATCH, DOUBLE, SINGLE, Target
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS
 from stiffgen.symbolic.potentials import SpringOptions
 
@@ -155,7 +154,6 @@ class _RobotPages:
     targets: dict[str, Target]
     calls: frozenset[str]
     sections: dict[str, contexts.Section]
-    representations: tuple[str, ...] = REPRESENTATIONS
     libm: tuple[str, ...] = LIBM
     libm_of_two: tuple[str, ...] = LIBM_OF_TWO
     own: tuple[str, ...] = OWN

@@ -499,17 +499,7 @@ def _tip_names(tips: Sequence[str]) -> list[str]:
     for tip in tips:
         name = first = identifier(tip)
         number = 2
-        while name in names or name in (
-            "body",
-            "spatial",
-            "hybrid",
-            "spring",
-            "posture",
-            "limits",
-            "gravity",
-            "mass_matrix",
-            "bias_forces",
-        ):
+        while name in names or name in _GROUPS_AND_KERNELS:
             name, number = f"{first}_{number}", number + 1
         names.append(name)
     return names

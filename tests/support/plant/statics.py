@@ -18,6 +18,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def random_stiffness(random: np.random.Generator, least: float, most: float) -> Array:
+    """A random symmetric 3 x 3 matrix with eigenvalues between two bounds, evenly in their logarithms."""
+    Q = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    A = Q @ np.diag(np.exp(random.uniform(np.log(least), np.log(most), 3))) @ Q.T
+    return np.asarray((A + A.T) / 2)
+
+
 @dataclass(frozen=True)
 class Springs:
     """Springs at the tip and over the joints.
