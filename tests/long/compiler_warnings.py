@@ -1,8 +1,8 @@
 """Random robots through gcc at every level: python tests/long/compiler_warnings.py [COUNT] [MOST_MOVING] [FIRST_SEED].
 
-The C of kernels and controller at -O0 to -O3 and -Os; the width of the vectors goes round from robot to robot, and so do
-the options (tests/support/warnings.py). A source is compiled once for each text: the controller is the same for all robots
-with as many joints. Exit code 1 after a warning.
+The C of kernels and controller at -O0 to -O3 and -Os; the width of the vectors goes round from robot to robot, and so
+do the options (tests/support/warnings.py). A source is compiled once for each text: the controller is the same for all
+robots with as many joints. Exit code 1 after a warning.
 """
 
 from __future__ import annotations
