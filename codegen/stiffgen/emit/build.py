@@ -80,7 +80,7 @@ def build_library(
 
 
 def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
-    """Raise BuildError if the compiled kernels compute something else, for flags of the user's that change arithmetic."""
+    """Raise BuildError if the compiled kernels compute something else, because of flags that change arithmetic."""
     source, program = build / "self_check.c", build / "self_check"
     source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(); }}\n')
     libraries = ["-lm"] if os.name != "nt" else []
