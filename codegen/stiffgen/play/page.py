@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen._version import __version__
-from stiffgen.errors import OutputError, StiffgenError, printable
+from stiffgen.errors import OutputError, printable
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.play.wasm import compile_wasm
 from stiffgen.robot.chain import Chain, Tip
@@ -31,10 +31,11 @@ KERNELS = (
     "spring_torque",
     "spring_joint_stiffness",
 )
-"""What the page calls, of every tip: qualified names without the tip's. Shapes are those of the robot's kernel table."""
+"""What the page calls, of every tip: qualified names without the tip's. Shapes are those of the kernel table."""
 
 SCRIPTS = (
-    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "solids.js", "figures.js", "panels.js", "view.js", "main.js",
+    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "solids.js", "figures.js", "panels.js", "view.js",
+    "main.js",
 )  # fmt: skip
 """The page's modules, each after those that it imports; written into the page as one."""
 
@@ -50,7 +51,7 @@ def write_page(
 
     Args:
         folder: what ``stiffgen generate`` wrote. Its Python module is not needed.
-        output: the file to write; default: NAME.html in the folder that holds the robot's folder.
+        output: the file to write; default: NAME.html.
         progress: is told each step.
 
     Returns:
@@ -63,7 +64,7 @@ def write_page(
     """
     tell = progress or (lambda step: None)
     robot = open_robot(folder)
-    target = robot.folder.resolve().parent / f"{robot.name}.html" if output is None else Path(output)
+    target = Path(f"{robot.name}.html") if output is None else Path(output)
     if target.is_dir():
         raise OutputError(f"{printable(str(target), 200)}: is a folder; give the name of a file, as --output play.html")
     tell(f"compiling {robot.name} for WebAssembly")

@@ -38,8 +38,8 @@ def compile_wasm(source: Path, functions: Sequence[str]) -> bytes:
         functions: C names of the functions that the module exports; the others are left out.
 
     Returns:
-        The module. It exports ``memory``, ``__heap_base`` and the functions, and imports at most functions of libm, from
-        "env".
+        The module. It exports ``memory``, ``__heap_base`` and the functions, and imports at most functions of libm,
+        from "env".
 
     Raises:
         BuildError: clang or its linker for WebAssembly is missing, or one of them failed.

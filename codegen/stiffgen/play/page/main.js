@@ -1,11 +1,11 @@
 // The page: its state, what follows from it, and when it is drawn.
 
-import { eigen, largest, multiply, norm, plus, transpose } from "./algebra.js";
+import { eigen, largest, multiply, plus, transpose } from "./algebra.js";
 import { reach, within } from "./chain.js";
 import { LAPS, cellAt, drawMatrix, drawWork, number, scales, shade, theme, workAt } from "./figures.js";
 import { startKernels } from "./kernels.js";
 import {
-  LAWS, Tip, bentPosture, closedLoop, follow, loopWork, nearSingular, originOf, rotationOf, stiffnesses,
+  LAWS, Tip, bentPosture, closedLoop, loopWork, nearSingular, originOf, rotationOf, stiffnesses,
 } from "./mechanics.js";
 import { options, slider } from "./panels.js";
 import { View } from "./view.js";
@@ -323,7 +323,7 @@ async function start() {
   calm.addEventListener("change", redraw);
   update();
   // For tests and the curious: the console can call everything.
-  window.playground = { robot, kernels, tips, state, update, posture, compute, follow, norm, get now() { return now; } };
+  window.playground = { robot, kernels, tips, state, view, compute, get now() { return now; } };
 }
 
 start().catch((error) => fail(`This page cannot start: ${error.message}`));
