@@ -177,8 +177,9 @@ async function start() {
     const most = Math.max(...LAWS.map((law) => (works[law] ? largest(works[law]) : 0)));
     const joules = (value) => (Math.abs(value) <= 1e-12 * Math.max(1, most) ? "0 J" : `${number(value)} J`);
     for (const law of LAWS) $(`law-${law}`).textContent = works[law] ? joules(works[law].at(-1)) : "–";
-    const so = works.conventional && `${number(state.lap, 3)} laps: conventional has put out ${joules(workAt(works.conventional, state.lap))}`;
-    $("lap").textContent = works.exact ? `${so}, exact ${joules(workAt(works.exact, state.lap))}` : so;
+    const done = ["conventional", "exact"].filter((law) => works[law]).map((law) => `${law} ${joules(workAt(works[law], state.lap))}`);
+    const smaller = now.loop.radius < state.loop.radius * (1 - 1e-9) ? ` The loop is smaller than asked for: near a singular posture a small way of the tip takes a long one of the joints.` : "";
+    $("lap").textContent = `${state.lap.toFixed(2)} laps, put out so far: ${done.join(", ")}.${smaller}`;
     $("go").textContent = state.going ? "Stop" : calm.matches ? "An eighth of a lap on" : state.lap >= LAPS ? "Go round again" : "Go round";
     $("timing").textContent = `Kernels of this picture: ${now.time.toFixed(1)} ms.`;
   }

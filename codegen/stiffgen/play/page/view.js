@@ -58,8 +58,8 @@ export class View {
   home() {
     this.azimuth = -0.9;
     this.elevation = 0.32;
-    this.distance = 1.8 * this.size;
-    this.target = [0.12 * this.size, 0, 0.33 * this.size];
+    this.distance = 2 * this.size;
+    this.target = [0.12 * this.size, 0, 0.42 * this.size];
   }
 
   zoom(factor) {
@@ -159,6 +159,7 @@ export class View {
     this.arrows(hand.origin, wrench, colours.ink, drum);
     if (loop) {
       loop.forEach((point, k) => drum(point, loop[(k + 1) % loop.length], this.thick * 0.1, colours.ink));
+      drum(hand.origin, marker, this.thick * 0.06, colours.ink);
       ball(marker, this.thick * 0.42, colours.conventional);
     }
     for (const [name, first, size] of [["rotation", 3, 0.0035], ["translation", 0, 0.00025]]) {
