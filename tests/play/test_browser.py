@@ -86,7 +86,10 @@ def page(browser, file: Path) -> Page:  # type: ignore[no-untyped-def]
 
 def focus(page: Page, label: str) -> None:
     """Focus the slider with an accessible name."""
-    page.js(f"document.querySelector('input[type=range][aria-label^=\"{label}\"]').focus()")
+    page.js(
+        "[...document.querySelectorAll('input[type=range]')]"
+        f".find(e => e.getAttribute('aria-label').startsWith({json.dumps(label)})).focus()"
+    )
 
 
 def press(page: Page, button: str) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import fcntl
 import json
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
@@ -23,6 +25,14 @@ _FLAGS = (
     "--use-angle=swiftshader", "--no-first-run", "--disable-extensions", "--disable-background-networking",
     "--disable-component-update", "--hide-scrollbars", "--mute-audio",
 )  # fmt: skip
+_AS_THREE_AND_FOUR = """
+import os, sys
+for end, number in zip(map(int, sys.argv[1:3]), (3, 4)):
+    os.dup2(end, number)
+    os.close(end)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+"""The pipe's ends are 3 and 4 for the browser."""
 _WAIT = 60  # s, for an answer
 _CODES = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Tab": 9, "PageUp": 33, "PageDown": 34}
 
@@ -128,17 +138,13 @@ class _Browser:
 
     def __init__(self, program: str, profile: str) -> None:
         (to_read, self._write), (self._read, to_write) = os.pipe(), os.pipe()
-
-        def as_three_and_four() -> None:
-            for end, number in ((to_read, 3), (to_write, 4)):
-                os.dup2(end, number)
-
-        # Through numbers that neither is, so that dup2 does not close what it copies.
+        # Through numbers that neither is, so that no copy closes what is still to be copied.
         to_read, to_write = (_moved_up(end) for end in (to_read, to_write))
         self.process = subprocess.Popen(
-            [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"],
+            [sys.executable, "-c", _AS_THREE_AND_FOUR, str(to_read), str(to_write), program, *_FLAGS,
+             f"--user-data-dir={profile}", "about:blank"],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            preexec_fn=as_three_and_four, close_fds=False,
+            pass_fds=(to_read, to_write),
         )  # fmt: skip
         os.close(to_read)
         os.close(to_write)
@@ -194,8 +200,6 @@ class _Browser:
 
 
 def _moved_up(end: int) -> int:
-    import fcntl
-
     moved = fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10)
     os.close(end)
     return moved

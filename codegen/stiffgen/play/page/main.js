@@ -97,6 +97,7 @@ async function start() {
     waiting.compute = false;
     view?.draw();
     showLoop();
+    if (!performance.getEntriesByName("first picture").length) performance.mark("first picture");
     if (state.going) redraw();
   }
 
