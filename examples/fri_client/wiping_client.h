@@ -79,6 +79,7 @@ enum LetGo {
     LET_GO_DECLINED,    /* the way to the trajectory was refused by the person */
     LET_GO_HELD,        /* the trajectory stood still for too long */
     LET_GO_SPEED,
+    LET_GO_AWAY, /* the arm was moved far while messages were lost */
     LET_GO_SAFETY,
     LET_GO_DRIVES,
     LET_GO_OPERATION_MODE,
@@ -109,6 +110,7 @@ public:
 
     bool finished() const { return ended_ || (let_go_ != LET_GO_NONE && (!controlling_ || guard_.released())); }
     bool ended_by_robot() const { return ended_; }
+    bool released() const { return guard_.released(); } /* it let go, and the torque has come down */
     Refusal refusal() const { return refusal_; }
     LetGo gone() const { return let_go_; }
     Pace::Reason held_by() const { return held_by_; }
@@ -170,7 +172,8 @@ private:
 
     double sample_time_, reported_period_; /* [s]; 0 until the robot has said it */
     int other_period_;                     /* messages in a row with another one */
-    double since_position_;                /* [s] since the last position; negative: nobody knows */
+    double since_position_;                /* [s] since the last position that was a sample */
+    double since_followed_;                /* [s] since the last one that the command follows */
     bool valid_;                           /* this message is a sample */
     double q_[JOINTS];                     /* [rad] last measured position */
     bool button_;

@@ -16,6 +16,7 @@ import pytest
 
 from examples.bowl_wiping.plant import START_POSTURE
 from support.fri_run import Run, versions
+from support.fri_session import write_short_trajectory
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
 TIMES = {1: (0.100, 0.220), 5: (0.470, 1.070), 10: (0.940, 2.140)}
@@ -29,12 +30,8 @@ TOLERANT = ("--thresholds", 0.6, 0.5, 0.3)
 
 @pytest.fixture
 def short(tmp_path: Path) -> Path:
-    """A trajectory of 1 s near the start posture, at rest at both ends, with samples 5 ms apart."""
-    s = np.linspace(0.0, 1.0, 201)
-    way = 10 * s**3 - 15 * s**4 + 6 * s**5
-    file = tmp_path / "short.csv"
-    np.savetxt(file, START_POSTURE + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
-    return file
+    """A trajectory of 1 s near the start posture."""
+    return write_short_trajectory(tmp_path / "short.csv", START_POSTURE)
 
 
 class Scenario:

@@ -48,6 +48,7 @@ from support.fri_session import (
     run_harness,
     sdk_options,
     write_session,
+    write_short_trajectory,
 )
 
 VERSIONS = ("1.15", "2.5", "2.7")
@@ -1181,10 +1182,7 @@ def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, robot: 
 
 def test_the_trajectory_never_runs_ahead_of_this_machines_time(programs: Programs, tmp_path: Path) -> None:
     """A counter that grows faster than messages come, by no more than the controller bears, and no time stamps."""
-    short = tmp_path / "short.csv"
-    s = np.linspace(0.0, 1.0, 201)
-    way = 10 * s**3 - 15 * s**4 + 6 * s**5
-    np.savetxt(short, POSTURE + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
+    short = write_short_trajectory(tmp_path / "short.csv")
     script = programs.script()
     script.begin()
     for k in range(250):

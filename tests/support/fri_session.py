@@ -151,6 +151,14 @@ class RobotScript:
         self.add(SessionState.COMMANDING_WAIT, waiting)
 
 
+def write_short_trajectory(file: Path, start: Sequence[float] = tuple(POSTURE)) -> Path:
+    """A trajectory of 1 s from a posture, at rest at both ends, with samples 5 ms apart."""
+    s = np.linspace(0.0, 1.0, 201)
+    way = 10 * s**3 - 15 * s**4 + 6 * s**5
+    np.savetxt(file, start + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
+    return file
+
+
 def button(pressed: bool) -> IOValue:
     """The button at the media flange."""
     return IOValue("MediaFlange.UserButton", IOType.BOOLEAN, IODirection.INPUT, pressed)
