@@ -15,14 +15,14 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from examples.fri_robot.messages import VERSIONS
+from examples.fri_robot.messages import VERSIONS, SessionState
 from support.fri_session import SANITIZERS, build, write_short_trajectory
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
@@ -47,7 +47,7 @@ KINDS: dict[str, tuple[float, ...] | tuple[str, float, float]] = {
     "held": (0,), "blocked": (0, 1, 2, 3, 4, 5, 6), "push": ("signed", 1, 100), "silence": (0,),
     "slow": ("log", 0.1, 20), "patient": (0,), "stop": (0, 1), "interrupt": (1, 2), "answer": (0, 1),
 }  # fmt: skip
-"""What an event's value may be: one of some numbers, or a share, or a number on a logarithmic scale with or without sign."""
+"""An event's values: one of some numbers, or a share, or a number on a logarithmic scale with or without sign."""
 
 LIES = {"offset", "noise", "nan", "gain", "without"}
 """The arm is not where the robot says, or it does not say."""
@@ -55,7 +55,7 @@ FORCES = {"push", "slow", "patient", "counter", "counting", "stuck", "silence"}
 """The arm is moved by something else than the client, or by an old torque."""
 CUTS = {"drop", "delay", "burst", "garbage", "cut", "silence", "stop", "slow", "stuck", "counter", "counting", "replay",
         "twice", "deaf", "state", "mode", "multiplier", "period", "without"}  # fmt: skip
-"""Messages do not come one a period, or command nothing: a release takes longer, or ends with the session's patience."""
+"""Messages do not come one a period, or command nothing: a release takes longer, or ends with the patience for it."""
 
 
 @dataclass(frozen=True)
@@ -166,6 +166,7 @@ def measures(schedule: Schedule, told: Mapping[str, Any]) -> dict[str, float]:
 def untrue(schedule: Schedule, told: Mapping[str, Any]) -> list[str]:
     """What exit code and last line say, and was not so."""
     code, sentence = told["code"], told["sentence"]
+    torque = told["state"] == SessionState.COMMANDING_ACTIVE and told["last_torque"] != 0
     wrong = {
         "0 although the trajectory was not followed to its end": code == DONE and not told["done"],
         "0 or 3 without the robot's end": code in (DONE, EARLY) and not told["idle"],
@@ -174,13 +175,23 @@ def untrue(schedule: Schedule, told: Mapping[str, Any]) -> list[str]:
         "4 without a person": code == INTERRUPTED and not (told["interrupted"] or told["declined"]),
         "2 without a refusal": (code == REFUSED) != told["refused"],
         "no sentence": len(sentence) < 10,
-        "torque at zero, it says": "torque brought to zero" in sentence and told["last_torque"] != 0,
-        "refused under torque": code == REFUSED and told["state"] == 4 and told["last_torque"] != 0,
+        "torque at zero, it says": "torque brought to zero" in sentence and torque,
+        "refused under torque": code == REFUSED and torque,
         "left under torque while the robot sent": (
             "left at once" in sentence and told["interrupts"] < 2 and not schedule.kinds & CUTS
         ),
     }
     return [text for text, is_so in wrong.items() if is_so]
+
+
+@dataclass(frozen=True)
+class Break:
+    """A measure beyond its bound, by a schedule made small, and what the client came to."""
+
+    name: str
+    value: float
+    schedule: Schedule
+    told: Mapping[str, Any]
 
 
 class Attack:
@@ -238,13 +249,15 @@ class Attack:
         return schedule
 
 
-def climb(attack: Attack, rng: np.random.Generator, sessions: int, tell: Any = None) -> tuple[dict[str, float], list[Any]]:
-    """The most of each measure, and (name, value, schedule, what was told) of each break.
+def climb(
+    attack: Attack, rng: np.random.Generator, sessions: int, tell: Callable[[Break], None] | None = None
+) -> tuple[dict[str, float], list[Break]]:
+    """The most of each measure, and each break.
 
     A name breaks once: climbs on it end there.
     """
     most: dict[str, float] = {}
-    breaks: dict[str, Any] = {}
+    breaks: dict[str, Break] = {}
     climbs, end = 0, attack.sessions + sessions
     while attack.sessions < end:
         names = [name for name in sorted(most) if name not in breaks]
@@ -259,7 +272,7 @@ def climb(attack: Attack, rng: np.random.Generator, sessions: int, tell: Any = N
                 most[name] = np.maximum(most.get(name, 0.0), value)  # max() would lose a NaN
                 if not value <= 1 + 1e-6 and name not in breaks:
                     small = attack.smaller(mutant, name)
-                    breaks[name] = (name, value, small, attack.play(small))
+                    breaks[name] = Break(name, value, small, attack.play(small))
                     if tell:
                         tell(breaks[name])
             here = found.get(target, 0.0)
@@ -270,11 +283,10 @@ def climb(attack: Attack, rng: np.random.Generator, sessions: int, tell: Any = N
     return most, list(breaks.values())
 
 
-def report(entry: Sequence[Any]) -> None:
-    """A break, as it is printed."""
-    name, value, schedule, told = entry
-    print(f"BREAK {name}: {value:.6g}\n  {schedule.period}: {schedule}\n  {untrue(schedule, told)} {told['sentence']}",
-          flush=True)  # fmt: skip
+def report(found: Break) -> None:
+    """Prints a break."""
+    print(f"BREAK {found.name}: {found.value:.6g}\n  {found.schedule.period}: {found.schedule}")
+    print(f"  {untrue(found.schedule, found.told)} {found.told['sentence']}", flush=True)
 
 
 def main(given: Iterable[str] | None = None) -> int:

@@ -177,6 +177,27 @@ def run_harness(folder: Path, datagrams: Iterable[bytes | None], *arguments: str
     return [json.loads(line) for line in done.stdout.decode().splitlines() if line.startswith("{")]
 
 
+class Programs:
+    """A folder with the test programs, and the version that they speak."""
+
+    def __init__(self, folder: Path, version: str) -> None:
+        self.folder = folder
+        self.version = version
+
+    @property
+    def client(self) -> Path:
+        """fri_wiping."""
+        return self.folder / "client" / "fri_wiping"
+
+    def script(self, period: int = 5) -> RobotScript:
+        """A robot's script in that version."""
+        return RobotScript(self.version, period)
+
+    def probe(self, script: RobotScript) -> list[dict[str, Any]]:
+        """What a client that calls everything makes of a script."""
+        return run_harness(self.folder, script.datagrams, "probe")
+
+
 def require_tools() -> str | None:
     """What is missing to build the client against the open library, or None."""
     missing = [tool for tool in ("g++", "clang++", "protoc") if shutil.which(tool) is None]
