@@ -153,7 +153,8 @@ def measures(schedule: Schedule, told: Mapping[str, Any]) -> dict[str, float]:
         del result["torque's rate in real time"], result["torque's step from answer to answer"]
     if not kinds & (LIES | FORCES):
         result["stored energy"] = told["elastic"] / 1.05  # the governor's limit
-        result["distance from the reference"] = told["error"] / TIP_ERROR
+        if not kinds & (CUTS | {"frozen"}):  # without samples the arm coasts
+            result["distance from the reference"] = told["error"] / TIP_ERROR
         result["energy of the arm"] = told["kinetic"] / ENERGY
         result["speed of the arm"] = told["fast"]
         result["commanded position from the arm's"] = told["axis_delta"] / AXIS_DELTA

@@ -363,7 +363,7 @@ struct Parcel {
     Octets bytes;
     std::int64_t arrival;
     std::uint32_t sequence;
-    int state;
+    int state, multiplier;
     bool sound;
 };
 
@@ -441,6 +441,13 @@ public:
         owed_ = false;
         const std::size_t front = FRI_VERSION >= 207 ? 4 : 0;
         const Part body = {bytes + front, size - 2 * front};
+        std::uint64_t answered = 0;
+        field(field(body, 1), 3, &answered);
+        const int state = states_[static_cast<std::uint32_t>(answered)];
+        if (state != COMMANDING_ACTIVE || last_state != COMMANDING_ACTIVE) {
+            answers.clear(); /* a motion begins with torque zero */
+        }
+        last_state = state;
         const Part command = field(body, 2);
         Vector position, torque;
         if (take_joints(field(command, 1), &position) && take_joints(field(command, 3), &torque)) {
@@ -464,7 +471,7 @@ public:
     bool idle_seen = false, interrupted = false, moved = false;
     double last_torque = 0.0, last_delivery = 0.0, gap = 0.0; /* largest [N m] of the last answer; [s] */
     std::deque<double> deliveries;                            /* [s] of the last sound messages */
-    int last_state = IDLE;                                    /* of the last sound message that was delivered */
+    int last_state = IDLE;                                    /* of the last message that was answered */
 
 private:
     const Event *due_stop(double where)
@@ -507,11 +514,7 @@ private:
         }
         newest_ = parcel.sequence;
         seen_any_ = true;
-        owed_ = parcel.state != IDLE && multiplier == 1;
-        if (parcel.state != COMMANDING_ACTIVE || last_state != COMMANDING_ACTIVE) {
-            answers.clear();
-        }
-        last_state = parcel.state;
+        owed_ = parcel.state != IDLE && parcel.multiplier == 1;
         deliveries.push_back(seconds());
         if (deliveries.size() > 1000) {
             deliveries.pop_front();
@@ -708,10 +711,11 @@ private:
     void dispatch(const Octets &bytes, int state, double time)
     {
         sent_.push_back(bytes);
+        states_[sequence_] = state;
         if (uniform_(random_) < schedule.value("drop", time, 0.0)) {
             return;
         }
-        Parcel parcel = {bytes, now_ns + 50000, sequence_, state, whole_};
+        Parcel parcel = {bytes, now_ns + 50000, sequence_, state, multiplier, whole_};
         const Event *const burst = schedule.at("burst", time), *const cut = schedule.at("cut", time);
         parcel.arrival += std::llround(1e9 * std::max(0.0, schedule.value("delay", time, 0.0)) * uniform_(random_));
         if (burst != NULL) {
@@ -747,6 +751,7 @@ private:
     std::uniform_real_distribution<double> uniform_{0.0, 1.0};
     std::vector<Parcel> parcels_;
     std::deque<Octets> sent_;
+    std::map<std::uint32_t, int> states_; /* of the messages, by their counter */
     std::int64_t next_cycle_ = 1000000, last_cycle_ = 0, told_ = EPOCH;
     std::uint32_t counter_ = 0, sequence_ = 0, newest_ = 0;
     bool open_, seen_any_ = false, owed_ = false, whole_ = true;
