@@ -98,15 +98,15 @@ def release_time(run: Run, period: int = 5) -> float:
 @pytest.mark.parametrize(
     ("faults", "period"),
     [
-        ("jitter@0-9:0.3", 5),
+        pytest.param("jitter@0-9:0.3", 5, marks=pytest.mark.slow),
         ("jitter@0-9:0.9", 5),
-        ("resolution@0-9:1,jitter@0-9:0.3", 1),
+        pytest.param("resolution@0-9:1,jitter@0-9:0.3", 1, marks=pytest.mark.slow),
         ("resolution@0-9:10", 5),
         ("clock@1.5-9:-0.9", 5),
-        ("clock@1.5-9:-0.012", 5),
-        ("clock@1.5-1.52:7", 5),
-        ("clock@1.5-9:-3600", 5),
-        ("robot.missing@1.5-1.9:monitorData.timestamp", 5),
+        pytest.param("clock@1.5-9:-0.012", 5, marks=pytest.mark.slow),
+        pytest.param("clock@1.5-1.52:7", 5, marks=pytest.mark.slow),
+        pytest.param("clock@1.5-9:-3600", 5, marks=pytest.mark.slow),
+        pytest.param("robot.missing@1.5-1.9:monitorData.timestamp", 5, marks=pytest.mark.slow),
     ],
 )
 def test_the_trajectory_takes_as_long_as_ever_whatever_the_clock_does(
@@ -137,9 +137,14 @@ def test_losses_cost_no_time_and_no_velocity(scenario: Scenario, version: str) -
 @pytest.mark.parametrize(
     ("option", "limit", "what"),
     [
-        ("--error-limit", 0.03, "the tip's distance from where the trajectory wants it stayed at its limit of 0.03 m"),
+        pytest.param(
+            "--error-limit",
+            0.03,
+            "the tip's distance from where the trajectory wants it stayed at its limit of 0.03 m",
+            marks=pytest.mark.slow,
+        ),
         ("--energy-limit", 0.3, "the energy stored in the spring stayed at its limit of 0.3 J"),
-        ("--force-limit", 15, "the contact force stayed at its limit of 15 N"),
+        pytest.param("--force-limit", 15, "the contact force stayed at its limit of 15 N", marks=pytest.mark.slow),
     ],
 )
 def test_a_held_arm_stops_the_trajectory_and_is_let_go(
@@ -207,7 +212,9 @@ def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: 
     run.check_sent()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGTSTP, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTSTP, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGTERM, signal.SIGHUP))]
+)
 def test_other_ways_to_stop_it_end_as_softly(scenario: Scenario, number: signal.Signals) -> None:
     """Ctrl-Z, and a terminal that is closed, too: no program stands still or dies under torque."""
     run = scenario("2.7", "", "--deaf", "--answer-timeout", 2, at=[(1.8, lambda p: interrupt(p, number))])
@@ -336,6 +343,10 @@ class Person:
         self._output = output
         self._asked = 0
 
+    def types(self, text: bytes) -> None:
+        """Whatever it is for."""
+        os.write(self._terminal, text)
+
     def answers(self, text: bytes) -> Callable[[object], None]:
         """What is to be done for the next answer."""
 
@@ -343,7 +354,7 @@ class Person:
             self._asked += 1
             while self._output().count("[y/n]") < self._asked:
                 time.sleep(0.005)
-            os.write(self._terminal, text)
+            self.types(text)
             time.sleep(0.1)
 
         return answer
@@ -362,8 +373,8 @@ def test_a_long_way_to_the_trajectory_is_asked_about(
     scenario: Scenario, person: tuple[Person, Any], answer: bytes, code: int
 ) -> None:
     """The arm is held until the answer comes; what was typed before is none."""
-    at = [(0.2, lambda _: os.write(person[0]._terminal, b"y\n")), (1.8, person[0].answers(answer))]
-    run = scenario("2.7", "", *FAR, "--duration", 8, terminal=person[1], at=at[answer == b"y\n" :])
+    person[0].types(b"y\n")
+    run = scenario("2.7", "", *FAR, "--duration", 8, terminal=person[1], at=[(1.8, person[0].answers(answer))])
     assert run.code == code
     assert "is 0.90 rad from where the trajectory begins. The arm is held. Move there? [y/n]" in run.output
     assert run.client is not None

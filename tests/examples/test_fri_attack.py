@@ -29,28 +29,30 @@ def test_a_short_climb_finds_nothing(attack: Attack) -> None:
     assert most["torque's step from answer to answer"] > 0.99 and most["torque's rate in real time"] > 0.5
 
 
+END = "the robot ended the session"
 FOUND = {
     "where the robot's clock stands the commanded position follows all the same": (
-        "10: 929298480 frozen 0.819469 2.342887 0"
+        "10: 929298480 frozen 0.819469 2.342887 0", "the robot's clock stands still"
     ),
     "after a gap the arm starts from where it is": (
-        "10: 2046896561 frozen 2.425386 0.246638 0 deaf 0.334411 0.130041 1 button 0.990866 1.010153 0"
+        "10: 2046896561 frozen 2.425386 0.246638 0 deaf 0.334411 0.130041 1 button 0.990866 1.010153 0", END
     ),
-    "after a gap it is not brought back at once": "10: 1 frozen 1.0 0.3 0",
-    "back in the middle of the trajectory it sets out slowly": "5: 481652331 drop 0.944510 0.211088 0.5",
+    "after a gap it is not brought back at once": ("10: 1 frozen 1.0 0.3 0", END),
+    "back in the middle of the trajectory it sets out slowly": ("5: 481652331 drop 0.944510 0.211088 0.5", END),
     "old messages are not a robot that counts anew": (
-        "5: 440259048 multiplier 2.234380 0.174768 3 replay 2.653331 0.444852 150"
+        "5: 440259048 multiplier 2.234380 0.174768 3 replay 2.653331 0.444852 150", END
     ),
-}
-"""What was wrong, and the schedule that showed it."""
+}  # fmt: skip
+"""What was wrong, the schedule that showed it, and how the session ends now."""
 
 
 @versions
 @pytest.mark.parametrize("name", FOUND)
 def test_what_climbs_have_found(attack: Attack, name: str) -> None:
-    schedule = parse(FOUND[name])
-    told = attack.play(schedule)
-    assert {name: value for name, value in measures(schedule, told).items() if not value <= 1 + 1e-6} == {}
+    line, text = FOUND[name]
+    told = attack.play(parse(line))
+    assert text in told["sentence"]
+    assert {name: value for name, value in measures(parse(line), told).items() if not value <= 1 + 1e-6} == {}
 
 
 SAID = {
@@ -59,7 +61,7 @@ SAID = {
     ),
     "a clock that stands": ("5: 1 frozen 0.03 9 0", FAULT, "the robot's clock stands still: clock_standing "),
     "the robot's end": ("5: 1", DONE, "the trajectory was followed to its end, and the robot ended the session"),
-    "too early": ("5: 1 state 0.8 9 0", EARLY, "before the trajectory's end, at 0.3"),
+    "too early": ("5: 1 state 0.8 9 0", EARLY, "before the trajectory's end, at 0.4"),
     "a fault after the trajectory's end is a fault": (
         "5: 1 safety 3.0 9 1 state 3.01 9 0",
         FAULT,

@@ -145,12 +145,13 @@ def measures(schedule: Schedule, told: Mapping[str, Any]) -> dict[str, float]:
         "trajectory ahead of real time": told["lead"],
         "speed of the reference": told["reference"],
         "commands not finite": float(told["not_finite"]),
-        "sound messages without an answer": 2.0 * float(told["unanswered"]),
         "time until it ends": told["time"] / 29.0,
     }
     if "multiplier" in kinds:
         # The rate limit holds for a callback: an answer to n messages moves by n.
         del result["torque's rate in real time"], result["torque's step from answer to answer"]
+    if not kinds & {"counter", "counting"}:  # what counts anew is not believed at once
+        result["sound messages without an answer"] = 2.0 * float(told["unanswered"])
     if not kinds & (LIES | FORCES):
         result["stored energy"] = told["elastic"] / 1.05  # the governor's limit
         if not kinds & (CUTS | {"frozen"}):  # without samples the arm coasts
