@@ -108,7 +108,7 @@ public:
     /* Bring the torque to zero, still answering, then be finished. */
     void let_go(LetGo reason);
 
-    bool finished() const { return ended_ || (let_go_ != LET_GO_NONE && (!controlling_ || guard_.released())); }
+    bool finished() const { return ended_ || (let_go_ != LET_GO_NONE && (!controlling_ || zero_sent())); }
     bool ended_by_robot() const { return ended_; }
     bool released() const { return guard_.released(); } /* it let go, and the torque has come down */
     Refusal refusal() const { return refusal_; }
@@ -149,6 +149,7 @@ private:
     void record_step(double time);
     void send(const double *position, const double *torque);
     void refuse(Refusal reason);
+    bool zero_sent() const { return zero_ && connection_.answers().count() > answers_before_zero_; }
 
     const Settings &settings_;
     const Connection &connection_;
@@ -191,6 +192,8 @@ private:
     Pace::Reason held_by_;
     int fast_samples_, fast_joint_; /* in a row beyond the speed limit; the joint */
     LetGo let_go_;
+    bool zero_;                              /* it let go, and the last callback's torque is zero: not every one's is sent */
+    unsigned long long answers_before_zero_; /* sent before that */
     bool ended_;
     Refusal refusal_;
     int controller_error_;

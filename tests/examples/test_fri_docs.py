@@ -79,7 +79,7 @@ def test_every_command_that_is_shown_can_be_given(page: str) -> None:
             stiffgen_parser().parse_args(words[1:])
         elif "examples.fri_robot" in words:
             arguments().parse_args(words[words.index("examples.fri_robot") + 1 :])
-        elif words[0] == "build/fri/fri_wiping":
+        elif words[0].endswith("/fri_wiping"):
             for word, value in zip(words[1:], [*words[2:], ""], strict=True):
                 assert not word.startswith("--") or word[2:] in CLIENT_OPTIONS
                 assert word != "--trajectory" or (ROOT / value).exists()
