@@ -73,6 +73,11 @@ SAID = {
         INTERRUPTED,
         "interrupted; the robot ended the session before the torque was down",
     ),
+    "an arm that is moved away while nothing is heard of it": (
+        "5: 1 frozen 1.0 0.9 0 push 1.000006 0.4 10",
+        FAULT,
+        "the arm was moved by more than --approach-limit while messages were lost",
+    ),
     "a release that the robot cuts short": (
         "5: 1 held 0.5 9 0 interrupt 1.0 1 1 state 1.02 9 2",
         INTERRUPTED,
