@@ -506,12 +506,14 @@ class Emulator:
         must = self._fewest >= self._settings.multiplier
         seen = not must and self.quiet is not None
         deadline = wall.monotonic() + (self._settings.answer_timeout if must or seen else UNCERTAIN_WAIT)
+        quiet = 0
         while not self._interrupted:
             if answer is None:
                 patience = 0.002 if seen else 0.2  # a signal is heeded in between
                 answer = self._link.receive(min(deadline - wall.monotonic(), patience))
-            if answer is None and seen and self.quiet is not None and self.quiet():
-                answer = self._link.receive(0.0)  # it may just have come
+            quiet = quiet + 1 if answer is None and seen and self.quiet is not None and self.quiet() else 0
+            if quiet > 1:  # once it may be on its way
+                answer = self._link.receive(0.0)
                 deadline = 0.0
             if answer is None:
                 if wall.monotonic() < deadline:
