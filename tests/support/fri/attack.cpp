@@ -364,7 +364,7 @@ struct Parcel {
     std::int64_t arrival;
     std::uint32_t sequence;
     int state, multiplier;
-    bool sound;
+    bool sound, whole; /* to be answered; as it was sent, if late or again */
 };
 
 /* An answer that went out in COMMANDING_ACTIVE. */
@@ -508,7 +508,7 @@ private:
     /* A datagram reaches the client. */
     void see(const Parcel &parcel)
     {
-        idle_seen = idle_seen || (parcel.sound && parcel.state == IDLE);
+        idle_seen = idle_seen || (parcel.whole && parcel.state == IDLE);
         if (!parcel.sound || (seen_any_ && (parcel.sequence == newest_ || parcel.sequence - newest_ > 1u << 20))) {
             return; /* an old one, or an old counter */
         }
@@ -710,25 +710,25 @@ private:
     /* What becomes of a message on its way. */
     void dispatch(const Octets &bytes, int state, double time)
     {
-        sent_.push_back(bytes);
+        sent_.push_back(std::make_pair(bytes, state));
         states_[sequence_] = state;
         if (uniform_(random_) < schedule.value("drop", time, 0.0)) {
             return;
         }
-        Parcel parcel = {bytes, now_ns + 50000, sequence_, state, multiplier, whole_};
+        Parcel parcel = {bytes, now_ns + 50000, sequence_, state, multiplier, whole_, true};
         const Event *const burst = schedule.at("burst", time), *const cut = schedule.at("cut", time);
         parcel.arrival += std::llround(1e9 * std::max(0.0, schedule.value("delay", time, 0.0)) * uniform_(random_));
         if (burst != NULL) {
             parcel.arrival = std::llround(1e9 * (burst->start + burst->length));
         }
         if (uniform_(random_) < schedule.value("garbage", time, 0.0)) {
-            parcel.sound = false;
+            parcel.sound = parcel.whole = false;
             parcel.bytes.resize(1 + static_cast<std::size_t>(1498.0 * uniform_(random_)));
             for (std::uint8_t &byte : parcel.bytes) {
                 byte = static_cast<std::uint8_t>(random_());
             }
         } else if (cut != NULL) {
-            parcel.sound = false;
+            parcel.sound = parcel.whole = false;
             parcel.bytes.resize(static_cast<std::size_t>(
                 std::min(std::max(cut->value, 0.0), 0.99) * static_cast<double>(bytes.size())));
         }
@@ -740,7 +740,10 @@ private:
         }
         const double back = schedule.value("replay", time, 0.0);
         if (back >= 1.0 && sent_.size() > static_cast<std::size_t>(back)) {
-            parcel.bytes = sent_[sent_.size() - 1 - static_cast<std::size_t>(back)];
+            const std::size_t which = sent_.size() - 1 - static_cast<std::size_t>(back);
+            parcel.bytes = sent_[which].first;
+            parcel.state = sent_[which].second;
+            parcel.whole = true;
             parcel.arrival += 1000;
             parcels_.push_back(parcel);
         }
@@ -750,7 +753,7 @@ private:
     std::mt19937 random_;
     std::uniform_real_distribution<double> uniform_{0.0, 1.0};
     std::vector<Parcel> parcels_;
-    std::deque<Octets> sent_;
+    std::deque<std::pair<Octets, int>> sent_; /* with their states */
     std::map<std::uint32_t, int> states_; /* of the messages, by their counter */
     std::int64_t next_cycle_ = 1000000, last_cycle_ = 0, told_ = EPOCH;
     std::uint32_t counter_ = 0, sequence_ = 0, newest_ = 0;
