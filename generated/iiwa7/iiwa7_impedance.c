@@ -510,6 +510,7 @@ typedef struct {
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* of the limit avoidance, where it acts */
+    double brake[N];       /* [N m s/rad] that may still be added to the damping of one joint */
 } frame;
 
 enum { READY = 0x51f7, RECENT = 8, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
@@ -853,17 +854,18 @@ static double farthest(const state_t *s, int i)
 
 /*
  * What the torques on their way can put out, whatever the environment does, until the last of them has gone to zero at the
- * rate limit: no joint faster than its limit, and only one of missed_limit steps made.
+ * rate limit: no joint faster than its limit, and only one of m = missed_limit calls made. The torque is held for m such
+ * calls without a sample, and, in a fault, for one.
  */
 static double reserve(const frame *f, const double *last, const double *torque)
 {
     const state_t *const s = f->state;
-    const double m = f->c->missed_limit;
+    const double m = f->c->missed_limit, held = s->memory.fault != ID(FAULT_NONE) ? 1.0 : m;
     double sum = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]);
         const double way = (s->memory.delay > 0 ? fabs(last[i]) : 0.0) + (s->memory.delay > 1 ? fabs(s->memory.older[i]) : 0.0);
-        sum += farthest(s, i) * (m * (size + 0.5 * size * (size / s->memory.rate[i])) + way);
+        sum += farthest(s, i) * (m * (held * size + 0.5 * size * (size / s->memory.rate[i])) + way);
     }
     return sum;
 }
@@ -1025,6 +1027,10 @@ static int doubt(frame *f, const double *last)
         }
         if (ahead > 0) {
             f->status |= ID(STATUS_MISSED);
+            if (s->memory.gap > 0) { /* between which of the calls without a sample is not known */
+                s->memory.gap_work = HUGE_VAL;
+                s->memory.gap_most *= fmin(1.0 + ahead, c->missed_limit);
+            }
             for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
                 bridge(s, last, 1);
                 pass(s, last, s->memory.feed);
@@ -1524,8 +1530,9 @@ static double design_damping(frame *f, const double *J, double *follow)
     const config_t *const c = f->c;
     output_t *const out = f->out;
     double *const L = f->state->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], y[N], mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
-    const double T = c->sample_time, most = f->state->memory.law == ID(LAW_PAPER) ? 1e6 : LARGEST_DAMPING / T;
+    double b[N], mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
+    const int paper = f->state->memory.law == ID(LAW_PAPER);
+    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
     for (int i = 0; i < NN; ++i) {
         /* the conventional formula's antisymmetric part has no say in the damping */
         out->damping[i] = (out->joint_stiffness[i] + out->joint_stiffness[i % N * N + i / N]) / 2.0;
@@ -1545,20 +1552,17 @@ static double design_damping(frame *f, const double *J, double *follow)
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     f->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS && f->state->memory.law == ID(LAW_POTENTIAL)) {
+    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         f->status |= ID(STATUS_STIFFNESS_CAPPED);
     }
     /* trace of M^-1, the sum of the squares in L^-1: joint_damping I is no more than d times that against M */
-    for (int k = 0; d > 0.0 && k < N; ++k) {
-        for (int i = k; i < N; ++i) {
-            y[i] = i == k ? 1.0 : 0.0;
-            for (int j = k; j < i; ++j) {
-                y[i] -= L[i * N + j] * y[j];
-            }
-            y[i] /= L[i * (N + 1)];
-            trace += y[i] * y[i] / mass;
-        }
+    for (int k = 0; k < N; ++k) {
+        double unit[N] = {0.0};
+        unit[k] = 1.0;
+        solve_lower(N, L, unit);
+        f->brake[k] = mass / dot(N, unit, unit);
+        trace += 1.0 / f->brake[k];
     }
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
@@ -1610,9 +1614,14 @@ static double design_damping(frame *f, const double *J, double *follow)
         }
     }
     int capped = 0;
+    double largest_b = 0.0;
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
         b[k] = clamp(b[k], 0.0, most - d * trace);
+        largest_b = fmax(largest_b, b[k]);
+    }
+    for (int i = 0; i < N; ++i) {
+        f->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
     }
     f->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     if (capped || c->damping_design == ID(DAMPING_DESIGN_MODAL)) {
@@ -1655,6 +1664,21 @@ static void smooth_velocity(frame *f)
             }
             f->velocity[i] = sum / count;
         }
+    }
+}
+
+/* Joints faster than their reference may be are braked as hard as the sample time allows. */
+static void brake(frame *f)
+{
+    double excess[N];
+    int fast = 0;
+    for (int i = 0; i < N; ++i) {
+        const double limit = f->c->reference_velocity_limit[i];
+        excess[i] = f->velocity[i] - clamp(f->velocity[i], -limit, limit);
+        fast += excess[i] != 0.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        f->out->damping_torque[i] -= excess[i] != 0.0 ? f->brake[i] * excess[i] / fast : 0.0;
     }
 }
 
@@ -1805,6 +1829,7 @@ static void act(frame *f, const double *last, int moved)
         out->elastic_torque[i] = s->memory.scale * pull[i];
     }
     multiply(out->damping, slip, out->damping_torque);
+    brake(f);
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= s->memory.scale;
     }
@@ -1997,7 +2022,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     if (state == NULL) {
         return ID(E_NULL);
     }
-    frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
+    frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}, {0.0}};
     double last[N], rate[N];
     int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     const int intact = state->checksum == checksum(state) && state->memory.ready == READY;
