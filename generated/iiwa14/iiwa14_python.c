@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "b68ec39539c9a4be") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "938849bfadd31982") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

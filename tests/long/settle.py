@@ -7,10 +7,11 @@ Each situation: a posture, stiffness within the accepted range, a load of up to 
 motor inertia of 0.02 to 0.3 kg m^2, velocity by differences of an encoder with a quantum of 1e-4 rad; in half the arm
 starts away from where it is wanted. The static solution is found without the controller
 (tests/support/plant/statics.py), for where the equilibrium ended: short of the wanted one only where the load holds the
-stored energy above the governor's limit, or has taken up the work that one engagement may cost. A load may have several stable solutions: the one that a growing load leads
-to says whether there is any, and the arm may rest in another that is as good. A load that is dropped, or that grows so
-fast that its static solution moves at the velocity limit, may drive the arm beyond that limit, which is a fault;
-nothing else may be one. In the table the paper's law stands beside the potential's: the same controller with
+stored energy above the governor's limit, or has taken up the work that one engagement may cost. A load may have several
+stable solutions: the one that a growing load leads to says whether there is any, and the arm may rest in another that
+is as good. A load that is dropped, or that grows so fast that its static solution moves at the velocity limit, may
+drive the arm beyond that limit, which is a fault; nothing else may be one. In the table the paper's law stands beside
+the potential's: the same controller with
 ``law = paper`` and the bounds that it has.
 """
 
