@@ -165,7 +165,7 @@ def loop_figure() -> str:
                 FancyArrowPatch(start, end, arrowstyle="-|>", mutation_scale=9, color=INK, shrinkA=0, shrinkB=0)
             )
             if name:
-                axes.text(*at, name, ha="center", va="bottom")
+                axes.text(at[0], at[1], name, ha="center", va="bottom")
         for path in ([(9.0, 2.8), (9.6, 2.8), (9.6, 0.4), (9.0, 0.4)], [(4.4, 0.4), (2.6, 0.4), (2.6, 2.4)]):
             axes.plot(*zip(*path[:-1], strict=True), color=INK, linewidth=1.0)
             axes.add_patch(
