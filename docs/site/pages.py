@@ -26,11 +26,15 @@ from stiffgen.symbolic.springs import KINDS
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*.svg", "urdf/README.md", "benchmarks/RESULTS.md",
-    "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg", "codegen/stiffgen/emit/README.md",
+    "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg",
+    "examples/whole_body/results/*.svg", "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
     "Concepts": ("docs/theory", "docs/derivatives", "docs/whole_body", "docs/glossary"),
-    "Use": ("docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze", "docs/troubleshooting"),
+    "Use": (
+        "docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/stance", "docs/analyze",
+        "docs/troubleshooting",
+    ),
     "Evidence": ("docs/performance", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
