@@ -42,6 +42,7 @@ def rings(stance: Stance) -> list[identify.Found]:
     return trials.identified(stance, 1.6)
 
 
+@pytest.mark.slow  # the robot is compiled
 def test_rest_is_the_simulations_too(stance: Stance) -> None:
     acceleration = trials.simulated(stance).acceleration(trials.legs_law(stance))
     assert np.abs(acceleration).max() < 1e-8
@@ -49,6 +50,7 @@ def test_rest_is_the_simulations_too(stance: Stance) -> None:
     assert np.abs(trials.simulated(elsewhere).acceleration(trials.legs_law(stance))).max() > 1e-2
 
 
+@pytest.mark.slow  # the robot is compiled
 def test_stiffness_is_the_slope_of_the_gradient_where_it_is_zero(stance: Stance) -> None:
     K, step = stance.stiffness(), 1e-5
     columns = [
@@ -77,6 +79,7 @@ def test_a_load_too_heavy_lets_it_fall_as_predicted(solo: ModuleType) -> None:
     assert heavy.modes(heavy.stiffness_without_base_term())[0].frequency > 0  # missed
 
 
+@pytest.mark.slow  # the robot is compiled
 def test_base_term_left_out_of_everything_cancels_at_rest_without_a_load(solo: ModuleType, stance: Stance) -> None:
     at_rest = standing(solo)
     np.testing.assert_allclose(at_rest.stiffness_without_base_term(), at_rest.stiffness(), atol=1e-9)
@@ -86,6 +89,7 @@ def test_base_term_left_out_of_everything_cancels_at_rest_without_a_load(solo: M
     assert np.abs(loaded - loaded.T).max() > 10
 
 
+@pytest.mark.slow  # the robot is compiled
 def test_modes_of_a_matrix_that_is_not_symmetric(stance: Stance) -> None:
     K, M = stance.contacts_without_base_term(), stance.mass_matrix()
     modes = stance.modes(K)
@@ -97,6 +101,7 @@ def test_modes_of_a_matrix_that_is_not_symmetric(stance: Stance) -> None:
         )
 
 
+@pytest.mark.slow  # the robot is compiled
 def test_no_rest_is_refused(stance: Stance) -> None:
     with pytest.raises(StiffgenError, match="no rest near its posture"):
         replace(stance, load=np.array([0.0, 0.0, 1e5])).at_rest()
@@ -115,6 +120,7 @@ def test_identification_finds_modes_that_are_known() -> None:
         assert identify.agreement(np.eye(3), mode.shape, shape) > 1 - 1e-8
 
 
+@pytest.mark.slow  # the robot is compiled
 def test_the_law_is_the_gradient_and_contacts_supply_the_bases_part(solo: ModuleType, stance: Stance) -> None:
     """Torques and contact forces together are -dU/dq + gravity's gradient, in all 18 entries."""
     random = np.random.default_rng(1)
