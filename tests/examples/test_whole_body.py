@@ -12,7 +12,7 @@ import scipy.linalg
 from filelock import FileLock
 
 import stiffgen
-from examples.whole_body import identify, trials
+from examples.whole_body import findings, identify, trials
 from examples.whole_body.__main__ import RESULTS, main
 from examples.whole_body.findings import BAR, LEANING, SOFTEST
 from examples.whole_body.law import WholeBodyLaw, on_base
@@ -156,6 +156,18 @@ def test_at_rest_the_ground_gives_what_the_law_asks(solo: ModuleType) -> None:
     rest = np.searchsorted(trace.time, trials.PUSHED[0]) - 1
     np.testing.assert_allclose(trace.supplied[rest], trace.asked[rest], atol=0.01)
     assert trace.wall[rest, 0] < -4 and np.all(trace.ground[rest, 1:, 2] > 0)
+
+
+@pytest.mark.slow
+def test_the_whole_report(solo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With fewer loads and less to record: all bars hold, and all files are written."""
+    monkeypatch.setattr(findings, "LOADS", np.array([0.0, 55.0]))
+    monkeypatch.setattr(findings, "SIMULATED", 1)
+    monkeypatch.setattr(findings, "DURATION", 0.8)
+    folder = str(Path(str(solo.__file__)).parent)
+    assert main(["--robot", folder, "--output", str(tmp_path)]) == 0
+    assert {file.name for file in tmp_path.iterdir()} == {"tables.txt", "modes.svg", "load.svg", "wall.svg"}
+    assert all(file.read_text().startswith("<svg") for file in tmp_path.glob("*.svg"))
 
 
 def test_page_has_the_committed_tables() -> None:
