@@ -73,9 +73,12 @@ def test_the_softest_modes_are_those_of_the_simulation(stance: Stance) -> None:
 @pytest.mark.slow
 def test_a_load_too_heavy_lets_it_fall_as_predicted(solo: ModuleType) -> None:
     heavy = standing(solo, np.array([0.0, 0.0, -60.0]))
-    found = trials.identified(heavy, 0.8)[0]
+    falling, M = heavy.modes()[0], heavy.mass_matrix()
+    # The square of a growing motion grows as well, twice as fast: the mode is known by its direction.
+    found = max(trials.identified(heavy, 0.8), key=lambda each: identify.agreement(M, falling.direction, each.shape))
+    assert identify.agreement(M, falling.direction, found.shape) > 0.9999
     assert found.exponent.real > 0 and found.frequency < 0
-    assert found.frequency == pytest.approx(heavy.modes()[0].frequency, rel=1e-3)
+    assert found.frequency == pytest.approx(falling.frequency, rel=1e-3)
     assert heavy.modes(heavy.stiffness_without_base_term())[0].frequency > 0  # missed
 
 
@@ -175,8 +178,12 @@ def test_page_has_the_committed_tables() -> None:
     assert f"```text\n{tables}\n```" in (ROOT / "docs" / "stance.md").read_text()
 
 
-def test_another_robot_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_no_robot_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["--robot", str(tmp_path)]) == 2
     assert "make build/robots/solo12" in capsys.readouterr().err
-    assert main(["--robot", str(ROOT / "generated" / "iiwa14")]) == 2
+
+
+@pytest.mark.slow  # the arm is compiled
+def test_another_robot_is_refused(capsys: pytest.CaptureFixture[str], plate_folder: Path) -> None:
+    assert main(["--robot", str(plate_folder)]) == 2
     assert "not Solo 12" in capsys.readouterr().err
