@@ -91,8 +91,8 @@ def _load(loads: list[Loaded]) -> Figure:
     axes.plot(force, [loaded.softest_without for loaded in loads], "--", color=CONVENTIONAL, linewidth=2,
               label="predicted without\nthe base's term")  # fmt: skip
     found = [(loaded.force, loaded.found) for loaded in loads if loaded.found is not None]
-    style = {"markersize": 6, "markerfacecolor": "none", "markeredgewidth": 1.5, "clip_on": False, "zorder": 5}
-    axes.plot(*np.array(found).T, "o", color=INK, label="found in simulation", **style)
+    ring: dict[str, Any] = {"markersize": 6, "markerfacecolor": "none", "markeredgewidth": 1.5}
+    axes.plot(*np.array(found).T, "o", color=INK, label="found in simulation", clip_on=False, zorder=5, **ring)
     axes.text(2, -0.14, "below zero: falls over, rate over 2 pi", fontsize=8, va="top")
     axes.set(xlabel="load on the base [N]; the robot weighs 24.5 N", ylabel="softest mode [Hz]",
              xlim=(0, max(force)), ylim=(-1.0, 1.5))  # fmt: skip
