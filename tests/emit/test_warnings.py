@@ -23,6 +23,13 @@ def test_derivatives_of_random_robots_compile_without_a_warning(seed, tmp_path):
     assert complaints(require_compiler("gcc"), ["-O0"], sources[:1]) == ""
 
 
+def test_a_value_that_was_used_up_gets_no_name(tmp_path):
+    """In this robot's mass matrix a sum holds a product that a later section would have named for nobody."""
+    kind, sources = sources_of_varied_robot(3000, 5, tmp_path)
+    assert kind == "plain"
+    assert complaints(require_compiler("gcc"), ["-O0"], sources[:1]) == ""
+
+
 def test_a_warning_is_seen(tmp_path):
     source = tmp_path / "unused.c"
     source.write_text("int f(double x);\nint f(double x)\n{\n    return x;\n}\n")

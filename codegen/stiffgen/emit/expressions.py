@@ -267,6 +267,7 @@ class _Writer:
         self.lines: list[str] = []
         self.operations = Operations()
         self.text: dict[int, str] = {}  # nodes that have a C name
+        self.inline: set[int] = set()  # nodes that were printed where they are used
         self.results: dict[int, str] = {}  # sines and cosines: where the call left them
         self.temporaries = 0
         self.reads: set[int] = set()
@@ -353,7 +354,8 @@ class _Writer:
         for name, number in members:
             # A negated value goes without a name of its own: its sign is written where it is used.
             kind = self.graph.keys[number][0]
-            if number in self.uses and number not in self.text and kind not in ("const", "input", "neg"):
+            printed = number in self.text or (number in self.inline and self.uses[number] == 1)
+            if number in self.uses and not printed and kind not in ("const", "input", "neg"):
                 if not opened and not all(self.graph.keys[n][0] in ("sin", "cos") for _, n in members):
                     self._comment(comment)
                 opened = True
@@ -418,6 +420,7 @@ class _Writer:
     def _expression(self, number: int) -> tuple[str, int]:
         if number in self.text:
             return self.text[number], _ATOM
+        self.inline.add(number)
         kind, a, b = self.graph.keys[number]
         if kind == "const":
             return self.target.scalar.constant(float(a)), _ATOM
