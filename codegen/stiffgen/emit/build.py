@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shlex
 import shutil
@@ -25,6 +26,8 @@ _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
 def build_module(folder: Path, name: str) -> None:
     """Compile the NumPy module of a generated folder into that folder, for the instruction set of this machine.
 
+    A folder with derivatives also gets the calls for XLA that NAME.jax has, where jax is installed.
+
     Args:
         folder: the robot's folder.
         name: the robot's identifier.
@@ -44,20 +47,27 @@ def build_module(folder: Path, name: str) -> None:
     with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
         native = _native(compiler, Path(build))
         command = [*compiler, *_FLAGS, *native]
-        objects, compile_each = [], []
-        for source in (f"{name}.c", f"{name}_impedance.c", f"{name}_python.c"):
-            if not (folder / source).exists():
-                continue
-            made = str(Path(build) / f"{source}.o")
-            include = [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"]
-            compile_each.append(
-                [*command, *(include if source.endswith("_python.c") else ()), "-c", str(folder / source), "-o", made]
-            )
-            objects.append(made)
-        link = [*command, *_link_options(), *objects, "-o", str(module), *_libraries()]
-        for commands in (compile_each, [link]):
+        options = {
+            f"{name}.c": [],
+            f"{name}_impedance.c": [],
+            f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
+            f"{name}_jax.c": [f"-I{include}" for include in _xla_headers()],
+        }
+        sources = [source for source in options if (folder / source).exists()]
+        if not options[f"{name}_jax.c"]:
+            sources = [source for source in sources if source != f"{name}_jax.c"]
+        objects = {source: str(Path(build) / f"{source}.o") for source in sources}
+        compile_each = [
+            [*command, *options[source], "-c", str(folder / source), "-o", made] for source, made in objects.items()
+        ]
+        for_xla = objects.pop(f"{name}_jax.c", None)
+        link = [[*command, *_link_options(), *objects.values(), "-o", str(module), *_libraries()]]
+        if for_xla:
+            library = folder / f"{name}_jax{'.pyd' if os.name == 'nt' else '.so'}"
+            link.append([*command, "-shared", for_xla, objects[f"{name}.c"], "-o", str(library), *_libraries()])
+        for commands in (compile_each, link):
             _run(commands, compiler[0], Path(build))
-        _self_check([*command, objects[0]], folder, name, Path(build))
+        _self_check([*command, objects[f"{name}.c"]], folder, name, Path(build))
 
 
 def build_library(
@@ -113,6 +123,15 @@ def _native(compiler: Sequence[str], build: Path) -> list[str]:
     except BuildError:
         return []
     return ["-march=native"]
+
+
+def _xla_headers() -> list[str]:
+    """The folder of XLA's headers that jax brings; none without jax."""
+    if importlib.util.find_spec("jax") is None:
+        return []
+    import jax.ffi
+
+    return [jax.ffi.include_dir()]
 
 
 def _link_options() -> list[str]:
