@@ -1,5 +1,6 @@
 # make generate   virtual environment, then generate and build every robot in urdf/, and print one real result
 # make test       the tests to wait for (4 min)  make check-generated   regenerate the robots of urdf/ and compare with
+# make test-torch the wrapper for PyTorch, which is too large for the others: in none of them (TORCH= another wheel)
 # make test-slow  the rest of the tests                                what is committed
 # make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
@@ -25,11 +26,12 @@ SPREAD := -n $(WORKERS) --dist worksteal
 CONFIGURATIONS ?= 4194304
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 
+TORCH ?= torch>=2.5
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings docs soak spring-digits closed-loop settle energy hostile clean
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings docs soak spring-digits closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -51,6 +53,13 @@ test: $(VENV)/installed-test
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest $(SPREAD) -m slow
+
+$(VENV)/installed-torch: $(VENV)/installed-test
+	$(BIN)/pip install --quiet --disable-pip-version-check '$(TORCH)'
+	@touch $@
+
+test-torch: $(VENV)/installed-torch
+	$(BIN)/python -m pytest tests/long/torch_wrapper.py
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .
