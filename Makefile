@@ -8,6 +8,7 @@
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
+# make identify   a task stiffness and a tool learned from a recording, by JAX; make identify-torch by PyTorch
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make spring-digits  every spring with all axes against 60 digits, 1000 poses a case (some minutes)
@@ -31,7 +32,7 @@ FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 
-.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz random-warnings docs soak spring-digits closed-loop settle energy hostile clean
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment identify identify-torch fri-demo fri-fuzz random-warnings docs soak spring-digits closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -85,6 +86,16 @@ $(VENV)/installed-examples: $(VENV)/installed
 
 experiment: build/robots/iiwa14_plate $(VENV)/installed-examples
 	$(BIN)/python -m examples.bowl_wiping
+
+build/robots/iiwa14_tool: urdf/iiwa14.urdf $(GENERATOR) $(VENV)/installed-examples
+	$(BIN)/stiffgen generate $< --name iiwa14_tool --tool runtime --derivatives --no-masses --output build/robots
+	@touch $@
+
+identify: build/robots/iiwa14_tool
+	$(BIN)/python -m examples.identify jax
+
+identify-torch: build/robots/iiwa14_tool $(VENV)/installed-torch
+	$(BIN)/python -m examples.identify torch
 
 fri-demo: build/robots/iiwa14_plate $(VENV)/installed-examples
 	@$(BIN)/python -m examples.fri_robot.demo

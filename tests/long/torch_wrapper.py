@@ -1,4 +1,4 @@
-"""NAME.torch: the functions as operators of PyTorch. Run by ``make test-torch``: PyTorch is too large for other tests."""
+"""NAME.torch: the functions as operators of PyTorch. ``make test-torch`` runs this: PyTorch is too large for CI."""
 
 from __future__ import annotations
 
@@ -114,9 +114,7 @@ def test_memory_is_shared(small, arm, monkeypatch):
 def test_compiles(small, arm):
     """Under torch.compile's tracing the operators stay whole."""
     n = small.chain.dof
-    function = torch.compile(
-        lambda q: torch.ops.arm.hybrid_jacobian(q) * 2, backend="eager", fullgraph=True
-    )
+    function = torch.compile(lambda q: torch.ops.arm.hybrid_jacobian(q) * 2, backend="eager", fullgraph=True)
     q = torch.linspace(-1, 1, n, dtype=torch.float64)
     assert_close(function(q), 2 * small.module.hybrid.jacobian(q.numpy()), "hybrid.jacobian")
 
