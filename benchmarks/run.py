@@ -36,6 +36,8 @@ URDF = HERE.parent / "urdf" / "iiwa14.urdf"
 COUNT = 4096
 ROUNDS = 61
 SPRING_ROUNDS = 1001
+BATCH = 65536
+STREAMED = (10**6, 10**7)
 AGREE = 1e-12
 BOOST = "-DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS"
 NATIVE, AVX2, PLAIN = "-O3 -march=native", "-O3 -mavx2 -mfma", "-O2"
@@ -241,9 +243,9 @@ def timed(call: Callable[[], object], repeat: int = 15, target: float = 0.02) ->
 
 
 def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]:
-    """Rows (name, median, quartiles) for one call [us], and for a batch of 65536 [us a configuration]."""
+    """Rows (name, median, quartiles) for one call [us], and for a batch of BATCH [us a configuration]."""
     module = open_robot(robot).module
-    size = 65536
+    size = BATCH
     samples = Samples.draw(chain, size, seed=2)
     q, F, K = samples.q, samples.wrench, samples.task_stiffness[0]
     q0, F0 = q[0].copy(), F[0].copy()
@@ -430,7 +432,7 @@ def streaming(robot: Path) -> list[tuple[str, int, int]]:
     status = Path("/proc/meminfo")
     available = int(status.read_text().split("MemAvailable:")[1].split()[0]) if status.exists() else 0
     rows = []
-    for count in (10**6, 10**7):
+    for count in STREAMED:
         # 14 (every other one is read) + 6 + 49 doubles a configuration
         if available < 1.2 * count * 69 * 8 / 1024:
             left_out.append(f"memory of {count} configurations: too little of it is free, or this is not Linux")
@@ -548,7 +550,8 @@ def _installed(package: str) -> bool:
     return True
 
 
-def main() -> None:
+def main(target: Path = HERE) -> None:
+    """Measure, and write RESULTS.md and results.svg into ``target``."""
     chain = stiffgen.load_chain(URDF)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -581,7 +584,7 @@ def main() -> None:
         "## One call from Python",
         "",
         *table("contender", single, "us", single[0][1], "matmul"),
-        "## 65536 configurations from Python",
+        f"## {BATCH} configurations from Python",
         "",
         *table("contender", batch, "us a configuration", batch[0][1], "stiffgen, out="),
         *streamed_section(streamed),
@@ -589,10 +592,10 @@ def main() -> None:
         *GPU,
         *(["Left out:", "", *(f"* {reason}" for reason in left_out), ""] if left_out else []),
     ]
-    (HERE / "RESULTS.md").write_text("\n".join(lines))
+    (target / "RESULTS.md").write_text("\n".join(lines))
     chosen = [r for r in rows if PLAIN not in r[0].split(";")[-1] and AVX2 not in r[0]]
-    (HERE / "results.svg").write_text(svg(chosen, floor))
-    print((HERE / "RESULTS.md").read_text())
+    (target / "results.svg").write_text(svg(chosen, floor))
+    print((target / "RESULTS.md").read_text())
     print(json.dumps({"left out": left_out}))
 
 

@@ -186,6 +186,21 @@ def test_the_compiler_may_have_arguments(tmp_path, monkeypatch):
     assert (stiffgen.generate(URDF, output=tmp_path) / "iiwa14.c").exists()
 
 
+def test_own_flags_come_last(tmp_path, monkeypatch):
+    """Flags in CC stand before the build's -O3, which overrides them; those in CFLAGS behind it."""
+    seen = tmp_path / "seen"
+    compiler = tmp_path / "compiler"
+    compiler.write_text(f'#!/bin/sh\necho "$@" >> {seen}\nexec gcc "$@" -O0\n')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", f"{compiler} -DFIRST")
+    monkeypatch.setenv("CFLAGS", "-O2 '-DWORDS=a b'")
+    stiffgen.generate(URDF, output=tmp_path / "generated")
+    made = [line for line in seen.read_text().splitlines() if "iiwa14.c" in line or "iiwa14_python.c" in line]
+    assert len(made) == 2
+    for line in made:
+        assert line.index("-DFIRST") < line.index("-O3") < line.index("-O2") < line.index("-DWORDS=a b")
+
+
 @pytest.mark.parametrize("name", ["9arm", "a b", "../up", "", "double", "x/y", "a" * 60, "ärm"])
 def test_unusable_names_are_refused(name, tmp_path):
     with pytest.raises(StiffgenError, match="--name"):

@@ -31,7 +31,7 @@ from examples.identify.recording import (
 )
 from stiffgen.opened import GeneratedRobot, open_robot
 
-PUSHES, NOISE = 3000, 0.01
+PUSHES, NOISE = 2000, 0.01
 BOUND = 0.02
 """What an entry may be off, as a part of itself."""
 DETERMINED = BOUND / 3
@@ -45,7 +45,7 @@ def identify(robot: GeneratedRobot, recording: Recording, framework: str) -> tup
     model: Any = importlib.import_module(f"examples.identify.in_{framework}")
     found = minimize(
         model.objective(wrapper, recording), START, jac=True, method="L-BFGS-B",
-        options={"maxiter": 2000, "maxfun": 4000, "maxcor": 24, "ftol": 0, "gtol": 1e-7},
+        options={"maxiter": 2000, "maxfun": 4000, "maxcor": 24, "ftol": 0, "gtol": 1e-6},
     )  # fmt: skip
     factor = np.zeros((6, 6))
     factor[LOWER] = found.x[:21]

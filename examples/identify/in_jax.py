@@ -31,7 +31,7 @@ def objective(robot: Any, recording: Recording) -> Callable[[Array], tuple[float
         jacobian = robot.hybrid.jacobian(q, pose)
         left = jnp.einsum("nij,nj->ni", joint, deflection) - jnp.einsum("nki,nk->ni", jacobian, push)
         covariance = joint * recording.deflection_variance @ joint + jacobian.mT * recording.push_variance @ jacobian
-        factor = jnp.linalg.cholesky(covariance)
+        factor = jnp.linalg.cholesky(covariance + recording.load_covariance)
         white = jax.scipy.linalg.solve_triangular(factor, left[:, :, None], lower=True)
         logarithms = jnp.log(jnp.diagonal(factor, axis1=1, axis2=2))
         return ((white**2).sum() / 2 + logarithms.sum()) / len(q)

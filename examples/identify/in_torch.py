@@ -19,11 +19,11 @@ def unpacked(parameters: Any) -> tuple[Any, Any]:
 
 def objective(robot: Any, recording: Recording) -> Callable[[Array], tuple[float, Array]]:
     """The loss of :mod:`examples.identify.recording` and its gradient; ``robot`` is NAME.torch."""
-    q, wrench, push, deflection, deflection_variance, push_variance = map(
+    q, wrench, push, deflection, deflection_variance, push_variance, load_covariance = map(
         torch.as_tensor,
         (
             recording.q, recording.wrench, recording.push, recording.deflection,
-            recording.deflection_variance, recording.push_variance,
+            recording.deflection_variance, recording.push_variance, recording.load_covariance,
         ),
     )  # fmt: skip
     eye = torch.eye(4, dtype=torch.float64)
@@ -37,12 +37,12 @@ def objective(robot: Any, recording: Recording) -> Callable[[Array], tuple[float
         jacobian = robot.hybrid.jacobian(q, pose)
         left = torch.einsum("nij,nj->ni", joint, deflection) - torch.einsum("nki,nk->ni", jacobian, push)
         covariance = joint * deflection_variance @ joint + jacobian.mT * push_variance @ jacobian
-        factor = torch.linalg.cholesky(covariance)
+        factor = torch.linalg.cholesky(covariance + load_covariance)
         white = torch.linalg.solve_triangular(factor, left[:, :, None], upper=False)
         logarithms = factor.diagonal(dim1=1, dim2=2).log()
         loss = ((white**2).sum() / 2 + logarithms.sum()) / len(q)
         loss.backward()
         assert given.grad is not None
-        return float(loss), given.grad.numpy()
+        return float(loss.detach()), given.grad.numpy()
 
     return evaluated

@@ -12,9 +12,9 @@ What is found is the most likely K and r. At the truth the torque that is left o
 
     t = (Kq + Kp) dq - J^T dF,
 
-is noise alone, with the covariance S = (Kq + Kp) Vq (Kq + Kp) + J^T Vf J; Vq and Vf are the variances of the noise on
-dq and dF. The loss is the mean of t^T S^-1 t / 2 + log(det S) / 2. Plain squares of t would call the noise on dq
-stiffness, and find too little of it.
+is noise alone. Its covariance is S = (Kq + Kp) Vq (Kq + Kp) + J^T Vf J + Sl: Vq and Vf are the variances of the noise
+on dq and dF, Sl is what the noise on F adds through Kq. The loss is the mean of t^T S^-1 t / 2 + log(det S) / 2. Plain
+squares of t would take the noise on dq for motion, and find too little stiffness.
 """
 
 from __future__ import annotations
@@ -39,7 +39,10 @@ START = np.concatenate([np.eye(6)[LOWER], np.zeros(3)])
 
 @dataclass(frozen=True)
 class Recording:
-    """Posture (N, 7) [rad], load and push (N, 6) [N, N m], deflection (N, 7) [rad]; and the truth behind it."""
+    """Posture (N, 7) [rad], load and push (N, 6) [N, N m], deflection (N, 7) [rad]; and the truth behind it.
+
+    ``load_covariance`` (N, 7, 7) [(N m)^2] is what the noise on F adds to S, for a tool at the flange.
+    """
 
     q: Array
     wrench: Array
@@ -48,6 +51,7 @@ class Recording:
     task_stiffness: Array
     tool: Array
     noise: float
+    load_covariance: Array
 
     @property
     def deflection_variance(self) -> Array:
@@ -104,7 +108,11 @@ def record(robot: ModuleType, count: int, noise: float, *, turning: bool = True,
     def noisy(values: Array) -> Array:
         return np.asarray(values + noise * np.sqrt(np.mean(values**2, axis=0)) * random.normal(size=values.shape))
 
-    return Recording(q, noisy(wrench), noisy(push), noisy(deflection), stiffness, tool, noise)
+    load, push, deflection = noisy(wrench), noisy(push), noisy(deflection)
+    variance = noise**2 * np.mean(load**2, axis=0)
+    by_load = robot.hybrid.joint_stiffness(q, np.eye(4), np.eye(6)[:, None], np.zeros((6, 6))) @ deflection[:, :, None]
+    load_covariance = np.einsum("k,kni,knj->nij", variance, by_load[..., 0], by_load[..., 0])
+    return Recording(q, load, push, deflection, stiffness, tool, noise, load_covariance)
 
 
 def residuals(robot: ModuleType, recording: Recording, entries: Array, tool: Array) -> tuple[Array, Array]:
@@ -117,7 +125,7 @@ def residuals(robot: ModuleType, recording: Recording, entries: Array, tool: Arr
     left = np.einsum("nij,nj->ni", joint, recording.deflection) - np.einsum("nki,nk->ni", jacobian, recording.push)
     covariance = joint * recording.deflection_variance @ joint
     covariance += jacobian.swapaxes(1, 2) * recording.push_variance @ jacobian
-    return left, covariance
+    return left, covariance + recording.load_covariance
 
 
 @dataclass(frozen=True)

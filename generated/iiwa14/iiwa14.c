@@ -149,6 +149,13 @@ typedef unsigned long long pattern __attribute__((vector_size(LANE_BYTES)));
 #define ALIGNED
 #endif
 
+/* Before a loop of few rounds, which gcc leaves a loop at -O2. */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
+#define UNROLLED _Pragma("GCC unroll 8")
+#else
+#define UNROLLED
+#endif
+
 /* Lanes as numbers, and as the bits of these. */
 typedef union {
     lanes number;
@@ -245,9 +252,8 @@ static inline void put_row(double *matrix, int n, int i, const lanes *row, int b
         if (at + LANES <= n * n) {
             memcpy(&matrix[at], &finite, sizeof finite);
         } else {
-            for (int k = 0; k < LANES && at + k < n * n; ++k) {
-                matrix[at + k] = ((const double *)&finite)[k];
-            }
+            const int rest = n - LANES * j; /* of the last row: fewer than LANES */
+            memcpy(&matrix[at], &finite, (size_t)(rest < LANES ? rest : LANES) * sizeof(double));
         }
     }
 }
@@ -281,9 +287,12 @@ static inline void copy_rows(const double *from, int stride, int rows, double *t
 /* Copy the upper triangle of a matrix of n rows to both triangles of another one. */
 static inline void copy_symmetric(const double *from, int n, double *to)
 {
+    UNROLLED
     for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            to[n * i + j] = from[i < j ? n * i + j : n * j + i];
+        UNROLLED
+        for (int j = i; j < n; ++j) {
+            to[n * i + j] = from[n * i + j];
+            to[n * j + i] = from[n * i + j];
         }
     }
 }
@@ -304,6 +313,18 @@ static inline void mirror_lower(double *matrix, int n)
     for (int i = 0; i < n; ++i) {
         for (int j = i + 1; j < n; ++j) {
             matrix[n * i + j] = matrix[n * j + i];
+        }
+    }
+}
+
+/* Rows of lanes, from where they were put together to where they are wanted. */
+static inline void put_rows(const lanes *from, int rows, int padded, lanes *to)
+{
+    UNROLLED
+    for (int k = 0; k < rows; ++k) {
+        UNROLLED
+        for (int j = 0; j < padded; ++j) {
+            to[padded * k + j] = from[padded * k + j];
         }
     }
 }
@@ -646,11 +667,7 @@ static void gravity_columns(const double q[7], lanes J[6][PADDED], double first_
         {EIGHT(s0_0, J4_1, J4_2, J4_3, J4_4, J4_5, J4_6, 0.0)},
         {EIGHT(0.0, J5_1, J5_2, J5_3, J5_4, J5_5, J5_6, 0.0)},
     };
-    for (int k = 0; k < 6; ++k) {
-        for (int j = 0; j < PADDED; ++j) {
-            J[k][j] = rows_of_J[k][j];
-        }
-    }
+    put_rows(rows_of_J[0], 6, PADDED, J[0]);
 }
 
 /*
@@ -749,11 +766,7 @@ static void body_columns(const double q[7], lanes J[6][PADDED])
         {EIGHT(R0_12, R1_11, R2_12, J4_3, R4_12, c6, 0.0, 0.0)},
         {EIGHT(R0_22, R1_21, R2_22, -R3_21, c5, 0.0, 1.0, 0.0)},
     };
-    for (int k = 0; k < 6; ++k) {
-        for (int j = 0; j < PADDED; ++j) {
-            J[k][j] = rows_of_J[k][j];
-        }
-    }
+    put_rows(rows_of_J[0], 6, PADDED, J[0]);
 }
 
 /*
@@ -859,11 +872,7 @@ static void spatial_columns(const double q[7], lanes J[6][PADDED])
         {EIGHT(0.0, c0, R1_12, J4_3, R3_12, R4_11, R5_12, 0.0)},
         {EIGHT(1.0, 0.0, c1, -R2_21, R3_22, R4_21, R5_22, 0.0)},
     };
-    for (int k = 0; k < 6; ++k) {
-        for (int j = 0; j < PADDED; ++j) {
-            J[k][j] = rows_of_J[k][j];
-        }
-    }
+    put_rows(rows_of_J[0], 6, PADDED, J[0]);
 }
 
 /*
@@ -974,11 +983,7 @@ static void hybrid_columns(const double q[7], lanes J[6][PADDED])
         {EIGHT(0.0, c0, R1_12, J4_3, R3_12, R4_11, R5_12, 0.0)},
         {EIGHT(1.0, 0.0, c1, -R2_21, R3_22, R4_21, R5_22, 0.0)},
     };
-    for (int k = 0; k < 6; ++k) {
-        for (int j = 0; j < PADDED; ++j) {
-            J[k][j] = rows_of_J[k][j];
-        }
-    }
+    put_rows(rows_of_J[0], 6, PADDED, J[0]);
 }
 
 /*
@@ -1115,11 +1120,7 @@ static void hybrid_columns_and_pose(const double q[7], lanes J[6][PADDED], doubl
         {EIGHT(0.0, c0, R1_12, J4_3, R3_12, R4_11, R5_12, 0.0)},
         {EIGHT(1.0, 0.0, c1, -R2_21, R3_22, R4_21, R5_22, 0.0)},
     };
-    for (int k = 0; k < 6; ++k) {
-        for (int j = 0; j < PADDED; ++j) {
-            J[k][j] = rows_of_J[k][j];
-        }
-    }
+    put_rows(rows_of_J[0], 6, PADDED, J[0]);
 }
 
 /* ---- 4. Kernels ------------------------------------------------------------------------------------------ */
@@ -3760,9 +3761,12 @@ static inline void store_lanes(const lanes *from, size_t left, int size, double 
 /* Copy the upper triangle of a matrix of n rows to both triangles of another one. */
 static inline void copy_symmetric_lanes(const lanes *from, int n, lanes *to)
 {
+    UNROLLED
     for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            to[n * i + j] = from[i < j ? n * i + j : n * j + i];
+        UNROLLED
+        for (int j = i; j < n; ++j) {
+            to[n * i + j] = from[n * i + j];
+            to[n * j + i] = from[n * i + j];
         }
     }
 }

@@ -14,6 +14,7 @@ import re
 
 import numpy as np
 import pytest
+from mpmath import mp
 
 import stiffgen
 from stiffgen.check.result import BOUND, as_results, relative_error
@@ -26,6 +27,7 @@ from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS, Placement
 from stiffgen.symbolic.springs import spring as spring_of_kind
+from support import exact_c
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
 from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
@@ -230,10 +232,7 @@ def mutated(request, chain, references, tmp_path_factory):
 
     Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chains, in which nothing is
     aligned, are not: one with a sliding and a mimic joint, and one of six turning joints, whose mass matrix has no
-    loops (and the shape of the Jacobian).
-
-    The bias forces have terms that cancel: the second link's angular velocity is the first joint's axis and its own, so
-    that gyroscopic moments of some of its inertias have no part along the first axis, whatever their sign.
+    loops (and the shape of the Jacobian). The bias forces, of which some terms cancel, have a test of their own.
     """
     if request.param == "iiwa14":
         return chain, references, ("mass_matrix", "bias_forces")
@@ -296,6 +295,65 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     suffixes = ("", "_lanes") if vehicle == "C" else ("",)
     assert {f"{rep}_columns{suffix}" for rep in REPRESENTATIONS for suffix in suffixes} < bodies
     assert len(places) > 200
+
+
+@pytest.mark.parametrize("types", ["iiwa14", pytest.param("rrprr", marks=pytest.mark.slow), "rrrrrr"])
+def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
+    """Every sign of both bodies, single and batch, joint by joint: those of a wrist are small beside a shoulder's.
+
+    What is not caught has no effect: the angular velocity of the second link is made of the first joint's axis and its
+    own, so that gyroscopic moments of some of its inertias cancel. Run with 60 digits, they still do.
+    """
+    if types != "iiwa14":
+        (tmp_path / "skew.urdf").write_text(chain_urdf(types).replace('"0 0 1"', '"0.48 0.6 0.64"'))
+        chain = stiffgen.load_chain(tmp_path / "skew.urdf")
+    texts = render(chain, "robot")
+    texts["robot.c"], places = with_switches(texts["robot.c"], lambda body: "bias_forces" in body)
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
+    library = ctypes.CDLL(str(compile_c(tmp_path / "robot.so", *flags, tmp_path / "robot.c", "-lm")))
+    flip = (ctypes.c_double * len(places)).in_dll(library, "flip")
+    flip[:] = [1.0] * len(places)
+    arguments, (expected,) = expected_values(References(chain, count=4, seed=11))["bias_forces"]
+    scale, found = np.abs(expected).max(axis=0), np.empty_like(expected)
+    calls = single_call(library.robot_bias_forces), batch_call(library.robot_bias_forces_batch)
+
+    def error():
+        worst = 0.0
+        for call in calls:
+            call(arguments, [found])
+            worst = np.maximum(worst, (np.abs(found - expected) / scale).max())  # NaN stays
+        return worst
+
+    assert error() < 1e-13
+    missed = []
+    for k in range(len(places)):
+        flip[k] = -1.0
+        if error() <= BOUND:
+            missed.append(k)
+        flip[k] = 1.0
+    assert {place.split(":")[0] for place in places} == {"robot_bias_forces", "bias_forces_lanes"}
+    single = [place.startswith("robot_") for place in places]
+    assert sum(single) == len(places) - sum(single) > 150  # the same signs in both
+    assert len(missed) == 4  # of them, two in each
+
+    lines = exact_c.statements(texts["robot.c"], "robot_bias_forces")
+
+    def exactly(signs):
+        """The first state with these signs, with 60 digits."""
+        named = zip(("q", "velocity", "gravity"), arguments, strict=True)
+        given = {name: [mp.mpf(x) for x in each[0]] for name, each in named}
+        return exact_c.run(lines, {**given, "flip": signs}, "bias_forces", chain.dof)
+
+    right = exactly([1] * len(places))
+    assert np.abs(np.array(right, float) - expected[0]).max() < 1e-13 * scale.max()
+    for k in range(len(places)) if types == "rrrrrr" else missed:
+        if single[k]:
+            changed = exactly([-1 if number == k else 1 for number in range(len(places))])
+            difference = max(abs(a - b) / mp.mpf(scale.max()) for a, b in zip(right, changed, strict=True))
+            assert (difference < 1e-55) == (k in missed), places[k]
+            assert difference < 1e-55 or difference > 1e-14
 
 
 def turned_states(library, chain):

@@ -2,28 +2,57 @@
 
 from __future__ import annotations
 
+import platform
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 import stiffgen
 from stiffgen.emit.render import render
+from stiffgen.errors import ChainError
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import KINDS
 from support.c_program import STRICT
 from support.random_urdf import Plain, random_robot
 
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
+VECTORS: tuple[tuple[str, ...], ...] = (
+    ((), ("-mavx2", "-mfma"), ("-march=x86-64-v4",), ("-DSTIFFGEN_NO_VECTORS",))
+    if platform.machine() in ("x86_64", "AMD64")
+    else ((), ("-march=native",), ("-DSTIFFGEN_NO_VECTORS",))
+)
+"""Flags for every width of the lanes. Nothing is run: the machine need not have the instructions."""
 
 
-def sources_of_random_robot(seed: int, most_moving: int, folder: Path) -> list[Path]:
-    """Write kernels and controller of a random robot; returns the C files."""
+def sources_of_random_robot(
+    seed: int, most_moving: int, folder: Path, *, floating: bool = False, options: SpringOptions | None = None
+) -> list[Path]:
+    """Write kernels and controller of a random robot; returns the C files.
+
+    With ``floating`` the root link floats; a ChainError where a joint that is no coordinate stands before the tip.
+    """
     robot = random_robot(Plain(seed), most_moving)
     urdf = folder / "random.urdf"
     urdf.write_text(robot.text, encoding="utf-8")
-    texts = render(stiffgen.load_chain(urdf, base=robot.base, tip=robot.tip), "arm")
+    base = None if floating else robot.base
+    chain = stiffgen.load_chain(urdf, base=base, tip=robot.tip, floating_base=floating)
+    texts = render(chain, "arm", options=options)
     for file, text in texts.items():
         if file.endswith((".h", ".c")):
             (folder / file).write_text(text, encoding="utf-8")
-    return [folder / "arm.c", folder / "arm_impedance.c"]
+    return [folder / file for file in ("arm.c", "arm_impedance.c") if file in texts]
+
+
+def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[str, list[Path]]:
+    """The same with options by the seed, in turn: none, derivatives, every spring, a floating base. What was taken."""
+    kind = ("plain", "derivatives", "plain", "springs", "plain", "floating")[seed % 6]
+    options = SpringOptions(kinds=tuple(KINDS) if kind == "springs" else (), derivatives=kind == "derivatives")
+    try:
+        return kind, sources_of_random_robot(seed, most_moving, folder, floating=kind == "floating", options=options)
+    except ChainError:
+        if kind != "floating":
+            raise
+        return "plain", sources_of_random_robot(seed, most_moving, folder)
 
 
 def complaints(compiler: str, flags: Sequence[str], sources: Sequence[Path]) -> str:
@@ -31,3 +60,9 @@ def complaints(compiler: str, flags: Sequence[str], sources: Sequence[Path]) -> 
     command = [compiler, "-std=c99", *flags, *STRICT, "-S", "-o", "/dev/null"]
     runs = [subprocess.run([*command, str(s)], capture_output=True, text=True, check=False) for s in sources]
     return "".join(run.stderr or f"exit code {run.returncode}" for run in runs if run.returncode or run.stderr)
+
+
+def preprocessed(compiler: str, flags: Sequence[str], source: Path) -> str:
+    """What the compiler sees of a source: without comments, with its headers."""
+    command = [compiler, "-std=c99", *flags, "-E", "-P", str(source)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout

@@ -20,11 +20,13 @@ from stiffgen.errors import BuildError
 
 _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
-"""As CMake's release build of the folder's CMakeLists.txt has them."""
+"""As CMake's release build of the folder's CMakeLists.txt has them. The user's own come after them: CFLAGS."""
 
 
 def build_module(folder: Path, name: str) -> None:
     """Compile the NumPy module of a generated folder into that folder, for the instruction set of this machine.
+
+    CC names the compiler; what CFLAGS has stands behind the build's own flags, and so wins.
 
     A folder with derivatives also gets the calls for XLA that NAME.jax has, where jax is installed.
 
@@ -46,8 +48,8 @@ def build_module(folder: Path, name: str) -> None:
     module = folder / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
     with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
         native = _native(compiler, Path(build))
-        command = [*compiler, *_FLAGS, *native]
-        options = {
+        command = [*compiler, *_FLAGS, *native, *shlex.split(os.environ.get("CFLAGS", ""))]
+        options: dict[str, list[str]] = {
             f"{name}.c": [],
             f"{name}_impedance.c": [],
             f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
@@ -88,7 +90,7 @@ def build_library(
 
 
 def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
-    """Raise BuildError if the compiled kernels compute something else, for flags in CC that change arithmetic."""
+    """Raise BuildError if the compiled kernels compute something else, because of flags that change arithmetic."""
     source, program = build / "self_check.c", build / "self_check"
     source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(); }}\n')
     libraries = ["-lm"] if os.name != "nt" else []
@@ -97,7 +99,7 @@ def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) ->
     if wrong != 0:
         raise BuildError(
             f"{shlex.join(command[:1])} compiles with flags that change its arithmetic (self-check {wrong}, see "
-            f"{name}.h); take them out of CC"
+            f"{name}.h); take them out of CC and CFLAGS"
         )
 
 

@@ -253,7 +253,7 @@ class _TargetPrinter:
             printed,
             lines=[*opening, *lines],
             operations=printed.operations + Operations(add=len(guarded), multiply=len(guarded)),
-            calls=printed.calls | ({guard} if guarded else set()),
+            calls=printed.calls | ({guard} if guarded else set()) | ({"put_rows"} if by_rows else set()),
         )
 
 
@@ -263,15 +263,7 @@ def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
     lines = ["", f"const lanes rows_of_{target.name}[{count}][{scope.padded}] = {{"]
     for k in range(count):
         lines += _indented(wrap_list("{" + ", ".join(eights(texts[m * k : m * (k + 1)])) + "},"), 1)
-    return [
-        *lines,
-        "};",
-        f"for (int k = 0; k < {count}; ++k) {{",
-        f"    for (int j = 0; j < {scope.padded}; ++j) {{",
-        f"        {target.name}[k][j] = rows_of_{target.name}[k][j];",
-        "    }",
-        "}",
-    ]
+    return [*lines, "};", f"put_rows(rows_of_{target.name}[0], {count}, {scope.padded}, {target.name}[0]);"]
 
 
 def element(array: Array, k: int) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from stiffgen.emit.fields import (
     CONFIG,
@@ -53,42 +53,102 @@ def controller_files(name: str, chain: Chain) -> dict[str, str]:
     }
 
 
-def controller_context(name: str, chain: Chain) -> dict[str, Any] | None:
-    """The variable ``controller`` of the templates; None without a controller."""
+@dataclass(frozen=True)
+class Rule:
+    """The check of a configuration field: C bounds, whether it is an int, and the error's code."""
+
+    name: str
+    integer: bool
+    least: str
+    most: str
+    code: int
+
+
+@dataclass(frozen=True)
+class Member:
+    """A field in its C struct: declaration, comment in lines, NumPy's format of an entry, and the shape."""
+
+    name: str
+    declaration: str
+    comment: list[str]
+    format: str
+    extents: list[int]
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A C struct, NAME_impedance_<name>."""
+
+    name: str
+    summary: str
+    fields: list[Member]
+
+
+@dataclass(frozen=True)
+class ControllerPage:
+    """The variable ``controller`` of the templates.
+
+    Attributes:
+        runtime: the C of all controllers.
+        tool: whether the tool's pose is given at run time.
+        tips: number of tips.
+        scopes: prefix of the kernels' names, tip by tip.
+        status, modes, faults: name and meaning.
+        reasons: name, fault and meaning.
+        reason_classes: the number of each reason's fault.
+        errors: name, code and text.
+        rules: of the configuration's fields.
+        structs: config, input and output.
+        choice_fields: name and words of the fields that are choices.
+        defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
+
+    """
+
+    runtime: str
+    tool: bool
+    tips: int
+    scopes: list[str]
+    status: tuple[tuple[str, str], ...]
+    modes: tuple[tuple[str, str], ...]
+    faults: tuple[tuple[str, str], ...]
+    reasons: tuple[tuple[str, str, str], ...]
+    reason_classes: list[int]
+    errors: list[tuple[str, int, str]]
+    rules: list[Rule]
+    structs: list[Struct]
+    choice_fields: list[tuple[str, tuple[str, ...]]]
+    defaults: list[str]
+    joint_defaults: list[str]
+
+
+def controller_page(name: str, chain: Chain) -> ControllerPage | None:
+    """What the templates are to know of a robot's controller; None without one."""
     if not has_controller(chain):
         return None
     prefix = name.upper()
-    tips = len(chain.tips)
-    sizes = {"n": chain.dof, "tips": tips}
-    scopes = [f"{tip.name}_" if tip.name else "" for tip in chain.tips]
-    return {
-        "runtime": "\n".join((RUNTIME / part).read_text(encoding="utf-8") for part in PARTS),
-        "tool": chain.runtime_tool,
-        "tips": tips,
-        "scopes": scopes,
-        "status": STATUS,
-        "modes": MODES,
-        "faults": FAULTS,
-        "reasons": REASONS,
-        "reason_classes": [[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
-        "errors": _errors(name),
-        "rules": [_rule(index, field) for index, field in enumerate(CONFIG)],
-        "structs": [
-            {
-                "name": struct,
-                "summary": summary,
-                "fields": [
-                    _field(field, sizes, prefix) for field in fields if field.when != "tool" or chain.runtime_tool
-                ],
-            }
-            for struct, summary, fields in _STRUCTS
-        ],
-        "choice_fields": [(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
-        "defaults": [f"config->{f.name} = {_default(f, prefix)};" for f in CONFIG if not f.shape],
-        "joint_defaults": [
-            f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)
-        ],
-    }
+    return ControllerPage(
+        runtime="\n".join((RUNTIME / part).read_text(encoding="utf-8") for part in PARTS),
+        tool=chain.runtime_tool,
+        tips=len(chain.tips),
+        scopes=[f"{tip.name}_" if tip.name else "" for tip in chain.tips],
+        status=STATUS,
+        modes=MODES,
+        faults=FAULTS,
+        reasons=REASONS,
+        reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
+        errors=_errors(name),
+        rules=[_rule(index, field) for index, field in enumerate(CONFIG)],
+        structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
+        choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
+        defaults=[f"config->{f.name} = {_default(f, prefix)};" for f in CONFIG if not f.shape],
+        joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)],
+    )
+
+
+def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
+    sizes = {"n": chain.dof, "tips": len(chain.tips)}
+    members = [_member(field, sizes, prefix) for field in fields if field.when != "tool" or chain.runtime_tool]
+    return Struct(name, summary, members)
 
 
 def _default(field: Field, prefix: str) -> str:
@@ -104,17 +164,17 @@ def _errors(name: str) -> list[tuple[str, int, str]]:
     ]
 
 
-def _rule(index: int, field: Field) -> dict[str, Any]:
-    return {
-        "name": field.name,
-        "integer": field.type == "int",
-        "least": "-INFINITY" if math.isinf(field.least) else repr(float(field.least)),
-        "most": "INFINITY" if math.isinf(field.most) else repr(float(field.most)),
-        "code": _FIRST_FIELD_ERROR - index,
-    }
+def _rule(index: int, field: Field) -> Rule:
+    return Rule(
+        name=field.name,
+        integer=field.type == "int",
+        least="-INFINITY" if math.isinf(field.least) else repr(float(field.least)),
+        most="INFINITY" if math.isinf(field.most) else repr(float(field.most)),
+        code=_FIRST_FIELD_ERROR - index,
+    )
 
 
-def _field(field: Field, sizes: dict[str, int], prefix: str) -> dict[str, Any]:
+def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
     extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
     if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
         extents = extents[1:]
@@ -122,13 +182,13 @@ def _field(field: Field, sizes: dict[str, int], prefix: str) -> dict[str, Any]:
     bound = f" {field.rule[0].upper()}{field.rule[1:]}." if field in CONFIG or field.choices else ""
     shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
     unit = f"[{field.unit}]{shape} " if field.unit else ""
-    return {
-        "name": field.name,
-        "declaration": f"{field.type} {field.name}" + (f"[{math.prod(extents)}]" if extents else ""),
-        "comment": _comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}{default}"),
-        "format": _FORMATS[field.type],
-        "extents": extents,
-    }
+    return Member(
+        name=field.name,
+        declaration=f"{field.type} {field.name}" + (f"[{math.prod(extents)}]" if extents else ""),
+        comment=_comment(f"{unit}{field.meaning.replace('NAME_', prefix + '_')}.{bound}{default}"),
+        format=_FORMATS[field.type],
+        extents=extents,
+    )
 
 
 def _comment(text: str, width: int = 108) -> list[str]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import jinja2
 
 from stiffgen._version import __version__
 from stiffgen.emit import contexts
 from stiffgen.emit.c import Scope, TargetCode, print_kernels
-from stiffgen.emit.controller import controller_context, controller_files
+from stiffgen.emit.controller import ControllerPage, controller_files, controller_page
 from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.emit.manifest import MANIFEST, manifest_text
 from stiffgen.emit.target import BATCH, DOUBLE, SINGLE, Target
@@ -148,7 +147,7 @@ class _RobotPages:
     fixed: str
     tool: list[str]
     example: contexts.Example
-    controller: dict[str, Any] | None
+    controller: ControllerPage | None
     scopes: tuple[Scope, ...]
     shared: list[contexts.Definition]
     batch_shared: list[contexts.Definition]
@@ -190,7 +189,7 @@ def _pages(
         fixed="world" if chain.floating else "base",
         tool=contexts.tool_lines(chain),
         example=contexts.example_of(chain),
-        controller=controller_context(name, chain),
+        controller=controller_page(name, chain),
         scopes=single.scopes,
         shared=contexts.shared_functions(single),
         batch_shared=contexts.shared_functions(batch),

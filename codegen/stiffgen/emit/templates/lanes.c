@@ -37,6 +37,13 @@ typedef unsigned long long pattern __attribute__((vector_size(LANE_BYTES)));
 #define ALIGNED
 #endif
 
+/* Before a loop of few rounds, which gcc leaves a loop at -O2. */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
+#define UNROLLED _Pragma("GCC unroll 8")
+#else
+#define UNROLLED
+#endif
+
 /* Lanes as numbers, and as the bits of these. */
 typedef union {
     lanes number;

@@ -1,0 +1,96 @@
+"""Every target of the Makefile is run by .ci/run or by a test: the programs that take long, for a moment."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.project import ROOT
+
+PROGRAMS = {
+    "random-robots": "tests/long/long_run.py --chains 2 --broken 2 --joints 4",
+    "random-warnings": "tests/long/compiler_warnings.py 2 2 0",
+    "spring-digits": "tests/long/springs_digits.py 1 1 pose",
+    "soak": "tests/long/soak.py --steps 300 --pencils 20",
+    "settle": "tests/long/settle.py --count 4",
+    "energy": "tests/long/energy.py --count 4 --climb 2",
+    "hostile": "tests/long/hostile.py --steps 2000 --flips 20",
+    "fri-fuzz": "tests/long/fuzz_fri.py {folder} -runs=50 -seed=1",
+}
+"""What the targets run, with less of it."""
+ELSEWHERE = {
+    "generate": "tests/test_generate.py",
+    "bench": "tests/test_make.py",
+    "bench-cuda": "tests/emit/test_cuda.py",
+    "experiment": "tests/examples/test_experiment.py",
+    "fri-demo": "tests/examples/test_fri_session.py",
+    "closed-loop": "tests/test_make.py",
+}
+"""Targets that a test runs in another way. closed-loop is settle, energy and hostile."""
+BY_HAND = {"clean", "robots"}
+"""Removes files; downloads packages of robots."""
+
+
+def test_every_target_is_run_by_somebody():
+    targets = set(re.search(r"^\.PHONY:(.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1].split())
+    by_ci = set(re.findall(r"^make (\S+)", (ROOT / ".ci" / "run").read_text(), re.MULTILINE))
+    assert targets == by_ci | PROGRAMS.keys() | ELSEWHERE.keys() | BY_HAND
+    assert all((ROOT / file).exists() for file in ELSEWHERE.values())
+
+
+@pytest.mark.parametrize("target", PROGRAMS)
+def test_a_target_runs_its_program(target):
+    recipes = subprocess.run(
+        ["make", "--dry-run", "--always-make", target], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert PROGRAMS[target].split()[0] in recipes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", PROGRAMS)
+def test_the_program_runs(target, tmp_path):
+    command = PROGRAMS[target].format(folder=tmp_path).split()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, *command], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+BENCHMARK = """
+import sys
+from pathlib import Path
+
+from benchmarks import run
+
+run.COUNT, run.ROUNDS, run.SPRING_ROUNDS, run.BATCH, run.STREAMED, run.JOINTS = 64, 3, 5, 256, (2000,), (10, 12)
+found = run.shutil.which
+run.shutil.which = lambda tool: None if tool == "g++" else found(tool)  # minutes of Pinocchio's templates
+run.main(Path(sys.argv[1]))
+"""
+
+
+@pytest.mark.slow
+def test_the_benchmark_runs(tmp_path: Path):
+    """benchmarks/run.py with few rounds: what it times agrees, and its tables are whole."""
+    before = (ROOT / "benchmarks" / "RESULTS.md").read_text()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-c", BENCHMARK, str(tmp_path)],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    written = (tmp_path / "RESULTS.md").read_text()
+    assert [line for line in written.splitlines() if line.startswith("## ")] == [
+        line.replace("65536", "256") for line in before.splitlines() if line.startswith("## ")
+    ]
+    assert written.count("| stiffgen") >= 9
+    assert "Pinocchio C++, kinematic Hessian; g++ -O2: g++ is not installed" in written
+    assert "disagrees" not in written
+    assert (tmp_path / "results.svg").read_text().startswith("<svg")
+    assert (ROOT / "benchmarks" / "RESULTS.md").read_text() == before
