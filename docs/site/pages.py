@@ -29,7 +29,7 @@ PAGES = (
     "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg", "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
-    "Concepts": ("docs/theory", "docs/derivatives", "docs/whole_body", "docs/glossary"),
+    "Concepts": ("docs/theory", "docs/derivatives", "docs/identify", "docs/whole_body", "docs/glossary"),
     "Use": ("docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze", "docs/troubleshooting"),
     "Evidence": ("docs/performance", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
     "Reference": (
