@@ -11,6 +11,7 @@
 # make identify   a task stiffness and a tool learned from a recording, by JAX; make identify-torch by PyTorch
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
+# make fri-attack  hill-climbing attack on the FRI client, 20 000 hostile sessions in each version (some 20 minutes)
 # make spring-digits  every spring with all axes against 60 digits, 1000 poses a case (some minutes)
 # make random-warnings  gcc at every level on random robots
 # make docs       these pages and the reference as a site, into build/site/html/
@@ -31,8 +32,9 @@ TORCH ?= torch>=2.5
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
+FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment identify identify-torch fri-demo fri-fuzz random-warnings docs soak spring-digits closed-loop settle energy hostile clean
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment identify identify-torch fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -109,6 +111,9 @@ fuzz: $(VENV)/installed-fuzz
 
 fri-fuzz: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/fuzz_fri.py build/fri-fuzz $(FRI_FUZZ)
+
+fri-attack: $(VENV)/installed-test
+	PYTHONPATH=tests:. $(BIN)/python tests/long/attack_fri.py build/fri-attack $(FRI_ATTACK)
 
 random-robots: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/long_run.py --chains $(COUNT) --broken $(COUNT)

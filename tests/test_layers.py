@@ -19,6 +19,7 @@ LAYERS = (
     ("opened",),
     ("check",),
     ("analyze",),
+    ("play",),
     ("cli",),
 )
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}

@@ -20,7 +20,8 @@ PROGRAMS = {
     "settle": "tests/long/settle.py --count 4",
     "energy": "tests/long/energy.py --count 4 --climb 2",
     "hostile": "tests/long/hostile.py --steps 2000 --flips 20",
-    "fri-fuzz": "tests/long/fuzz_fri.py {folder} -runs=50 -seed=1",
+    "fri-fuzz": "tests/long/fuzz_fri.py {folder} --version 2.7 -runs=50 -seed=1",
+    "fri-attack": "tests/long/attack_fri.py {folder} --version 2.7 --sessions 20",
 }
 """What the targets run, with less of it."""
 ELSEWHERE = {

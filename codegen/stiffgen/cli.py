@@ -1,4 +1,4 @@
-"""The command line: ``stiffgen generate | inspect | verify | bench | analyze``.
+"""The command line: ``stiffgen generate | inspect | verify | bench | play | analyze``.
 
 Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage, or output that
 cannot be written. Refusals are one message on standard error.
@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 import warnings
+import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields
@@ -36,6 +37,7 @@ from stiffgen.check.verify import verify
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
+from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.reader import read_description
@@ -262,6 +264,12 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
     command.set_defaults(run=_bench)
+
+    command = commands.add_parser("play", help="write a robot's playground, a page for the browser, and open it")
+    command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
+    command.add_argument("--output", type=Path, metavar="FILE.html", help="file to write (default: NAME.html)")
+    command.add_argument("--no-open", action="store_true", help="write the page only")
+    command.set_defaults(run=_play)
 
     _add_analyze(commands)
     return parser
@@ -558,6 +566,20 @@ def _bench(options: argparse.Namespace) -> int:
         table.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}", c)
     _table_console().print(table)
     return 0
+
+
+def _play(options: argparse.Namespace) -> int:
+    with _Progress(_Console(stderr=True, highlight=False, soft_wrap=True)).shown() as progress:
+        page = write_page(options.folder, options.output, progress)
+    print(page)
+    if not options.no_open and _has_screen() and not webbrowser.open(page.resolve().as_uri()):
+        print("stiffgen: warning: no browser was found; open the file in one", file=sys.stderr)
+    return 0
+
+
+def _has_screen() -> bool:
+    """Whether a browser can show itself; elsewhere one that runs in the terminal would take the terminal."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 class _Bar:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from docutils.nodes import SkipNode
@@ -36,6 +37,11 @@ def _block(writer: Any, node: Any) -> None:
     raise SkipNode
 
 
+def _as_it_is(app: Any, config: Any) -> None:
+    config.html_extra_path = [str(folder) for folder in [Path(app.srcdir) / "as_it_is"] if folder.is_dir()]
+
+
 def setup(app: Any) -> None:
     """Equations as MathML, which browsers draw themselves: the site needs no script from elsewhere."""
+    app.connect("config-inited", _as_it_is)
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))

@@ -17,6 +17,7 @@ from pathlib import Path
 import stiffgen
 from stiffgen.emit import fields
 from stiffgen.emit.fields import Field
+from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
@@ -25,12 +26,16 @@ from stiffgen.symbolic.springs import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
-    "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*.svg", "urdf/README.md", "benchmarks/RESULTS.md",
-    "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg", "codegen/stiffgen/emit/README.md",
+    "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*.svg", "docs/*.png", "urdf/README.md",
+    "benchmarks/RESULTS.md", "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg",
+    "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
     "Concepts": ("docs/theory", "docs/derivatives", "docs/identify", "docs/whole_body", "docs/glossary"),
-    "Use": ("docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze", "docs/troubleshooting"),
+    "Use": (
+        "docs/playground", "docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze",
+        "docs/troubleshooting",
+    ),
     "Evidence": ("docs/performance", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
@@ -174,6 +179,16 @@ def index() -> str:
     return "\n".join(parts)
 
 
+def playground(folder: Path) -> None:
+    """Put the iiwa 14's page among what goes into the site as it is, with a link to it, where it can be compiled."""
+    if not (shutil.which("clang") and shutil.which("wasm-ld")):
+        print("no clang or wasm-ld: the site goes without the playground itself")
+        return
+    page = write_page(ROOT / "generated" / "iiwa14", folder / "as_it_is" / "playground" / "iiwa14.html")
+    with (folder / "docs" / "playground.md").open("a") as text:
+        text.write(f'\n<p><a href="../playground/{page.name}">The iiwa 14 to play with</a></p>\n')
+
+
 def stage(folder: Path) -> None:
     """Write every page into a folder, which is emptied first."""
     shutil.rmtree(folder, ignore_errors=True)
@@ -189,6 +204,7 @@ def stage(folder: Path) -> None:
     (folder / "reference").mkdir()
     for page in (functions, controller, faults, python, command_line):
         (folder / "reference" / f"{page.__name__}.md").write_text(page())
+    playground(folder)
 
 
 if __name__ == "__main__":

@@ -4,11 +4,14 @@
 
 namespace {
 
-/* The robot's counter up to this far behind the last one means an old message; further, that the robot counts anew. */
+/* The robot's counter up to this far behind the last one means an old message. */
 const std::uint32_t REORDER_WINDOW = 100;
 
-/* A counter further ahead than this is no gap of so many lost messages. */
+/* A counter further ahead than this, or behind, is no gap of so many lost messages. */
 const std::uint32_t LARGEST_GAP = 1u << 20;
+
+/* So many messages in a row, and in their order, that count from elsewhere: the robot counts anew. */
+const int ANEW = 10;
 
 /* Most datagrams that are looked at for one answer: a flood must not keep the robot waiting. */
 const int MOST_WAITING = 1024;
@@ -28,7 +31,7 @@ unsigned long long Traffic::refused() const
 
 Connection::Connection(Datagrams &datagrams, double patience)
     : datagrams_(datagrams), patience_(patience), deadline_(NEVER), handed_on_(false), handing_time_(0.0), sequence_(0),
-      sequence_known_(false), last_answer_(0), reflected_(0), answered_(false), reflection_known_(false)
+      sequence_known_(false), elsewhere_(0), in_a_row_(0), last_answer_(0), reflected_(0), answered_(false), reflection_known_(false)
 {
     std::memset(&arrival_, 0, sizeof arrival_);
     std::memset(&traffic_, 0, sizeof traffic_);
@@ -43,12 +46,19 @@ Fault Connection::order(const Message &message, std::uint32_t *advance)
         if (ahead == 0) {
             return FAULT_DUPLICATE;
         }
-        if (behind <= REORDER_WINDOW) {
-            return FAULT_OUT_OF_ORDER;
+        if (ahead > LARGEST_GAP) {
+            const std::uint32_t since = message.sequence - elsewhere_;
+            in_a_row_ = in_a_row_ > 0 && since > 0 && since <= REORDER_WINDOW ? in_a_row_ + 1 : 1;
+            elsewhere_ = message.sequence;
+            if (behind <= REORDER_WINDOW || in_a_row_ < ANEW) {
+                return FAULT_OUT_OF_ORDER;
+            }
+        } else {
+            *advance = ahead;
+            traffic_.lost_messages += ahead - 1;
         }
-        *advance = ahead <= LARGEST_GAP ? ahead : 0;
-        traffic_.lost_messages += ahead <= LARGEST_GAP ? ahead - 1 : 0;
     }
+    in_a_row_ = 0;
     sequence_ = message.sequence;
     sequence_known_ = message.state != 0;
     return FAULT_NONE;

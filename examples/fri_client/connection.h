@@ -88,6 +88,8 @@ private:
     double handing_time_; /* [s] monotonic */
     std::uint32_t sequence_;
     bool sequence_known_;
+    std::uint32_t elsewhere_; /* counter of the last message that counts from elsewhere */
+    int in_a_row_;            /* such messages */
     std::uint32_t last_answer_, reflected_;
     bool answered_, reflection_known_;
 };

@@ -3,6 +3,7 @@
 #include "robot.h"
 
 #include <poll.h>
+#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -41,7 +42,7 @@ const char *state_name(int state)
 }
 
 Log::Log(Records &records, const std::string &path, Question &question)
-    : records_(records), question_(question), asked_(false), events_(0), file_(NULL), rows_(0), stop_(false)
+    : records_(records), question_(question), asked_(0), events_(0), file_(NULL), rows_(0), stop_(false)
 {
     std::fill(told_, told_ + EVENTS, -1e9);
     std::fill(untold_, untold_ + EVENTS, 0);
@@ -109,17 +110,18 @@ void Log::run()
     }
 }
 
-/* The question, once, and the answer when there is one; nothing is waited for. */
+/* The question, once, and the answer when there is one; nothing is waited for. What was typed before is no answer. */
 void Log::ask()
 {
     if (question_.state() != Question::ASKED) {
         return;
     }
-    if (!asked_) {
-        std::printf("%s is %.2f rad from where the trajectory begins. The arm is held. Move there? [y/n] ",
-                    robot::joint(question_.joint()), question_.distance());
+    if (asked_ != question_.asked()) {
+        asked_ = question_.asked();
+        ::tcflush(STDIN_FILENO, TCIFLUSH);
+        std::printf("%s is %.2f rad from %s. The arm is held. Move there? [y/n] ", robot::joint(question_.joint()),
+                    question_.distance(), question_.where());
         std::fflush(stdout);
-        asked_ = true;
     }
     struct pollfd terminal = {STDIN_FILENO, POLLIN, 0};
     char line[80];

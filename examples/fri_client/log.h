@@ -43,7 +43,7 @@ private:
 
     Records &records_;
     Question &question_;
-    bool asked_;
+    int asked_;                          /* questions */
     std::uint32_t events_;               /* of the record before */
     double told_[EVENTS];                /* [s] when an event was told last */
     unsigned long long untold_[EVENTS]; /* since then */

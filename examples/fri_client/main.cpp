@@ -100,9 +100,19 @@ int main(int argc, char **argv)
     std::setvbuf(stdout, output, _IOLBF, sizeof output);
     struct sigaction action;
     std::memset(&action, 0, sizeof action);
-    action.sa_handler = interrupt; /* no SA_RESTART: a wait for the robot is to end */
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    /* No SA_RESTART: a wait for the robot is to end. Nor may the program stop, or the terminal go, under torque. */
+    action.sa_handler = interrupt;
+    for (const int number : {SIGINT, SIGTERM, SIGTSTP, SIGHUP}) {
+        struct sigaction before;
+        sigaction(number, NULL, &before);
+        if (number != SIGHUP || before.sa_handler != SIG_IGN) { /* nohup */
+            sigaction(number, &action, NULL);
+        }
+    }
+    action.sa_handler = SIG_IGN;
+    for (const int number : {SIGPIPE, SIGTTIN, SIGTTOU}) {
+        sigaction(number, &action, NULL);
+    }
     try {
         Options options;
         return options.parse(argc, argv) ? run(options) : DONE;

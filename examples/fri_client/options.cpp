@@ -49,7 +49,8 @@ const char HELP[] =
     "  --simulated-time         the robot's time is not this machine's (an emulator in lockstep)\n"
     "  --realtime PRIORITY      SCHED_FIFO, 1 to 99, and locked memory\n"
     "\n"
-    "Ctrl-C brings the torque to zero within 0.3 s and leaves; a second one leaves at once.\n"
+    "Ctrl-C brings the torque to zero within 0.3 s and leaves; a second one leaves at once. So do Ctrl-Z, SIGTERM, and a\n"
+    "terminal that is closed.\n"
     "Exit code: 0 the trajectory was followed to its end, 1 fault in the session, 2 refused at the start, 3 the robot\n"
     "ended the session before that, 4 interrupted.\n";
 

@@ -63,6 +63,8 @@ public:
         }
     }
 
+    /* Whether it is on its way to where the trajectory stopped, with a speed there that it has not yet. */
+    bool returning() const { return progress_ > 0.0 && clock_ < approach_.duration(); }
     double progress() const { return progress_; } /* [s] in the trajectory */
     bool done() const { return done_; }
 

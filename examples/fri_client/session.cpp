@@ -110,6 +110,8 @@ std::string let_go_text(const WipingClient &client)
         return std::string("joint ") + robot::joint(client.fast_joint()) + " is faster than " +
                text("%.3g", client.settings().speed_share * robot::velocity(client.fast_joint())) +
                " rad/s; see --speed-share";
+    case LET_GO_AWAY:
+        return "the arm was moved by more than --approach-limit while messages were lost; see the network, and start again";
     case LET_GO_SAFETY: return "the robot reports a safety stop while commanding; see its messages";
     case LET_GO_DRIVES: return "the robot's drives are not active while commanding; see its messages";
     case LET_GO_OPERATION_MODE: return "the robot's operation mode changed while commanding";
@@ -141,8 +143,8 @@ std::string refusal_text(const WipingClient &client)
     case REFUSAL_APPROACH:
         return std::string("joint ") + robot::joint(client.question().joint()) + " is " +
                text("%.2f", client.question().distance()) +
-               " rad from where the trajectory begins, more than --approach-limit; move the arm nearer, or give "
-               "--approach-anyway";
+               " rad from " + client.question().where() +
+               ", more than --approach-limit; move the arm nearer, or give --approach-anyway";
     case REFUSAL_CONTROLLER: return std::string("controller: ") + robot::error_text(client.controller_error());
     default: return "";
     }
@@ -156,6 +158,9 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
     Seen seen = {connection.traffic(), client.counters()};
     while (!client.finished() && client.refusal() == REFUSAL_NONE && interrupts < 2) {
         application.step();
+        if (client.finished()) {
+            break;
+        }
         const double now = monotonic_time();
         if (client.counters().usable > seen.counters.usable && client.gone() == LET_GO_NONE) {
             last_usable = now;
@@ -179,7 +184,7 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
     if (client.refusal() != REFUSAL_NONE) {
         return Ending{REFUSED, refusal_text(client)};
     }
-    if (client.ended_by_robot()) {
+    if (client.ended_by_robot() && client.gone() == LET_GO_NONE) {
         return client.trajectory_done()
                    ? Ending{DONE, "the trajectory was followed to its end, and the robot ended the session"}
                    : Ending{ENDED_EARLY, "the robot ended the session before the trajectory's end, at " +
@@ -193,5 +198,9 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
                       let_go_text(client) + "; the client left at once, before the torque was down"};
     }
     const bool asked = client.gone() == LET_GO_INTERRUPTED || client.gone() == LET_GO_DECLINED;
-    return Ending{asked ? INTERRUPTED : FAULT, let_go_text(client) + "; torque brought to zero, the client leaves"};
+    const char *const end = client.released()         ? "torque brought to zero, the client leaves"
+                            : client.ended_by_robot() ? "the robot ended the session before the torque was down"
+                                                      : "the robot stopped commanding before the torque was down, the "
+                                                        "client leaves";
+    return Ending{asked ? INTERRUPTED : FAULT, let_go_text(client) + "; " + end};
 }

@@ -89,9 +89,9 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     : settings_(settings), connection_(connection), records_(records), question_(question),
       velocity_(settings.velocity_filter), wrench_(sensor, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
-      other_period_(0), since_position_(0.0), valid_(false), button_(false), quality_(0), operation_mode_(0),
+      other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), button_(false), quality_(0), operation_mode_(0),
       without_torque_mode_(0), without_drives_(0), controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE), events_(0),
-      last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE),
+      last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0),
       ended_(false), refusal_(REFUSAL_NONE), controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
@@ -214,6 +214,7 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
     without_torque_mode_ = 0;
     if (oldState == KUKA::FRI::COMMANDING_ACTIVE) {
         counters_.state_drops += reference_.done() ? 0 : 1;
+        question_.forget();
     }
     controlling_ = false;
     guard_.reset();
@@ -269,12 +270,17 @@ void WipingClient::watch_samples()
     const bool fresh = clock_.periods() > 0 && !clock_.standing();
     const bool positions = message.has_position && all_finite(q, JOINTS), believed = positions && within_limits(q);
     since_position_ += clock_.periods() * sample_time_;
+    since_followed_ += clock_.periods() * sample_time_;
     if (believed && fresh && sample_time_ > 0.0) {
         copy(q, q_, JOINTS);
         /* While a clock is set nobody knows how long it was. */
         velocity_.update(q, clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_);
-        follower_.update(q, since_position_);
         since_position_ = 0.0;
+    }
+    if (believed && sample_time_ > 0.0) {
+        /* The arm moves even where the robot's clock does not. */
+        follower_.update(q, std::max(since_followed_, sample_time_));
+        since_followed_ = 0.0;
     }
     const bool torques = !wrench_.uses_external_torque() ||
                          (message.has_external_torque && all_finite(robotState().getExternalTorque(), JOINTS));
@@ -353,7 +359,9 @@ void WipingClient::send(const double *position, const double *torque)
 void WipingClient::monitor()
 {
     observe();
-    may_begin();
+    if (!reference_.done()) {
+        may_begin(); /* what is far is told before anything moves */
+    }
     note();
 }
 
@@ -398,11 +406,12 @@ void WipingClient::command()
 bool WipingClient::may_begin()
 {
     int joint = 0;
-    if (!valid_ || reference_.done() || reference_.distance(q_, &joint) <= settings_.approach_limit || settings_.approach_anyway) {
+    const double distance = reference_.distance(q_, &joint);
+    if (!valid_ || distance <= settings_.approach_limit || settings_.approach_anyway) {
         return true;
     }
     if (question_.state() == Question::NONE) {
-        question_.set(joint, reference_.distance(q_, &joint));
+        question_.set(joint, distance, reference_.progress() > 0.0);
         if (settings_.may_ask) {
             question_.ask();
         } else {
@@ -454,7 +463,11 @@ void WipingClient::missed_and_advance()
     const bool waits = button_ || question_.state() == Question::ASKED || let_go_ != LET_GO_NONE;
     if (!faulted_) {
         pace_.update(std::sqrt(error), lag, record_.elastic_energy, std::sqrt(force), waits, seconds);
+        const bool returning = reference_.returning();
         reference_.advance(pace_.value() * seconds);
+        if (returning && !reference_.returning()) {
+            pace_.reset(0.0); /* the move there ends at rest */
+        }
     }
     if (pace_.reason() != Pace::FREE) {
         event(EVENT_SLOWED, &counters_.slowed);
@@ -481,7 +494,8 @@ bool WipingClient::fill_input()
     return true;
 }
 
-/* A fault stays until it is reset. One of the communication is, when messages come again; others are not. */
+/* A fault stays until it is reset. One of the communication is, when messages come again; others are not. The arm then
+ * starts from where it is, as it did at first: brought back at once, it would be too fast. */
 void WipingClient::watch_controller()
 {
     record_.reset = 0;
@@ -495,7 +509,13 @@ void WipingClient::watch_controller()
         controller_fault_ = output_.fault;
         let_go(LET_GO_CONTROLLER);
     } else if (good_time_ >= RESET_TIME) {
+        int joint = 0;
+        if (reference_.distance(q_, &joint) > settings_.approach_limit && !settings_.approach_anyway) {
+            let_go(LET_GO_AWAY);
+            return;
+        }
         robot::reset(&state_);
+        reference_.begin(q_);
         record_.reset = 1;
         good_time_ = 0.0;
     }
@@ -586,5 +606,7 @@ void WipingClient::control()
         }
         send(follower_.position(), guard_.sent());
     }
+    answers_before_zero_ = zero_ ? answers_before_zero_ : connection_.answers().count();
+    zero_ = guard_.released();
     record_step(clock_.time());
 }

@@ -79,6 +79,7 @@ enum LetGo {
     LET_GO_DECLINED,    /* the way to the trajectory was refused by the person */
     LET_GO_HELD,        /* the trajectory stood still for too long */
     LET_GO_SPEED,
+    LET_GO_AWAY, /* the arm was moved far while messages were lost */
     LET_GO_SAFETY,
     LET_GO_DRIVES,
     LET_GO_OPERATION_MODE,
@@ -107,8 +108,9 @@ public:
     /* Bring the torque to zero, still answering, then be finished. */
     void let_go(LetGo reason);
 
-    bool finished() const { return ended_ || (let_go_ != LET_GO_NONE && (!controlling_ || guard_.released())); }
+    bool finished() const { return ended_ || (let_go_ != LET_GO_NONE && (!controlling_ || zero_sent())); }
     bool ended_by_robot() const { return ended_; }
+    bool released() const { return guard_.released(); } /* it let go, and the torque has come down */
     Refusal refusal() const { return refusal_; }
     LetGo gone() const { return let_go_; }
     Pace::Reason held_by() const { return held_by_; }
@@ -147,6 +149,7 @@ private:
     void record_step(double time);
     void send(const double *position, const double *torque);
     void refuse(Refusal reason);
+    bool zero_sent() const { return zero_ && connection_.answers().count() > answers_before_zero_; }
 
     const Settings &settings_;
     const Connection &connection_;
@@ -170,7 +173,8 @@ private:
 
     double sample_time_, reported_period_; /* [s]; 0 until the robot has said it */
     int other_period_;                     /* messages in a row with another one */
-    double since_position_;                /* [s] since the last position; negative: nobody knows */
+    double since_position_;                /* [s] since the last position that was a sample */
+    double since_followed_;                /* [s] since the last one that the command follows */
     bool valid_;                           /* this message is a sample */
     double q_[JOINTS];                     /* [rad] last measured position */
     bool button_;
@@ -188,6 +192,8 @@ private:
     Pace::Reason held_by_;
     int fast_samples_, fast_joint_; /* in a row beyond the speed limit; the joint */
     LetGo let_go_;
+    bool zero_;                              /* it let go, and the last callback's torque is zero: not every one's is sent */
+    unsigned long long answers_before_zero_; /* sent before that */
     bool ended_;
     Refusal refusal_;
     int controller_error_;

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import subprocess
 import threading
 from collections.abc import Callable, Sequence
@@ -19,7 +18,18 @@ from examples.fri_robot.emulator import Emulator
 from examples.fri_robot.replay import read_client_log
 from support.fri_python_client import emulate, free_port
 from support.fri_run import Run
-from support.fri_session import SANITIZERS, build_robot, compilers, run_cmake
+from support.fri_served import unread, waits
+from support.fri_session import (
+    SANITIZERS,
+    Programs,
+    build,
+    build_robot,
+    build_standin,
+    compilers,
+    require_tools,
+    run_cmake,
+    sdk_options,
+)
 from support.project import ROOT
 
 CLIENT = ROOT / "examples" / "fri_client"
@@ -50,33 +60,65 @@ def robot_library(
 
 
 @pytest.fixture(scope="session")
-def client_program(
+def make_programs(
     tmp_path_factory: pytest.TempPathFactory, worker_id: str, robot_library: Callable[[str, str], list[str]]
+) -> Callable[[str], Programs]:
+    """Builds the test programs by name, once for all workers: a version, standin-VERSION, sdk, or sanitized."""
+    base = tmp_path_factory.getbasetemp()
+    output = base if worker_id == "master" else base.parent
+
+    def make(name: str) -> Programs:
+        missing = require_tools()
+        if missing:
+            if os.environ.get("CI"):
+                pytest.fail(missing)
+            pytest.skip(missing)
+        folder = output / f"fri_{name}"
+        compiler, flags = ("clang", SANITIZERS.replace("-O2", "-O1")) if name == "sanitized" else ("gcc", "-O1")
+        version = "2.7" if name == "sanitized" else name.removeprefix("standin-")
+        with FileLock(f"{folder}.lock"):
+            if not (folder / "built").exists():
+                if name == "sdk":
+                    options = sdk_options() or []
+                elif name.startswith("standin"):
+                    options = build_standin(Path(f"{folder}_library"), version)
+                else:
+                    options = [f"-DOPEN_FRI_VERSION={version}"]
+                options += robot_library(compiler, flags)
+                build(folder, options, compiler=compiler, flags=flags, fuzzer=name == "sanitized")
+                (folder / "built").touch()
+        if name == "sdk":
+            said = subprocess.run([folder / "harness", "version"], capture_output=True, text=True, check=True).stdout
+            version = said.split()[-1]
+        return Programs(folder, version)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def client_program(
+    tmp_path_factory: pytest.TempPathFactory,
+    worker_id: str,
+    make_programs: Callable[[str], Programs],
+    robot_library: Callable[[str, str], list[str]],
 ) -> Callable[[str], Path]:
     """The client of an FRI version, built once for all workers. Those of 1.15 and 2.5 are built with sanitizers."""
-    tools = ("cmake", "g++", "protoc")
-    missing = [tool for tool in tools if shutil.which(tool) is None]
-    if not shutil.which("nanopb_generator") and not shutil.which("nanopb_generator.py"):
-        missing.append("nanopb")
-    if missing:
-        text = f"{', '.join(missing)} missing (Debian: apt-get install g++ nanopb libnanopb-dev protobuf-compiler)"
-        if os.environ.get("CI"):
-            pytest.fail(f"{text}; .ci/run installs them")
-        pytest.skip(text)
     base = tmp_path_factory.getbasetemp()
     output = (base if worker_id == "master" else base.parent) / "fri-client"
 
-    def build(version: str) -> Path:
+    def program(version: str) -> Path:
+        if version == "2.7":  # the others are those of the slow tests
+            return make_programs(version).client
         folder = output / version
         output.mkdir(exist_ok=True)
         with FileLock(str(folder) + ".lock"):
             if not (folder / "fri_wiping").exists():
-                flags = "-O1" if version == "2.7" else SANITIZERS  # the others are those of the slow tests
-                options = [f"-DOPEN_FRI_VERSION={version}", *robot_library("gcc", flags), *compilers("gcc", flags)]
+                options = [f"-DOPEN_FRI_VERSION={version}", *robot_library("gcc", SANITIZERS)]
+                options += compilers("gcc", SANITIZERS)
                 run_cmake(["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"])
         return folder / "fri_wiping"
 
-    return build
+    return program
 
 
 @pytest.fixture
@@ -109,6 +151,7 @@ def session(
         due = list(at)
 
         def watched(self: Emulator) -> Any:
+            self.quiet = lambda: not unread(port) and waits(process.pid)
             while due and self.time >= due[0][0]:
                 due.pop(0)[1](process)
             return begin(self)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,7 +16,10 @@ import numpy as np
 import pytest
 
 from examples.bowl_wiping.plant import START_POSTURE
+from examples.fri_robot.messages import SessionState
 from support.fri_run import Run, versions
+from support.fri_served import served
+from support.fri_session import RobotScript, write_short_trajectory
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
 TIMES = {1: (0.100, 0.220), 5: (0.470, 1.070), 10: (0.940, 2.140)}
@@ -29,12 +33,8 @@ TOLERANT = ("--thresholds", 0.6, 0.5, 0.3)
 
 @pytest.fixture
 def short(tmp_path: Path) -> Path:
-    """A trajectory of 1 s near the start posture, at rest at both ends, with samples 5 ms apart."""
-    s = np.linspace(0.0, 1.0, 201)
-    way = 10 * s**3 - 15 * s**4 + 6 * s**5
-    file = tmp_path / "short.csv"
-    np.savetxt(file, START_POSTURE + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
-    return file
+    """A trajectory of 1 s near the start posture."""
+    return write_short_trajectory(tmp_path / "short.csv", START_POSTURE)
 
 
 class Scenario:
@@ -98,15 +98,15 @@ def release_time(run: Run, period: int = 5) -> float:
 @pytest.mark.parametrize(
     ("faults", "period"),
     [
-        ("jitter@0-9:0.3", 5),
+        pytest.param("jitter@0-9:0.3", 5, marks=pytest.mark.slow),
         ("jitter@0-9:0.9", 5),
-        ("resolution@0-9:1,jitter@0-9:0.3", 1),
+        pytest.param("resolution@0-9:1,jitter@0-9:0.3", 1, marks=pytest.mark.slow),
         ("resolution@0-9:10", 5),
         ("clock@1.5-9:-0.9", 5),
-        ("clock@1.5-9:-0.012", 5),
-        ("clock@1.5-1.52:7", 5),
-        ("clock@1.5-9:-3600", 5),
-        ("robot.missing@1.5-1.9:monitorData.timestamp", 5),
+        pytest.param("clock@1.5-9:-0.012", 5, marks=pytest.mark.slow),
+        pytest.param("clock@1.5-1.52:7", 5, marks=pytest.mark.slow),
+        pytest.param("clock@1.5-9:-3600", 5, marks=pytest.mark.slow),
+        pytest.param("robot.missing@1.5-1.9:monitorData.timestamp", 5, marks=pytest.mark.slow),
     ],
 )
 def test_the_trajectory_takes_as_long_as_ever_whatever_the_clock_does(
@@ -137,9 +137,14 @@ def test_losses_cost_no_time_and_no_velocity(scenario: Scenario, version: str) -
 @pytest.mark.parametrize(
     ("option", "limit", "what"),
     [
-        ("--error-limit", 0.03, "the tip's distance from where the trajectory wants it stayed at its limit of 0.03 m"),
+        pytest.param(
+            "--error-limit",
+            0.03,
+            "the tip's distance from where the trajectory wants it stayed at its limit of 0.03 m",
+            marks=pytest.mark.slow,
+        ),
         ("--energy-limit", 0.3, "the energy stored in the spring stayed at its limit of 0.3 J"),
-        ("--force-limit", 15, "the contact force stayed at its limit of 15 N"),
+        pytest.param("--force-limit", 15, "the contact force stayed at its limit of 15 N", marks=pytest.mark.slow),
     ],
 )
 def test_a_held_arm_stops_the_trajectory_and_is_let_go(
@@ -191,15 +196,15 @@ def test_an_arm_that_is_too_fast_is_let_go(scenario: Scenario, version: str) -> 
 # ---- the end ---------------------------------------------------------------------------------------------------------
 
 
-def interrupt(process: Any) -> None:
-    process.send_signal(signal.SIGINT)
+def interrupt(process: Any, number: signal.Signals = signal.SIGINT) -> None:
+    process.send_signal(number)
     time.sleep(0.05)
 
 
 @versions
 def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: Scenario, version: str) -> None:
     """The robot does not hear that the port is closed: the answers must tell."""
-    run = scenario(version, "", "--deaf", "--answer-timeout", 1, at=[(1.8, interrupt)])
+    run = scenario(version, "", "--deaf", "--answer-timeout", 2, at=[(1.8, interrupt)])
     assert run.code == INTERRUPTED
     assert last_line(run) == "fri_wiping: interrupted; torque brought to zero, the client leaves"
     assert 0.1 <= release_time(run) <= RELEASE
@@ -207,13 +212,23 @@ def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: 
     run.check_sent()
 
 
+@pytest.mark.parametrize(
+    "number", [signal.SIGTSTP, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGTERM, signal.SIGHUP))]
+)
+def test_other_ways_to_stop_it_end_as_softly(scenario: Scenario, number: signal.Signals) -> None:
+    """Ctrl-Z, and a terminal that is closed, too: no program stands still or dies under torque."""
+    run = scenario("2.7", "", "--deaf", "--answer-timeout", 2, at=[(1.8, lambda p: interrupt(p, number))])
+    assert run.code == INTERRUPTED
+    assert 0.1 <= release_time(run) <= RELEASE
+
+
 def test_interrupted_twice_it_leaves_at_once(scenario: Scenario) -> None:
-    run = scenario("2.7", "", "--deaf", "--answer-timeout", 1, at=[(1.8, interrupt), (1.81, interrupt)])
+    run = scenario("2.7", "", "--deaf", "--answer-timeout", 2, at=[(1.8, interrupt), (1.81, interrupt)])
     assert run.code == INTERRUPTED and "the client left at once" in last_line(run)
 
 
 def test_interrupted_before_anything_moves_it_leaves(scenario: Scenario) -> None:
-    run = scenario("2.7", "", "--deaf", "--answer-timeout", 1, at=[(0.3, interrupt)])
+    run = scenario("2.7", "", "--deaf", "--answer-timeout", 2, at=[(0.3, interrupt)])
     assert run.code == INTERRUPTED
     assert len(run.torque) == 0
 
@@ -249,12 +264,19 @@ def test_a_message_without_a_part_is_refused_and_counted(scenario: Scenario, ver
     ("version", "other", "found"),
     [("2.7", "1.15", "datagram_frame"), ("2.7", "2.5", "datagram_frame"), ("1.15", "2.7", ""), ("2.5", "2.7", "")],
 )
-def test_the_other_framing_is_named(scenario: Scenario, version: str, other: str, found: str) -> None:
-    run = scenario(version, robot_version=other, lockstep=False, client=("--wait", 0.5))
-    assert run.code == FAULT
-    text = f"datagrams arrive but do not decode as FRI {version.replace('1.15', '1.x')}: {found}"
-    assert text in last_line(run)
-    assert f"the robot speaks {'2.7' if other == '2.7' else '1.x or 2.5'}: build the client for it" in last_line(run)
+def test_the_other_framing_is_named(
+    client_program: Callable[[str], Path], version: str, other: str, found: str
+) -> None:
+    message = RobotScript(other).message(SessionState.MONITORING_WAIT)
+    with served(client_program(version), "--wait", 2) as session:
+        while session.client.poll() is None:
+            with contextlib.suppress(ConnectionRefusedError):
+                session.send(message)
+            time.sleep(0.002)
+        code, _, errors = session.end()
+    assert code == FAULT
+    assert f"datagrams arrive but do not decode as FRI {version.replace('1.15', '1.x')}: {found}" in errors
+    assert f"the robot speaks {'2.7' if other == '2.7' else '1.x or 2.5'}: build the client for it" in errors
 
 
 @pytest.mark.slow
@@ -263,21 +285,6 @@ def test_another_version_of_the_same_framing_is_told(scenario: Scenario, version
     run = scenario(version, robot_version=other)
     assert run.client is not None and run.faults["other_version"] >= run.client.summary["cycles"]
     assert "other version: " in run.output
-
-
-@versions
-@pytest.mark.parametrize(
-    ("what", "text"),
-    [
-        ("counter", "the robot's messages all have the sequence counter "),
-        ("clock", "the robot's clock stands still: clock_standing "),
-    ],
-)
-def test_what_stands_still_is_named(scenario: Scenario, version: str, what: str, text: str) -> None:
-    options = ("--answer-timeout", 2)
-    run = scenario(version, f"standing@0.03-99:{what}", *options, client=("--timeout", 400), lockstep=False)
-    assert run.code == FAULT
-    assert text in last_line(run)
 
 
 # ---- the robot's own states -----------------------------------------------------------------------------------------
@@ -328,13 +335,46 @@ def test_a_long_way_to_the_trajectory_is_gone_when_told_to(scenario: Scenario) -
     assert scenario("2.7", "", *FAR, "--duration", 8, client=("--approach-anyway",)).code == DONE
 
 
-@pytest.mark.parametrize(("answer", "code"), [(b"y\n", DONE), (b"n\n", INTERRUPTED)])
-def test_a_long_way_to_the_trajectory_is_asked_about(scenario: Scenario, answer: bytes, code: int) -> None:
-    """The arm is held until the answer comes."""
+class Person:
+    """At a terminal; answers the client's questions once they are asked."""
+
+    def __init__(self, terminal: int, output: Callable[[], str]) -> None:
+        self._terminal = terminal
+        self._output = output
+        self._asked = 0
+
+    def types(self, text: bytes) -> None:
+        """Whatever it is for."""
+        os.write(self._terminal, text)
+
+    def answers(self, text: bytes) -> Callable[[object], None]:
+        """What is to be done for the next answer."""
+
+        def answer(_: object) -> None:
+            self._asked += 1
+            while self._output().count("[y/n]") < self._asked:
+                time.sleep(0.005)
+            self.types(text)
+            time.sleep(0.1)
+
+        return answer
+
+
+@pytest.fixture
+def person(tmp_path: Path) -> Iterator[tuple[Person, Any]]:
+    """A person, and the client's standard input."""
     master, terminal = pty.openpty()
     with os.fdopen(master, "wb"), os.fdopen(terminal, "rb") as stdin:
-        run = scenario("2.7", "", *FAR, "--duration", 8, terminal=stdin,
-                       at=[(1.8, lambda _: (os.write(master, answer), time.sleep(0.1)))])  # fmt: skip
+        yield Person(master, lambda: "".join(file.read_text() for file in tmp_path.glob("client-*.txt"))), stdin
+
+
+@pytest.mark.parametrize(("answer", "code"), [(b"y\n", DONE), (b"n\n", INTERRUPTED)])
+def test_a_long_way_to_the_trajectory_is_asked_about(
+    scenario: Scenario, person: tuple[Person, Any], answer: bytes, code: int
+) -> None:
+    """The arm is held until the answer comes; what was typed before is none."""
+    person[0].types(b"y\n")
+    run = scenario("2.7", "", *FAR, "--duration", 8, terminal=person[1], at=[(1.8, person[0].answers(answer))])
     assert run.code == code
     assert "is 0.90 rad from where the trajectory begins. The arm is held. Move there? [y/n]" in run.output
     assert run.client is not None
@@ -342,6 +382,14 @@ def test_a_long_way_to_the_trajectory_is_asked_about(scenario: Scenario, answer:
     assert np.ptp(run.client["q"][waiting], axis=0).max() < 0.01
     if code == INTERRUPTED:
         assert "the move to the trajectory was declined" in last_line(run) and not run.torque[-1].any()
+
+
+def test_a_yes_is_for_one_way_and_not_for_the_next(scenario: Scenario, person: tuple[Person, Any]) -> None:
+    yes, no = person[0].answers(b"y\n"), person[0].answers(b"n\n")
+    run = scenario("2.7", "state@2.0:monitoring_ready", *FAR, "--duration", 8, terminal=person[1],
+                   at=[(1.8, yes), (3.5, no)])  # fmt: skip
+    assert run.code == INTERRUPTED and "the move to the trajectory was declined" in last_line(run)
+    assert run.output.count("Move there?") == 2
 
 
 @versions

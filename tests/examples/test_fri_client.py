@@ -12,7 +12,6 @@ import contextlib
 import json
 import os
 import re
-import signal
 import socket
 import struct
 import subprocess
@@ -26,7 +25,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from filelock import FileLock
 
 from support.project import ROOT
 
@@ -34,38 +32,25 @@ sys.path.insert(0, str(ROOT))
 
 from examples.fri_robot.messages import IODirection, IOType, IOValue, Protocol
 from examples.fri_robot.replay import read_client_log, replayed_torque
+from support.fri_python_client import free_port
+from support.fri_served import served, unread
 from support.fri_session import (
     FULL,
     POSTURE,
-    SANITIZERS,
     TIMEOUT,
     TRAJECTORY,
+    Programs,
     RobotScript,
     build,
-    build_standin,
     button,
-    require_tools,
     run_harness,
     sdk_options,
     write_session,
+    write_short_trajectory,
 )
 
 VERSIONS = ("1.15", "2.5", "2.7")
 IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE = range(5)
-
-
-class Programs:
-    """A folder with the test programs, and the version that they speak."""
-
-    def __init__(self, folder: Path, version: str) -> None:
-        self.folder = folder
-        self.version = version
-
-    def script(self, period: int = 5) -> RobotScript:
-        return RobotScript(self.version, period)
-
-    def probe(self, script: RobotScript) -> list[dict[str, Any]]:
-        return run_harness(self.folder, script.datagrams, "probe")
 
 
 Make = Callable[..., Programs]
@@ -75,42 +60,6 @@ Make = Callable[..., Programs]
 def robot(plate: ModuleType) -> ModuleType:
     """The robot that the programs are built for."""
     return plate
-
-
-@pytest.fixture(scope="session")
-def make_programs(
-    tmp_path_factory: pytest.TempPathFactory, worker_id: str, robot_library: Callable[[str, str], list[str]]
-) -> Make:
-    """Builds the test programs by name, once for all workers: a version, standin-VERSION, sdk, or sanitized."""
-    base = tmp_path_factory.getbasetemp()
-    output = base if worker_id == "master" else base.parent
-
-    def make(name: str) -> Programs:
-        missing = require_tools()
-        if missing:
-            if os.environ.get("CI"):
-                pytest.fail(missing)
-            pytest.skip(missing)
-        folder = output / f"fri_{name}"
-        compiler, flags = ("clang", SANITIZERS.replace("-O2", "-O1")) if name == "sanitized" else ("gcc", "-O1")
-        version = "2.7" if name == "sanitized" else name.removeprefix("standin-")
-        with FileLock(f"{folder}.lock"):
-            if not (folder / "built").exists():
-                if name == "sdk":
-                    options = sdk_options() or []
-                elif name.startswith("standin"):
-                    options = build_standin(Path(f"{folder}_library"), version)
-                else:
-                    options = [f"-DOPEN_FRI_VERSION={version}"]
-                options += robot_library(compiler, flags)
-                build(folder, options, compiler=compiler, flags=flags, fuzzer=name == "sanitized")
-                (folder / "built").touch()
-        if name == "sdk":
-            said = subprocess.run([folder / "harness", "version"], capture_output=True, text=True, check=True).stdout
-            version = said.split()[-1]
-        return Programs(folder, version)
-
-    return make
 
 
 def some(*names: str) -> list[Any]:
@@ -712,6 +661,8 @@ def test_silence_leads_to_the_fallback_and_back(programs: Programs, robot: Modul
     assert list(missed) == [100, 101, 102]  # the watchdog's limit; the rest changes nothing
     assert status[102] & robot.Status.FAULT and not status[-1] & robot.Status.FAULT
     assert wiped.log["reset"].sum() == 1
+    reset = np.flatnonzero(wiped.log["reset"])[0]
+    np.testing.assert_array_equal(wiped.log["q0"][reset], wiped.log["q"][reset])  # from where it is
     assert_safe(wiped, robot)
     np.testing.assert_array_equal(replayed_torque(robot, wiped.log), wiped.log["torque"])
 
@@ -877,14 +828,8 @@ def test_clock_that_was_set_costs_no_cycles(open_programs: Programs, tmp_path: P
 # ---- the program ---------------------------------------------------------------------------------------------------
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def fri_wiping(programs: Programs, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [programs.folder / "client" / "fri_wiping", *arguments]
+    command = [programs.client, *arguments]
     return subprocess.run([str(part) for part in command], capture_output=True, text=True, timeout=60)
 
 
@@ -892,26 +837,16 @@ def over_udp(
     programs: Programs, script: RobotScript, *arguments: str | Path, environment: dict[str, str] | None = None
 ) -> tuple[int, str, str]:
     """fri_wiping, served with a script's datagrams one after the other; IDLE gets no answer."""
-    port = free_port()
-    command = [programs.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port,
-               "--simulated-time", *arguments]  # fmt: skip
-    with (
-        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                         env={**os.environ, **(environment or {})}) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot,
-    ):  # fmt: skip
-        assert client.stdout is not None and "waiting" in client.stdout.readline()
-        robot.settimeout(0.2)
+    with served(programs.client, "--simulated-time", *arguments, environment=environment) as session:
         for datagram in script.datagrams:
             assert datagram is not None
-            robot.sendto(datagram, ("127.0.0.1", port))
+            session.send(datagram)
             state = script.protocol.decode_monitoring(datagram).connectionInfo.sessionState
-            while state != IDLE and client.poll() is None:
+            while state != IDLE and session.client.poll() is None:
                 with contextlib.suppress(TimeoutError):
-                    robot.recv(1500)
+                    session.answer(0.2)
                     break
-        out, errors = client.communicate(timeout=60)
-        return client.returncode, out, errors
+        return session.end()
 
 
 def test_session_over_udp_ends_with_idle(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
@@ -1059,31 +994,22 @@ def test_port_in_use_is_refused(one: Programs) -> None:
 
 def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
     """Six doubles in tip axes over UDP, base axes in the log; a sensor that falls silent is a missed sample."""
-    port, sensor_port = free_port(), free_port()
+    sensor_port = free_port()
     log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 100)
-    script.add(IDLE)
     told = np.array([1.0, -2.0, 3.0, 0.4, -0.5, 0.6])
-    command = [one.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, "--wrench", "sensor",
-               "--sensor-port", sensor_port, "--log", log, "--summary", summary]  # fmt: skip
-    with (
-        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, text=True) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):
-        assert client.stdout is not None and "waiting" in client.stdout.readline()
-        sender.settimeout(10)
+    options = ("--wrench", "sensor", "--sensor-port", sensor_port, "--log", log, "--summary", summary)
+    with served(one.client, *options) as session:
         for k, datagram in enumerate(script.datagrams):
-            if k < 60:
-                sender.sendto(struct.pack("<6d", *told), ("127.0.0.1", sensor_port))
-            sender.sendto(b"short", ("127.0.0.1", sensor_port))
-            time.sleep(0.002)  # the sensor's thread is not in lockstep
-            sender.sendto(datagram, ("127.0.0.1", port))
-            if k < len(script.datagrams) - 1:
-                sender.recv(1500)
-        client.communicate(timeout=30)
-        assert client.returncode == 3
+            for sample in [struct.pack("<6d", *told)] * (k < 60) + [b"short"]:
+                session.robot.sendto(sample, ("127.0.0.1", sensor_port))
+            while unread(sensor_port):  # the sensor's thread is not in lockstep
+                time.sleep(0.001)
+            session.ask(datagram or b"")
+        session.send(script.message(IDLE))
+        assert session.end()[0] == 3
     steps = read_client_log(log, summary)
     valid = steps["sample_valid"].astype(bool)
     rotation_matrix = robot.forward_kinematics(POSTURE)[:3, :3]
@@ -1149,31 +1075,23 @@ def test_with_locked_memory_the_fri_thread_meets_no_page_fault(
     assert watched_session(programs, robot, tmp_path, "--realtime", "1", registered=registered) == (0, 0, 0)
 
 
-def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
+def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, tmp_path: Path) -> None:
     """Sixty messages without a pause: the torque moves by what the rate limit allows in this machine's time."""
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 60)
-    port, files = free_port(), (tmp_path / "log.csv", tmp_path / "summary.json")
-    command = [one.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, "--approach", "0.1",
-               "--log", files[0], "--summary", files[1], "--timeout", "300"]  # fmt: skip
+    summary = tmp_path / "summary.json"
     answers = []
-    with (
-        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                         text=True) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):  # fmt: skip
-        assert client.stdout is not None and "waiting" in client.stdout.readline()
-        sender.settimeout(0.2)
+    with served(one.client, "--approach", "0.1", "--summary", summary) as session:
         begin = 0.0
         for k, datagram in enumerate(script.datagrams):
-            sender.sendto(datagram or b"", ("127.0.0.1", port))
             begin = time.monotonic() if k <= 9 else begin
-            with contextlib.suppress(TimeoutError):
-                answers.append((time.monotonic() - begin, sender.recv(1500)))
-        client.communicate(timeout=30)
+            answer = session.ask(datagram or b"")
+            answers.append((time.monotonic() - begin, answer))  # not less than the client can have measured
+        session.send(script.message(IDLE))
+        session.end()
     torques = [(t, script.protocol.decode_command(data).torque) for t, data in answers[9:]]
-    limit = np.array(json.loads(files[1].read_text())["controller"]["torque_rate_limit"])
+    limit = np.array(json.loads(summary.read_text())["controller"]["torque_rate_limit"])
     assert len(torques) == 60 and np.abs(torques[-1][1]).max() > 0
     for t, torque in torques:
         assert (np.abs(torque) <= limit * (t + 0.01 + 0.005)).all()  # two periods that may be used at once
@@ -1181,31 +1099,20 @@ def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, robot: 
 
 def test_the_trajectory_never_runs_ahead_of_this_machines_time(programs: Programs, tmp_path: Path) -> None:
     """A counter that grows faster than messages come, by no more than the controller bears, and no time stamps."""
-    short = tmp_path / "short.csv"
-    s = np.linspace(0.0, 1.0, 201)
-    way = 10 * s**3 - 15 * s**4 + 6 * s**5
-    np.savetxt(short, POSTURE + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
+    short = write_short_trajectory(tmp_path / "short.csv")
     script = programs.script()
     script.begin()
     for k in range(250):
         script.lose(k % 2)
         script.add(COMMANDING_ACTIVE, change=lambda m: m.monitorData.ClearField("timestamp"))
-    port, summary = free_port(), tmp_path / "summary.json"
-    command = [programs.folder / "client" / "fri_wiping", "--trajectory", short, "--port", port, "--approach", "0.1",
-               "--summary", summary, "--timeout", "300", *FULL]  # fmt: skip
-    with (
-        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                         text=True) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):  # fmt: skip
-        assert client.stdout is not None and "waiting" in client.stdout.readline()
-        sender.settimeout(10)
+    summary = tmp_path / "summary.json"
+    with served(programs.client, "--trajectory", short, "--approach", "0.1", "--summary", summary, *FULL) as session:
         begin = time.monotonic()
         for datagram in script.datagrams:
-            sender.sendto(datagram or b"", ("127.0.0.1", port))
-            sender.recv(1500)
+            session.ask(datagram or b"")
         passed = time.monotonic() - begin
-        client.communicate(timeout=30)
+        session.send(script.message(IDLE))
+        session.end()
     told = json.loads(summary.read_text())
     assert told["faults"]["lost_cycles"] == 125 and told["faults"]["controller_faults"] == 0
     assert not told["trajectory_done"] or passed > 1.1 - 8 * 0.005
@@ -1217,57 +1124,75 @@ def test_another_sender_takes_no_part_in_the_session(programs: Programs, tmp_pat
     script.begin()
     script.add(COMMANDING_ACTIVE, 30)
     foreign = [programs.script().message(IDLE), b"garbage", script.message(COMMANDING_ACTIVE)]
-    port, summary = free_port(), tmp_path / "summary.json"
-    command = [programs.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port,
-               "--simulated-time", "--summary", summary, "--timeout", "300"]  # fmt: skip
+    summary = tmp_path / "summary.json"
     with (
-        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                         text=True) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        served(programs.client, "--simulated-time", "--summary", summary) as session,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
-    ):  # fmt: skip
-        assert client.stdout is not None and "waiting" in client.stdout.readline()
-        sender.settimeout(10)
-        for k, datagram in enumerate(script.datagrams):
-            if k > 0:
-                client.send_signal(signal.SIGSTOP)  # all of them are there when it looks
-                os.waitpid(client.pid, os.WUNTRACED)
-                stranger.sendto(foreign[k % 3], ("127.0.0.1", port))
-            sender.sendto(datagram or b"", ("127.0.0.1", port))
-            if k > 0:
-                stranger.sendto(foreign[k % 3], ("127.0.0.1", port))
-                client.send_signal(signal.SIGCONT)
-            assert script.protocol.decode_command(sender.recv(1500)).reflected == k + 1
+    ):
+        session.ask(script.datagrams[0] or b"")
+        for k, datagram in enumerate(script.datagrams[1:], start=1):
+            with session.stopped():  # all of them are there when it looks
+                session.send(foreign[k % 3], stranger)
+                session.send(datagram or b"")
+                session.send(foreign[k % 3], stranger)
+            assert script.protocol.decode_command(session.answer()).reflected == k + 1
+        session.send(script.message(IDLE))
+        session.end()
         stranger.setblocking(False)
         with pytest.raises(BlockingIOError):
             stranger.recv(1500)
-        client.communicate(timeout=30)
     faults = json.loads(summary.read_text())["faults"]
     count = len(script.datagrams) - 1
     assert faults["datagram_sender"] == 2 * sum(k % 3 != 1 for k in range(1, count + 1))
     assert faults["bad_datagrams"] == 2 * count
-    assert faults["lost_messages"] == faults["state_drops"] == 0
+    assert (faults["lost_messages"], faults["state_drops"]) == (1, 1)  # the one that the stranger had; the end
+
+
+def test_nobody_reads_what_it_prints(one: Programs) -> None:
+    """A pipe whose reader is gone ends no session under torque."""
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 60)
+    script.add(MONITORING_READY)
+    with served(one.client, "--simulated-time", "--approach", "0.1") as session:
+        assert session.client.stdout is not None
+        for k, datagram in enumerate(script.datagrams):
+            if k == 20:
+                session.client.stdout.close()
+            session.ask(datagram or b"")
+        session.send(script.message(IDLE))
+        assert session.client.wait(30) == 3
+
+
+def test_after_the_trajectory_a_long_way_back_is_not_gone(one: Programs, tmp_path: Path) -> None:
+    """The robot's application has moved the arm in between, and commands again."""
+    short = write_short_trajectory(tmp_path / "short.csv")
+    end = np.loadtxt(short, delimiter=",")[-1]
+    script = one.script()
+    script.begin()
+    for k in range(300):
+        s = min(max(k - 20, 0) / 200, 1.0)
+        place = 10 * s**3 - 15 * s**4 + 6 * s**5
+        script.add(COMMANDING_ACTIVE, position=POSTURE + place * (end - POSTURE))
+    away = end + 1.0 * np.eye(7)[0]
+    script.add(MONITORING_READY, 50, position=away)
+    script.add(COMMANDING_WAIT, 10, position=away, ipo=away)
+    wiped = Wiped(one, script, tmp_path, "--trajectory", str(short), "--approach", "0.1", "--speed-share", "1")
+    assert wiped.summary["trajectory_done"]
+    assert len(wiped.steps) == 9 + 300 + 50 + 1  # refused at once
 
 
 def test_a_flood_of_what_is_refused_does_not_keep_the_client(one: Programs) -> None:
     """--timeout holds under garbage that never pauses."""
-    port = free_port()
-    command = [one.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, "--wait", "0.3",
-               "--timeout", "300"]  # fmt: skip
-    with (
-        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                         text=True) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):  # fmt: skip
-        assert client.stdout is not None and "waiting" in client.stdout.readline()
-        sender.connect(("127.0.0.1", port))
+    with served(one.client, "--wait", "1", "--timeout", "300") as session:
+        session.robot.connect(("127.0.0.1", session.port))
         deadline = time.monotonic() + 60
-        while client.poll() is None and time.monotonic() < deadline:
+        while session.client.poll() is None and time.monotonic() < deadline:
             with contextlib.suppress(ConnectionRefusedError):
                 for _ in range(1000):
-                    sender.send(b"x")
-        assert client.returncode == 1
-        assert "datagrams arrive but do not decode as FRI 2.7: datagram_frame" in client.communicate(timeout=30)[1]
+                    session.robot.send(b"x")
+        assert session.client.returncode == 1
+        assert "datagrams arrive but do not decode as FRI 2.7: datagram_frame" in session.end()[2]
 
 
 def test_after_a_stop_the_newest_alone_is_answered(programs: Programs, tmp_path: Path) -> None:
@@ -1275,31 +1200,20 @@ def test_after_a_stop_the_newest_alone_is_answered(programs: Programs, tmp_path:
     script = programs.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 150)
-    port, files = free_port(), (tmp_path / "log.csv", tmp_path / "summary.json")
-    command = [programs.folder / "client" / "fri_wiping", "--trajectory", TRAJECTORY, "--port", port, "--approach",
-               "0.1", "--log", files[0], "--summary", files[1], "--timeout", "300"]  # fmt: skip
-    answers = []
-    with (
-        subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                         text=True) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):  # fmt: skip
-        assert client.stdout is not None and "waiting" in client.stdout.readline()
-        for k, datagram in enumerate(script.datagrams):
-            if k == 60:
-                client.send_signal(signal.SIGSTOP)
-                os.waitpid(client.pid, os.WUNTRACED)
-            sender.sendto(datagram or b"", ("127.0.0.1", port))
-            if 60 <= k < 139:
-                continue
-            if k == 139:
-                client.send_signal(signal.SIGCONT)
-            sender.settimeout(10)
-            answers.append(script.protocol.decode_command(sender.recv(1500)))
-        client.communicate(timeout=30)
+    summary = tmp_path / "summary.json"
+    with served(programs.client, "--approach", "0.1", "--summary", summary) as session:
+        answers = [session.ask(datagram or b"") for datagram in script.datagrams[:60]]
+        with session.stopped():
+            for datagram in script.datagrams[60:140]:
+                session.send(datagram or b"")
+        answers.append(session.answer())
+        answers += [session.ask(datagram or b"") for datagram in script.datagrams[140:]]
+        session.send(script.message(IDLE))
+        session.end()
+    answers = [script.protocol.decode_command(answer) for answer in answers]
     reflected = [answer.reflected for answer in answers]
     assert reflected == [*range(1, 61), *range(140, 160)]
-    told = json.loads(files[1].read_text())
+    told = json.loads(summary.read_text())
     assert (told["faults"]["overtaken"], told["faults"]["lost_messages"], told["faults"]["lost_cycles"]) == (79, 0, 79)
     limit = np.array(told["controller"]["torque_rate_limit"]) * 2 * 0.005
     before, after = answers[59].torque, answers[60].torque

@@ -1,6 +1,6 @@
 """Fuzzing of the FRI client with libFuzzer, under the address and undefined-behaviour sanitizers.
 
-    python tests/long/fuzz_fri.py [FOLDER] [--nanopb-source DIR] [-runs=1000000] [-seed=1] ...
+    python tests/long/fuzz_fri.py [FOLDER] [--version 2.7] [--nanopb-source DIR] [-runs=1000000] [-seed=1] ...
 
 Each run puts one hostile datagram into a session, through the decoder, the open library and the whole client, once for
 each version. FOLDER (default: build/fri-fuzz) keeps programs and corpora. Options with one dash are libFuzzer's. With
@@ -23,11 +23,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, default=Path("build/fri-fuzz"))
     parser.add_argument("--nanopb-source", type=Path)
+    parser.add_argument("--version", choices=VERSIONS, action="append", help="this one alone; may be repeated")
     options, libfuzzer = parser.parse_known_args()
     if not any(option.startswith(("-runs", "-max_total_time")) for option in libfuzzer):
         libfuzzer.append("-runs=1000000")
     sources = [f"-DNANOPB_SOURCE_DIR={options.nanopb_source.resolve()}"] if options.nanopb_source else []
-    for version in VERSIONS:
+    for version in options.version or VERSIONS:
         folder = options.folder.resolve() / version
         print(f"FRI {version}: building ...", flush=True)
         build(folder, [f"-DOPEN_FRI_VERSION={version}", *sources], compiler="clang", flags=SANITIZERS, fuzzer=True)

@@ -151,6 +151,14 @@ class RobotScript:
         self.add(SessionState.COMMANDING_WAIT, waiting)
 
 
+def write_short_trajectory(file: Path, start: Sequence[float] = tuple(POSTURE)) -> Path:
+    """A trajectory of 1 s from a posture, at rest at both ends, with samples 5 ms apart."""
+    s = np.linspace(0.0, 1.0, 201)
+    way = 10 * s**3 - 15 * s**4 + 6 * s**5
+    np.savetxt(file, start + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
+    return file
+
+
 def button(pressed: bool) -> IOValue:
     """The button at the media flange."""
     return IOValue("MediaFlange.UserButton", IOType.BOOLEAN, IODirection.INPUT, pressed)
@@ -167,6 +175,27 @@ def run_harness(folder: Path, datagrams: Iterable[bytes | None], *arguments: str
     done = subprocess.run(command, input=pack(datagrams), capture_output=True)
     assert done.returncode == 0, done.stderr.decode()[-4000:]
     return [json.loads(line) for line in done.stdout.decode().splitlines() if line.startswith("{")]
+
+
+class Programs:
+    """A folder with the test programs, and the version that they speak."""
+
+    def __init__(self, folder: Path, version: str) -> None:
+        self.folder = folder
+        self.version = version
+
+    @property
+    def client(self) -> Path:
+        """fri_wiping."""
+        return self.folder / "client" / "fri_wiping"
+
+    def script(self, period: int = 5) -> RobotScript:
+        """A robot's script in that version."""
+        return RobotScript(self.version, period)
+
+    def probe(self, script: RobotScript) -> list[dict[str, Any]]:
+        """What a client that calls everything makes of a script."""
+        return run_harness(self.folder, script.datagrams, "probe")
 
 
 def require_tools() -> str | None:

@@ -1,0 +1,1 @@
+"""A playground in the browser: a generated robot's own C as WebAssembly, in one static page (``stiffgen play``)."""

@@ -1,0 +1,46 @@
+// Controls: a row with a name, a slider, the same value as a number, and a unit.
+
+let count = 0;
+
+/**
+ * A slider in `parent`. `label` is its name (`shown`: as HTML), with `unit`; it runs from `min` to `max` in steps of `step`.
+ * `changed(value)` is called while it moves. Gives {set(value)}, which calls nothing.
+ */
+export function slider(parent, { label, shown = label, unit, min, max, step, value, colour, changed }) {
+  const row = document.createElement("div"), id = `s${++count}`, digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  row.className = "slider";
+  row.innerHTML =
+    `<label for="${id}">${colour ? `<span class="swatch" style="--swatch:${colour}"></span>` : ""}${shown}</label>` +
+    `<input type="range" id="${id}"><input type="number"><span class="unit">${unit}</span>`;
+  const [range, box] = row.querySelectorAll("input");
+  row.querySelector("label").title = label;
+  range.setAttribute("aria-label", `${label} in ${unit}`);
+  box.setAttribute("aria-label", `${label} in ${unit}, as a number`);
+  for (const input of [range, box]) Object.assign(input, { min, max, step });
+  box.step = "any";
+  const set = (to) => {
+    range.value = to;
+    box.value = Number(to).toFixed(digits);
+    range.setAttribute("aria-valuetext", `${box.value} ${unit}`);
+  };
+  const take = (input) => () => {
+    const given = Number(input.value);
+    if (input.value === "" || !Number.isFinite(given)) return;
+    const inside = Math.min(Math.max(given, min), max);
+    if (input === box) range.value = inside;
+    else box.value = inside.toFixed(digits);
+    range.setAttribute("aria-valuetext", `${inside.toFixed(digits)} ${unit}`);
+    changed(inside);
+  };
+  range.addEventListener("input", take(range));
+  box.addEventListener("input", take(box));
+  box.addEventListener("change", () => set(range.value));
+  parent.append(row);
+  set(value);
+  return { set };
+}
+
+/** Choices of a select element: [value, text] pairs. */
+export function options(select, pairs) {
+  select.replaceChildren(...pairs.map(([value, text]) => new Option(text, value)));
+}

@@ -1,0 +1,161 @@
+// Solids by WebGL: spheres, drums and cones, each with a place, a colour and an opacity.
+
+const VERTEX = `#version 300 es
+in vec3 position; in vec3 normal;
+uniform mat4 model, view, projection;
+out vec3 facing, place;
+void main() {
+  vec4 here = model * vec4(position, 1.0);
+  place = here.xyz;
+  facing = transpose(inverse(mat3(model))) * normal;
+  gl_Position = projection * view * here;
+}`;
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 facing, place;
+uniform vec3 colour, eye;
+uniform float opacity, shaded;
+out vec4 result;
+void main() {
+  vec3 n = normalize(facing), to = normalize(eye - place);
+  if (dot(n, to) < 0.0) n = -n;
+  vec3 light = normalize(to + vec3(0.3, -0.2, 0.9));
+  float shade = 0.42 + 0.48 * max(dot(n, light), 0.0) + 0.12 * n.z;
+  float gloss = 0.25 * pow(max(dot(reflect(-light, n), to), 0.0), 24.0);
+  float rim = mix(1.0, 1.0 + 1.2 * pow(1.0 - abs(dot(n, to)), 2.0), step(opacity, 0.99));
+  result = vec4(mix(colour, colour * shade + gloss, shaded), opacity * rim);
+}`;
+const ROUND = 40; // sides of a drum
+
+function sphere() {
+  const points = [], triangles = [], rows = 20;
+  for (let i = 0; i <= rows; ++i) {
+    for (let j = 0; j <= ROUND; ++j) {
+      const a = (Math.PI * i) / rows, b = (2 * Math.PI * j) / ROUND;
+      const p = [Math.sin(a) * Math.cos(b), Math.sin(a) * Math.sin(b), Math.cos(a)];
+      points.push(...p, ...p);
+      const k = i * (ROUND + 1) + j;
+      if (i < rows && j < ROUND) triangles.push(k, k + ROUND + 1, k + 1, k + 1, k + ROUND + 1, k + ROUND + 2);
+    }
+  }
+  return { points, triangles };
+}
+
+/** About z from 0 to 1, of radius 1 below and `top` above, with both ends closed. */
+function drum(top) {
+  const points = [], triangles = [], lean = 1 - top;
+  const corner = (p, n) => points.push(...p, ...n) / 6 - 1;
+  const rim = (k, r, z, n) => corner([r * Math.cos(k), r * Math.sin(k), z], n ?? [Math.cos(k), Math.sin(k), lean]);
+  for (let j = 0; j < ROUND; ++j) {
+    const a = (2 * Math.PI * j) / ROUND, b = (2 * Math.PI * (j + 1)) / ROUND;
+    const [p, q, r, s] = [rim(a, 1, 0), rim(b, 1, 0), rim(a, top, 1), rim(b, top, 1)];
+    triangles.push(p, q, r, q, s, r);
+    for (const [radius, z] of [[1, 0], [top, 1]]) {
+      const n = [0, 0, 2 * z - 1];
+      if (radius) triangles.push(corner([0, 0, z], n), rim(a, radius, z, n), rim(b, radius, z, n));
+    }
+  }
+  return { points, triangles };
+}
+
+/** Lines from -1 to 1 in x and y at z = 0. */
+function grid() {
+  const points = [], triangles = [];
+  for (let k = -8; k <= 8; ++k) {
+    for (const p of [[k / 8, -1], [k / 8, 1], [-1, k / 8], [1, k / 8]]) {
+      triangles.push(points.push(...p, 0, 0, 0, 1) / 6 - 1);
+    }
+  }
+  return { points, triangles };
+}
+
+const MESHES = { sphere: sphere(), drum: drum(1), cone: drum(0), grid: grid() };
+
+/** A canvas with solids on it. Throws where the browser has no WebGL. */
+export class Solids {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: false });
+    if (!this.gl) throw new Error("no WebGL");
+    this.start();
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => this.start());
+  }
+
+  start() {
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.bindAttribLocation(program, 0, "position");
+    gl.bindAttribLocation(program, 1, "normal");
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
+      throw new Error(`no WebGL program: ${gl.getProgramInfoLog(program)}`);
+    }
+    gl.useProgram(program);
+    this.at = Object.fromEntries(
+      ["model", "view", "projection", "colour", "eye", "opacity", "shaded"].map((name) => [
+        name,
+        gl.getUniformLocation(program, name),
+      ]),
+    );
+    this.meshes = {};
+    for (const [name, { points, triangles }] of Object.entries(MESHES)) {
+      const vertices = gl.createVertexArray();
+      gl.bindVertexArray(vertices);
+      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ARRAY_BUFFER, Float32Array.from(points), gl.STATIC_DRAW);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint16Array.from(triangles), gl.STATIC_DRAW);
+      for (const k of [0, 1]) {
+        gl.enableVertexAttribArray(k);
+        gl.vertexAttribPointer(k, 3, gl.FLOAT, false, 24, 12 * k);
+      }
+      this.meshes[name] = { vertices, count: triangles.length };
+    }
+    gl.enable(gl.DEPTH_TEST);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  }
+
+  /** items: {mesh, model (16, columns), colour (3), opacity, shaded}, those that are seen through last. */
+  draw(items, camera) {
+    const { gl, canvas, at } = this, sharp = Math.min(window.devicePixelRatio || 1, 2);
+    const width = Math.round(canvas.clientWidth * sharp), height = Math.round(canvas.clientHeight * sharp);
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.uniformMatrix4fv(at.view, false, camera.view);
+    gl.uniformMatrix4fv(at.projection, false, camera.projection);
+    gl.uniform3fv(at.eye, camera.eye);
+    for (const { mesh, model, colour, opacity = 1, shaded = 1 } of items) {
+      const through = opacity < 1;
+      (through ? gl.enable : gl.disable).call(gl, gl.BLEND);
+      (through ? gl.enable : gl.disable).call(gl, gl.CULL_FACE);
+      gl.depthMask(!through);
+      gl.uniformMatrix4fv(at.model, false, model);
+      gl.uniform3fv(at.colour, colour);
+      gl.uniform1f(at.opacity, opacity);
+      gl.uniform1f(at.shaded, shaded);
+      gl.bindVertexArray(this.meshes[mesh].vertices);
+      gl.drawElements(mesh === "grid" ? gl.LINES : gl.TRIANGLES, this.meshes[mesh].count, gl.UNSIGNED_SHORT, 0);
+    }
+    gl.depthMask(true);
+  }
+}
+
+/** A model matrix: columns x, y, z and origin. */
+export const model = (x, y, z, origin) => Float32Array.of(...x, 0, ...y, 0, ...z, 0, ...origin, 1);
+
+/** The same lying flat on the floor, as the light from above throws it. */
+export function flattened(matrix, floor) {
+  const flat = matrix.slice();
+  for (const k of [2, 6, 10]) flat[k] *= 1e-4;
+  flat[14] = floor;
+  return flat;
+}

@@ -1,0 +1,87 @@
+"""The commands in docs/fri.md and docs/fri_robot.md against the programs that take them."""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+import pytest
+
+from examples.fri_robot import demo
+from examples.fri_robot.__main__ import arguments
+from examples.fri_robot.faults import KINDS, parse_faults
+from stiffgen.cli import _parser as stiffgen_parser
+from support.project import ROOT
+
+PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("fri.md", "fri_robot.md")}
+SOURCES = ROOT / "examples" / "fri_client"
+CLIENT_OPTIONS = set(re.findall(r'\{"([a-z-]+)", (?:no|required)_argument', (SOURCES / "options.cpp").read_text()))
+ROBOT_OPTIONS = {name.lstrip("-") for action in arguments()._actions for name in action.option_strings}
+DEMO_OPTIONS = {name.lstrip("-") for action in demo.arguments()._actions for name in action.option_strings}
+OTHERS = {"build", "set-eee", "quiet", "name", "output", "tool-xyz", "tool-mass"}
+"""Of cmake, ethtool and stiffgen generate."""
+
+
+def blocks(page: str) -> list[str]:
+    """Lines of the indented blocks that are commands."""
+    programs = ("cmake", "make", "apt-get", "build/", ".venv/", "python")
+    return [line.strip() for line in PAGES[page].splitlines() if re.match(f"    ({'|'.join(programs)})", line)]
+
+
+def code(page: str) -> str:
+    """All that is set as code."""
+    return "\n".join([*re.findall(r"`([^`]+)`", PAGES[page]), *re.findall(r"^    .*$", PAGES[page], re.M)])
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_option_that_is_named_exists(page: str) -> None:
+    named = set(re.findall(r"(?<![\w-])--([a-z][a-z-]*)", code(page)))
+    assert len(named) > 10
+    assert named - CLIENT_OPTIONS - ROBOT_OPTIONS - DEMO_OPTIONS - OTHERS == set()
+
+
+def test_every_option_of_the_client_is_in_its_help() -> None:
+    told = (SOURCES / "options.cpp").read_text()
+    described = set(re.findall(r'"  --([a-z-]+) ', told))
+    assert CLIENT_OPTIONS - described == {"help"}
+    assert described <= CLIENT_OPTIONS
+
+
+def test_every_option_of_the_robot_is_in_its_table() -> None:
+    table = PAGES["fri_robot.md"].split("| option | what |")[1].split("\n\n")[0]
+    assert set(re.findall(r"`--([a-z-]+)`", table)) == ROBOT_OPTIONS - {"h", "help"}
+
+
+def test_every_kind_of_fault_is_in_the_tables() -> None:
+    faults = PAGES["fri_robot.md"].split("## Faults")[1].split("## Log")[0]
+    rows = " ".join(line.split("|")[1] for line in faults.splitlines() if line.startswith("| `"))
+    assert set(re.findall(r"`([a-z]+)", rows)) == set(KINDS)
+    for line in re.findall(r"^    --faults (\S+)", faults, re.M):
+        parse_faults(line, "2.7")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_that_is_shown_can_be_given(page: str) -> None:
+    targets = set(re.findall(r"^([a-z][\w/-]*):", (ROOT / "Makefile").read_text(), re.M))
+    variables = re.findall(
+        r"(?:set\(|find_path\(|find_library\(|option\()(\w+)", (SOURCES / "CMakeLists.txt").read_text()
+    )
+    commands = blocks(page)
+    assert len(commands) >= 4
+    for command in commands:
+        words = shlex.split(command)
+        if words[0] == "make":
+            assert set(words[1:]) <= targets
+        elif words[0] == "cmake":
+            for name in re.findall(r"-D(\w+)=", command):
+                assert name in variables
+        elif words[0] == ".venv/bin/stiffgen":
+            stiffgen_parser().parse_args(words[1:])
+        elif "examples.fri_robot" in words:
+            arguments().parse_args(words[words.index("examples.fri_robot") + 1 :])
+        elif words[0].endswith("/fri_wiping"):
+            for word, value in zip(words[1:], [*words[2:], ""], strict=True):
+                assert not word.startswith("--") or word[2:] in CLIENT_OPTIONS
+                assert word != "--trajectory" or (ROOT / value).exists()
+    for target in re.findall(r"`make ([^`]+)`", PAGES[page]):
+        assert target in targets

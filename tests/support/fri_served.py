@@ -1,0 +1,88 @@
+"""fri_wiping as a process, with a plain socket in the robot's place."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from support.fri_python_client import free_port
+from support.fri_session import TRAJECTORY
+
+
+class Served:
+    """The client's process, that waits for the robot, and the robot's socket.
+
+    No session is to end because this process was kept waiting: give the client IDLE, or a ``--timeout`` to end it.
+    """
+
+    def __init__(self, client: subprocess.Popen[str], robot: socket.socket, port: int) -> None:
+        self.client = client
+        self.robot = robot
+        self.port = port
+
+    def send(self, datagram: bytes, sender: socket.socket | None = None) -> None:
+        """From the robot, or from somebody else."""
+        (sender or self.robot).sendto(datagram, ("127.0.0.1", self.port))
+
+    def answer(self, timeout: float = 30.0) -> bytes:
+        """The next answer; TimeoutError if none comes in so many seconds."""
+        self.robot.settimeout(timeout)
+        return self.robot.recv(2000)
+
+    def ask(self, datagram: bytes) -> bytes:
+        """Sends, and gives the answer."""
+        self.send(datagram)
+        return self.answer()
+
+    @contextmanager
+    def stopped(self) -> Iterator[None]:
+        """The client's process stands still in the block."""
+        self.client.send_signal(signal.SIGSTOP)
+        os.waitpid(self.client.pid, os.WUNTRACED)
+        yield
+        self.client.send_signal(signal.SIGCONT)
+
+    def end(self) -> tuple[int, str, str]:
+        """Waits for the client's end: exit code, what it printed after its first line, and its errors."""
+        out, errors = self.client.communicate(timeout=60)
+        return self.client.returncode, out, errors
+
+
+@contextmanager
+def served(program: Path, *arguments: object, environment: Mapping[str, str] | None = None) -> Iterator[Served]:
+    """fri_wiping on a free port, once it waits for the robot."""
+    port = free_port()
+    command = [program, "--trajectory", TRAJECTORY, "--port", port, "--timeout", 30000, *arguments]
+    with (
+        subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                         env={**os.environ, **(environment or {})}) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as robot,
+    ):  # fmt: skip
+        try:
+            assert client.stdout is not None and "waiting" in client.stdout.readline()
+            yield Served(client, robot, port)
+        finally:
+            if client.poll() is None:
+                client.kill()
+
+
+def unread(port: int) -> bool:
+    """Whether datagrams wait in a UDP port of this machine."""
+    for line in Path("/proc/net/udp").read_text().splitlines()[1:]:
+        _, local, _, _, queues, *_ = line.split()
+        if int(local.rpartition(":")[2], 16) == port and int(queues.rpartition(":")[2], 16) > 0:
+            return True
+    return False
+
+
+def waits(pid: int) -> bool:
+    """Whether a process's first thread waits for something, or has ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "SZ"
+    except OSError:
+        return True

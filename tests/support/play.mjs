@@ -1,0 +1,34 @@
+// The playground's own modules without a browser: does what a request says, and prints the results as JSON.
+// node play.mjs REQUEST.json, in a folder with the modules; numbers that JSON has not are null.
+
+import { readFileSync } from "node:fs";
+import { jointFrames, pointJacobian, tipFrame } from "./chain.js";
+import { startKernels } from "./kernels.js";
+import * as mechanics from "./mechanics.js";
+
+const { data, wasm, tip: index, tasks } = JSON.parse(readFileSync(process.argv[2], "utf8"));
+const kernels = await startKernels(Buffer.from(wasm, "base64"), data.functions, `${data.name}_self_check`);
+const tip = new mechanics.Tip(data, index, kernels);
+const plain = (value) => JSON.parse(JSON.stringify(value, (_, each) => (ArrayBuffer.isView(each) ? Array.from(each) : each)));
+
+const DO = {
+  call: ({ name, given }) => kernels.call(name, given),
+  frames: ({ q, tool }) => {
+    const frames = jointFrames(data, q);
+    return tipFrame(data, data.tips[index], frames, data.runtimeTool ? tool : null);
+  },
+  point: ({ q, joint, point }) => pointJacobian(data, jointFrames(data, q), joint, point),
+  matrices: ({ q, wrench, gains, chosen }) => mechanics.stiffnesses(tip, Float64Array.from(q), Float64Array.from(wrench), gains, chosen),
+  loop: ({ q, wrench, gains, chosen, loop }) => {
+    const [posture, F] = [Float64Array.from(q), Float64Array.from(wrench)];
+    const closed = mechanics.closedLoop(tip, posture, loop);
+    return mechanics.loopWork(tip, posture, F, mechanics.stiffnesses(tip, posture, F, gains, chosen), closed);
+  },
+  follow: ({ q, place, orientation }) => mechanics.follow(tip, Float64Array.from(q), place, Float64Array.from(orientation)),
+  bent: () => mechanics.bentPosture(data),
+  singular: ({ q }) => {
+    const near = mechanics.nearSingular(tip, Float64Array.from(q));
+    return [mechanics.distanceFromSingular(tip, Float64Array.from(q)), mechanics.distanceFromSingular(tip, near)];
+  },
+};
+process.stdout.write(JSON.stringify(tasks.map((task) => plain(DO[task.do](task)))));
