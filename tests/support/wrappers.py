@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 import stiffgen
 from stiffgen.check.result import as_results
@@ -27,7 +28,9 @@ def small_robot(output: Path) -> GeneratedRobot:
     """Three joints, one sliding and one that mimics, with derivatives."""
     urdf = output / "chain.urdf"
     urdf.write_text(chain_urdf("rpm"))
-    return open_robot(stiffgen.generate(urdf, output=output, name="arm", springs=DERIVATIVES))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CFLAGS", "-O0")  # in a third of the time
+        return open_robot(stiffgen.generate(urdf, output=output, name="arm", springs=DERIVATIVES))
 
 
 def wrapper(robot: GeneratedRobot, framework: str) -> ModuleType:

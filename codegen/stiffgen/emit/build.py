@@ -128,12 +128,15 @@ def _native(compiler: Sequence[str], build: Path) -> list[str]:
 
 
 def _xla_headers() -> list[str]:
-    """The folder of XLA's headers that jax brings; none without jax."""
-    if importlib.util.find_spec("jax") is None:
-        return []
-    import jax.ffi
+    """The folder of XLA's headers that jax brings; none without jax.
 
-    return [jax.ffi.include_dir()]
+    It is jax.ffi.include_dir(), found without loading JAX, whose threads would be in the way of whoever forks.
+    """
+    package = importlib.util.find_spec("jaxlib")
+    if package is None or package.origin is None:
+        return []
+    headers = Path(package.origin).parent / "include"
+    return [str(headers)] if (headers / "xla" / "ffi" / "api" / "c_api.h").exists() else []
 
 
 def _link_options() -> list[str]:
