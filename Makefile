@@ -9,6 +9,7 @@
 # make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
 # make identify   a task stiffness and a tool learned from a recording, by JAX; make identify-torch by PyTorch
+# make whole-body   a quadruped on springs: predicted and simulated modes, into examples/whole_body/results/
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make fri-attack  hill-climbing attack on the FRI client, 20 000 hostile sessions in each version (some 20 minutes)
@@ -34,7 +35,7 @@ COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment identify identify-torch fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -98,6 +99,13 @@ identify: build/robots/iiwa14_tool
 
 identify-torch: build/robots/iiwa14_tool $(VENV)/installed-torch
 	$(BIN)/python -m examples.identify torch
+
+build/robots/solo12: tests/data/solo12.urdf $(GENERATOR) $(VENV)/installed
+	$(BIN)/stiffgen generate $< --floating-base $(addsuffix _FOOT,$(addprefix --tip ,FL FR HL HR)) --output build/robots
+	@touch $@
+
+whole-body: build/robots/solo12 $(VENV)/installed-examples
+	$(BIN)/python -m examples.whole_body
 
 fri-demo: build/robots/iiwa14_plate $(VENV)/installed-examples
 	@$(BIN)/python -m examples.fri_robot.demo

@@ -30,6 +30,7 @@ ELSEWHERE = {
     "bench-cuda": "tests/emit/test_cuda.py",
     "experiment": "tests/examples/test_experiment.py",
     "identify": "tests/examples/test_identify.py",
+    "whole-body": "tests/examples/test_whole_body.py",
     "fri-demo": "tests/examples/test_fri_session.py",
     "closed-loop": "tests/test_make.py",
 }

@@ -118,7 +118,7 @@ def test_an_equilibrium_for_each_configuration(host, robot, chain):
     ("case", "compiler"),
     [
         ("slides and mimics", "clang"),
-        ("two tips, tool at run time", "gcc"),
+        pytest.param("two tips, tool at run time", "gcc", marks=pytest.mark.slow),
         pytest.param("slides and mimics", "gcc", marks=pytest.mark.slow),
         pytest.param("two tips, tool at run time", "clang", marks=pytest.mark.slow),
     ],
