@@ -7,6 +7,7 @@
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
+# make whole-body   a quadruped on springs: predicted and simulated modes, into examples/whole_body/results/
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
 # make fri-attack  hill-climbing attack on the FRI client, 20 000 hostile sessions in each version (some 20 minutes)
@@ -31,7 +32,7 @@ COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
+.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -78,6 +79,13 @@ $(VENV)/installed-examples: $(VENV)/installed
 
 experiment: build/robots/iiwa14_plate $(VENV)/installed-examples
 	$(BIN)/python -m examples.bowl_wiping
+
+build/robots/solo12: tests/data/solo12.urdf $(GENERATOR) $(VENV)/installed
+	$(BIN)/stiffgen generate $< --floating-base $(addsuffix _FOOT,$(addprefix --tip ,FL FR HL HR)) --output build/robots
+	@touch $@
+
+whole-body: build/robots/solo12 $(VENV)/installed-examples
+	$(BIN)/python -m examples.whole_body
 
 fri-demo: build/robots/iiwa14_plate $(VENV)/installed-examples
 	@$(BIN)/python -m examples.fri_robot.demo

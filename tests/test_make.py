@@ -29,6 +29,7 @@ ELSEWHERE = {
     "bench": "tests/test_make.py",
     "bench-cuda": "tests/emit/test_cuda.py",
     "experiment": "tests/examples/test_experiment.py",
+    "whole-body": "tests/examples/test_whole_body.py",
     "fri-demo": "tests/examples/test_fri_session.py",
     "closed-loop": "tests/test_make.py",
 }

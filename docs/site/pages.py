@@ -28,13 +28,13 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*.svg", "docs/*.png", "urdf/README.md",
     "benchmarks/RESULTS.md", "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg",
-    "codegen/stiffgen/emit/README.md",
+    "examples/whole_body/results/*.svg", "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
     "Concepts": ("docs/theory", "docs/derivatives", "docs/whole_body", "docs/glossary"),
     "Use": (
-        "docs/playground", "docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/analyze",
-        "docs/troubleshooting",
+        "docs/playground", "docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/stance",
+        "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": ("docs/performance", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
     "Reference": (

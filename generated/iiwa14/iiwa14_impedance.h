@@ -196,8 +196,8 @@ typedef struct {
     /* [rad/s or m/s] of the arm; beyond it a limit fault. Every entry must lie between 1e-06 and 1000. Default:
      * velocity[i]. */
     double velocity_limit[7];
-    /* [rad/s or m/s] of the posture that the springs pull to. Every entry must lie between 1e-06 and 1000.
-     * Default: 0.5 * velocity[i]. */
+    /* [rad/s or m/s] of the posture that the springs pull to, which uses 0.8 of it; from 0.9 on the arm's own
+     * joint is braked. Every entry must lie between 1e-06 and 1000. Default: 0.5 * velocity[i]. */
     double reference_velocity_limit[7];
     /* [m/s] of an equilibrium's translation. Must lie between 1e-06 and 100. Default: 0.5. */
     double tip_velocity_limit;
@@ -231,8 +231,8 @@ typedef struct {
     /* [s] of good samples after which a fault resets itself; 0: never. Must lie between 0 and 10000. Default:
      * 0.0. */
     double automatic_reset_time;
-    /* [J] tank energy at the start: with what is stored it covers the torques, so that a smaller one is a
-     * weaker arm. Must lie between 0 and 10000. Default: 10.0. */
+    /* [J] tank energy at the start: with what is stored it covers the torques, so it bounds what the arm can
+     * hold (status RESERVE; table in docs/controller.md). Must lie between 0 and 10000. Default: 10.0. */
     double tank_initial;
     /* [J] tank energy above which income goes to the engagement, or is lost, unless torques on their way need
      * it. Must lie between 0 and 10000. Default: 10.0. */
@@ -305,7 +305,7 @@ typedef struct {
     double scale;
     /* [N m or N] - l dU/dq; paper: l Kq (r - q). */
     double elastic_torque[7];
-    /* [N m or N] B (dr - velocity). */
+    /* [N m or N] B (dr - velocity), and what brakes joints beyond 0.9 of reference_velocity_limit. */
     double damping_torque[7];
     /* [N m or N] joint limit avoidance. */
     double limit_torque[7];

@@ -114,7 +114,7 @@ static const int CLASS[] = {0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 4, 5, 5, 5};
  * its results are unspecified. Results must overlap neither an argument nor one another.
  * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), Householder and implicit QL (8.3).
  */
-enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_SYMMETRIC, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
+enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 enum { MAX_ITERATIONS = 60 }; /* an eigenvalue; two are usual, and the bound is what makes the time bounded */
 
@@ -132,39 +132,6 @@ static double largest(int count, const double *A)
         result = size > result ? size : result;
     }
     return result;
-}
-
-static int is_symmetric(int n, const double *A, double scale)
-{
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
-                return 0;
-            }
-        }
-    }
-    return 1;
-}
-
-static int check(int n, const double *A, double *scale)
-{
-    *scale = largest(n * n, A);
-    if (!(*scale <= DBL_MAX)) {
-        return MATRIX_NOT_FINITE;
-    }
-    return is_symmetric(n, A, *scale) ? 0 : MATRIX_NOT_SYMMETRIC;
-}
-
-/* Symmetric part of A over its size, or over 1 if that is 0; returns which. */
-static double scaled_symmetric(int n, const double *A, double size, double *result)
-{
-    const double unit = size > 0.0 ? size : 1.0;
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            result[i * n + j] = (A[i * n + j] / unit + A[j * n + i] / unit) / 2.0;
-        }
-    }
-    return unit;
 }
 
 /* result = Y diag(d) Y^T, Y with its columns as rows; one triangle computed and mirrored. */
@@ -307,15 +274,15 @@ static int eigen_symmetric(int n, double *A, double *d, double *rows)
     return 0;
 }
 
-/* Lower Cholesky factor L of A / scale. */
-static int cholesky(int n, const double *A, double scale, double *L)
+/* Lower Cholesky factor L of A / scale + shift I. */
+static int cholesky(int n, const double *A, double scale, double shift, double *L)
 {
-    if (!(scale > 0.0)) {
+    if (!(scale > 0.0 && scale <= DBL_MAX)) {
         return MATRIX_NOT_POSITIVE;
     }
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
-            const double a = A[i * n + j] / scale;
+            const double a = A[i * n + j] / scale + (i == j ? shift : 0.0);
             double sum = a;
             for (int k = 0; k < j; ++k) {
                 sum -= L[i * n + k] * L[j * n + k];
@@ -384,27 +351,23 @@ static void solve_upper(int n, const double *L, double *x)
     }
 }
 
-/* K = scale_K scale_M-scaled pencil: L with L L^T = M / *scale, eigenvalues lambda, W^T as rows with V = L^-T W. */
+/*
+ * K v = lambda M v of the symmetric parts: L with L L^T = M / *scale, eigenvalues lambda, rows w with v = L^-T w.
+ */
 static int pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
                   double *scale)
 {
-    double size;
-    int error = check(n, K, &size);
-    if (error == 0) {
-        error = check(n, M, scale);
-    }
-    if (error == 0) {
-        error = cholesky(n, M, *scale, L);
-    }
+    *scale = largest(n * n, M);
+    int error = cholesky(n, M, *scale, 0.0, L);
     if (error != 0) {
         return error;
     }
-    const double unit = scaled_symmetric(n, K, size, C);
+    memcpy(C, K, (size_t)(n * n) * sizeof(double));
     solve_rows(n, L, C);
     transpose(n, C);
     solve_rows(n, L, C);
     for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
+        for (int j = 0; j <= i; ++j) {
             C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
         }
     }
@@ -413,10 +376,7 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
     }
     error = eigen_symmetric(n, C, eigenvalues, rows);
     for (int i = 0; i < n; ++i) {
-        eigenvalues[i] *= unit / *scale;
-        if (!(fabs(eigenvalues[i]) <= DBL_MAX)) {
-            return MATRIX_NOT_FINITE;
-        }
+        eigenvalues[i] /= *scale;
     }
     return error;
 }
@@ -461,29 +421,15 @@ static int is_positive_semidefinite(int n, const double *A)
 {
     double L[36];
     const double scale = largest(n * n, A);
-    if (!(scale <= DBL_MAX) || !is_symmetric(n, A, scale)) {
-        return 0;
-    }
-    if (scale == 0.0) {
-        return 1;
-    }
-    /* Cholesky of A / scale + tolerance I exists exactly if no eigenvalue lies below the tolerance. */
     for (int i = 0; i < n; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            double sum = A[n * i + j] / scale + (i == j ? SYMMETRY : 0.0);
-            for (int k = 0; k < j; ++k) {
-                sum -= L[n * i + k] * L[n * j + k];
-            }
-            if (i > j) {
-                L[n * i + j] = sum / L[(n + 1) * j];
-            } else if (sum > 0.0) {
-                L[(n + 1) * i] = sqrt(sum);
-            } else {
+        for (int j = 0; j < i; ++j) {
+            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
                 return 0;
             }
         }
     }
-    return 1;
+    /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
+    return scale == 0.0 || cholesky(n, A, scale, SYMMETRY, L) == 0;
 }
 
 /*
@@ -510,6 +456,7 @@ typedef struct {
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* of the limit avoidance, where it acts */
+    double brake[N];       /* [N m s/rad] that may still be added to the damping of one joint */
 } frame;
 
 enum { READY = 0x51f7, RECENT = 8, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
@@ -519,15 +466,11 @@ enum { READY = 0x51f7, RECENT = 8, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, STA
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
 static const double FARTHEST = 1e6; /* beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8; /* of its velocity limits: the rest is for the arm, which overshoots a ramp */
+static const double BRAKED = 0.9;   /* of them: faster joints are braked */
 /* Paper's law [rad]: up to here a sine is within 10 % of its angle, which is what the law takes it for. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
 static const double TANK_FLOOR = 0.1;  /* of the tank's maximum, that stiffness is not paid from */
 static const double COVERED = 0.7;    /* of what covers the torques, that the springs may use: the rest is for damping */
-
-static int all_finite(int count, const double *x)
-{
-    return largest(count, x) <= DBL_MAX;
-}
 
 static double clamp(double x, double least, double most)
 {
@@ -634,6 +577,14 @@ static void keep(double *copies, const double *values)
 {
     for (int copy = 0; copy < 3; ++copy) {
         memcpy(copies + copy * N, values, N * sizeof(double));
+    }
+}
+
+/* One step towards zero. */
+static void fall(const double *last, const double *rate, double *torque)
+{
+    for (int i = 0; i < N; ++i) {
+        torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
     }
 }
 
@@ -763,6 +714,12 @@ static double springs(const frame *f, const double *q, const double *equilibrium
     return paper ? 0.0 : energy; /* the paper's law has none */
 }
 
+/* What is stored at q. */
+static double stored(const frame *f, const double *q)
+{
+    return f->state->memory.scale * springs(f, q, f->state->memory.equilibrium, f->state->memory.posture, NULL, NULL);
+}
+
 /* result += J^T wrench of all tips. */
 static void add_joint_torque(const double *J, const double *wrench, double *result)
 {
@@ -853,17 +810,18 @@ static double farthest(const state_t *s, int i)
 
 /*
  * What the torques on their way can put out, whatever the environment does, until the last of them has gone to zero at the
- * rate limit: no joint faster than its limit, and only one of missed_limit steps made.
+ * rate limit: no joint faster than its limit, and only one of m = missed_limit calls made. The torque is held for m such
+ * calls without a sample, and, in a fault, for one.
  */
 static double reserve(const frame *f, const double *last, const double *torque)
 {
     const state_t *const s = f->state;
-    const double m = f->c->missed_limit;
+    const double m = f->c->missed_limit, held = s->memory.fault != ID(FAULT_NONE) ? 1.0 : m;
     double sum = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]);
         const double way = (s->memory.delay > 0 ? fabs(last[i]) : 0.0) + (s->memory.delay > 1 ? fabs(s->memory.older[i]) : 0.0);
-        sum += farthest(s, i) * (m * (size + 0.5 * size * (size / s->memory.rate[i])) + way);
+        sum += farthest(s, i) * (m * (held * size + 0.5 * size * (size / s->memory.rate[i])) + way);
     }
     return sum;
 }
@@ -928,12 +886,23 @@ static void bridge(state_t *s, const double *last, int periods)
 
 /*
  * Energy that the interval up to the believed position q has put in. The damper lies between the arm and the moving
- * reference: what its share for the reference, feed = B dr, does on the arm's way is the reference's work.
+ * reference: what its share for the reference, feed = B dr, does on the arm's way is the reference's work. The account
+ * begins, or begins anew, where the position has no known way to.
  */
 static void account(frame *f, const double *last, const double *q)
 {
     state_t *const s = f->state;
     double work = 0.0, feed = 0.0, way[N];
+    const double elastic = stored(f, q), limit = avoid_limits(f, q);
+    const double rise = elastic - s->memory.elastic_energy + limit - s->memory.limit_energy;
+    s->memory.elastic_energy = elastic;
+    s->memory.limit_energy = limit;
+    if (!s->memory.known || f->jumped) {
+        s->memory.totals[START] += rise;
+        s->memory.unaccounted += (uint32_t)s->memory.known;
+        s->memory.known = 1;
+        return;
+    }
     for (int i = 0; i < N; ++i) {
         way[i] = q[i] - s->memory.q[i];
     }
@@ -944,15 +913,9 @@ static void account(frame *f, const double *last, const double *q)
         work = dot(N, acting(s, last), way);
         feed = fmax(dot(N, s->memory.feed + s->memory.delay * N, way), 0.0);
     }
-    const double limit = avoid_limits(f, q);
-    const double elastic = s->memory.scale > 0.0
-        ? s->memory.scale * springs(f, q, s->memory.equilibrium, s->memory.posture, NULL, NULL) : 0.0;
-    const double sampling = elastic - s->memory.elastic_energy + limit - s->memory.limit_energy + work - feed;
     s->memory.totals[PORT] += work;
-    s->memory.totals[SAMPLING] += sampling;
-    s->memory.elastic_energy = elastic;
-    s->memory.limit_energy = limit;
-    tank_income(f, -sampling);
+    s->memory.totals[SAMPLING] += rise + work - feed;
+    tank_income(f, feed - work - rise);
     book_reference(f, feed);
 }
 
@@ -1025,6 +988,10 @@ static int doubt(frame *f, const double *last)
         }
         if (ahead > 0) {
             f->status |= ID(STATUS_MISSED);
+            if (s->memory.gap > 0) { /* between which of the calls without a sample is not known */
+                s->memory.gap_work = HUGE_VAL;
+                s->memory.gap_most *= fmin(1.0 + ahead, c->missed_limit);
+            }
             for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
                 bridge(s, last, 1);
                 pass(s, last, s->memory.feed);
@@ -1074,8 +1041,7 @@ static void observe_wrench(frame *f)
     int good = f->input->wrench_valid == 1;
     for (int t = 0; good && t < TIPS; ++t) {
         const double *const wrench = f->input->wrench + 6 * t;
-        good = all_finite(6, wrench) && norm(3, wrench) <= f->c->force_limit &&
-               norm(3, wrench + 3) <= f->c->moment_limit;
+        good = norm(3, wrench) <= f->c->force_limit && norm(3, wrench + 3) <= f->c->moment_limit;
     }
     if (good) {
         memcpy(f->out->wrench, f->input->wrench, sizeof f->out->wrench);
@@ -1409,7 +1375,7 @@ static void settle(frame *f)
         /* the engagement's energy first makes up for what the tank lacks */
         if (s->memory.tank < f->c->tank_initial - f->c->engagement_limit) {
             /* it lacks more than an engagement brings in: the account ends here, and begins anew */
-            s->memory.unaccounted += s->memory.unaccounted < UINT32_MAX ? 1u : 0u;
+            s->memory.unaccounted += 1u;
             s->memory.tank = f->c->tank_initial - f->c->engagement_limit > 0.0 ? s->memory.tank : 0.0;
         }
         const double lack = clamp(f->c->tank_initial - s->memory.tank, 0.0, f->c->engagement_limit);
@@ -1482,7 +1448,7 @@ static void vary_stiffness(frame *f)
         return;
     }
     const double before = s->memory.elastic_energy;
-    const double released = s->memory.scale * springs(f, s->memory.q, s->memory.equilibrium, s->memory.posture, NULL, NULL);
+    const double released = stored(f, s->memory.q);
     book_stiffness(f, released - before);
     double portion = 1.0, cost = 0.0;
     for (int attempt = 0; attempt < 2; ++attempt) {
@@ -1495,7 +1461,7 @@ static void vary_stiffness(frame *f)
         for (int i = 0; i < N; ++i) {
             s->memory.posture_stiffness[i] += step * posture[i];
         }
-        cost = s->memory.scale * springs(f, s->memory.q, s->memory.equilibrium, s->memory.posture, NULL, NULL) - released;
+        cost = stored(f, s->memory.q) - released;
         /* nor stiffer than is covered: the scale would take back what was paid */
         const double budget = fmax(fmin(f->budget, cover(s) - s->memory.reserve / COVERED), 0.0);
         if (cost <= budget) {
@@ -1524,20 +1490,14 @@ static double design_damping(frame *f, const double *J, double *follow)
     const config_t *const c = f->c;
     output_t *const out = f->out;
     double *const L = f->state->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], y[N], mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
-    const double T = c->sample_time, most = f->state->memory.law == ID(LAW_PAPER) ? 1e6 : LARGEST_DAMPING / T;
-    for (int i = 0; i < NN; ++i) {
-        /* the conventional formula's antisymmetric part has no say in the damping */
-        out->damping[i] = (out->joint_stiffness[i] + out->joint_stiffness[i % N * N + i / N]) / 2.0;
-    }
-    const int error = pencil(N, out->damping, out->mass_matrix, L, C, out->eigenvalues, rows, &mass);
-    memset(out->damping, 0, sizeof out->damping);
-    if (error != 0) {
+    double b[N], sum[N] = {0.0}, mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
+    const int paper = f->state->memory.law == ID(LAW_PAPER);
+    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
+    /* the conventional formula's antisymmetric part has no say in the damping */
+    if (pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
         f->status |= ID(STATUS_MASS_MATRIX);
         memset(out->eigenvalues, 0, sizeof out->eigenvalues);
-        if (follow != NULL) {
-            memset(follow, 0, N * sizeof(double));
-        }
+        memset(follow, 0, N * sizeof(double));
         for (int i = 0; i < N; ++i) {
             out->damping[i * (N + 1)] = d;
         }
@@ -1545,58 +1505,37 @@ static double design_damping(frame *f, const double *J, double *follow)
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     f->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS && f->state->memory.law == ID(LAW_POTENTIAL)) {
+    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         f->status |= ID(STATUS_STIFFNESS_CAPPED);
     }
     /* trace of M^-1, the sum of the squares in L^-1: joint_damping I is no more than d times that against M */
-    for (int k = 0; d > 0.0 && k < N; ++k) {
-        for (int i = k; i < N; ++i) {
-            y[i] = i == k ? 1.0 : 0.0;
-            for (int j = k; j < i; ++j) {
-                y[i] -= L[i * N + j] * y[j];
-            }
-            y[i] /= L[i * (N + 1)];
-            trace += y[i] * y[i] / mass;
-        }
+    for (int k = 0; k < N; ++k) {
+        double unit[N] = {0.0};
+        unit[k] = 1.0;
+        solve_lower(N, L, unit);
+        f->brake[k] = mass / dot(N, unit, unit);
+        trace += 1.0 / f->brake[k];
     }
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
         f->status |= ID(STATUS_DAMPING_CAPPED);
     }
-    if (follow != NULL) {
-        double sum[N] = {0.0};
-        solve_lower(N, L, follow);
-        for (int k = 0; k < N; ++k) {
-            const double l = out->eigenvalues[k];
-            const double a = l > 1e-3 ? dot(N, rows + k * N, follow) / l : 0.0;
-            for (int i = 0; i < N; ++i) {
-                sum[i] += a * rows[k * N + i];
-            }
-        }
-        solve_upper(N, L, sum);
+    solve_lower(N, L, follow);
+    for (int k = 0; k < N; ++k) {
+        const double l = out->eigenvalues[k];
+        const double a = l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0;
         for (int i = 0; i < N; ++i) {
-            follow[i] = sum[i] / mass;
+            sum[i] += a * rows[k * N + i];
         }
     }
+    solve_upper(N, L, sum);
+    memcpy(follow, sum, sizeof sum);
     if (c->damping_design == ID(DAMPING_DESIGN_TASK)) {
-        double half[6 * N];
-        for (int k = 0; k < 6; ++k) {
-            for (int j = 0; j < N; ++j) {
-                half[k * N + j] = 0.0;
-                for (int l = 0; l < 6; ++l) {
-                    half[k * N + j] += (c->task_damping[6 * k + l] + c->task_damping[6 * l + k]) / 2.0 * J[l * N + j];
-                }
-            }
-        }
-        for (int i = 0; i < N; ++i) {
-            for (int j = 0; j <= i; ++j) {
-                double sum = 0.0;
-                for (int k = 0; k < 6; ++k) {
-                    sum += J[k * N + i] * half[k * N + j];
-                }
-                out->damping[i * N + j] = sum;
-                out->damping[j * N + i] = sum;
+        for (int i = 0; i < NN; ++i) {
+            for (int k = 0; k < 36; ++k) {
+                const double D = (c->task_damping[k] + c->task_damping[k % 6 * 6 + k / 6]) / 2.0;
+                out->damping[i] += J[k / 6 * N + i / N] * D * J[k % 6 * N + i % N];
             }
         }
         if (pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
@@ -1610,9 +1549,14 @@ static double design_damping(frame *f, const double *J, double *follow)
         }
     }
     int capped = 0;
+    double largest_b = 0.0;
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
         b[k] = clamp(b[k], 0.0, most - d * trace);
+        largest_b = fmax(largest_b, b[k]);
+    }
+    for (int i = 0; i < N; ++i) {
+        f->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
     }
     f->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     if (capped || c->damping_design == ID(DAMPING_DESIGN_MODAL)) {
@@ -1655,6 +1599,24 @@ static void smooth_velocity(frame *f)
             }
             f->velocity[i] = sum / count;
         }
+    }
+}
+
+/*
+ * A joint that is faster than its reference may be is braked as hard as the sample time allows: modes of different
+ * stiffness end a ramp at different times, and near a singularity a short way of the tip is a long one of a joint.
+ */
+static void brake(frame *f)
+{
+    double excess[N];
+    int fast = 0;
+    for (int i = 0; i < N; ++i) {
+        const double limit = BRAKED * f->c->reference_velocity_limit[i];
+        excess[i] = f->velocity[i] - clamp(f->velocity[i], -limit, limit);
+        fast += excess[i] != 0.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        f->out->damping_torque[i] -= excess[i] != 0.0 ? f->brake[i] * excess[i] / fast : 0.0;
     }
 }
 
@@ -1722,10 +1684,12 @@ static void limit_torque(frame *f, const double *last)
 static int choose(frame *f, const double *last, double share)
 {
     output_t *const out = f->out;
+    double least[N];
+    fall(last, f->state->memory.rate, least);
     for (int i = 0; i < N; ++i) {
-        const double rate = f->state->memory.rate[i], least = last[i] - clamp(last[i], -rate, rate);
+        const double rate = f->state->memory.rate[i];
         const double springs = clamp(out->elastic_torque[i] + out->limit_torque[i], last[i] - rate, last[i] + rate);
-        out->torque[i] = share < 1.0 ? least + share * (springs - least)
+        out->torque[i] = share < 1.0 ? least[i] + share * (springs - least[i])
                                      : out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
     }
     limit_torque(f, last);
@@ -1741,7 +1705,7 @@ static void act(frame *f, const double *last, int moved)
     output_t *const out = f->out;
     const double *const q = s->memory.q;
     const int paper = s->memory.law == ID(LAW_PAPER);
-    double J[6 * N * TIPS], hessian[36 * TIPS], pull[N], follow[N], slip[N], feed[N];
+    double J[6 * N * TIPS], hessian[36 * TIPS], pull[N], follow[N] = {0.0}, slip[N], feed[N];
     robot_mass_matrix(q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
@@ -1786,7 +1750,7 @@ static void act(frame *f, const double *last, int moved)
         }
         add_joint_torque(J, wrench, follow);
     }
-    const double cap = design_damping(f, J, by_pose ? follow : NULL);
+    const double cap = design_damping(f, J, follow);
     if (paper && s->memory.engaged && (dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION)) {
         latch(f, ID(REASON_PAPER_BOUND));
     }
@@ -1805,6 +1769,7 @@ static void act(frame *f, const double *last, int moved)
         out->elastic_torque[i] = s->memory.scale * pull[i];
     }
     multiply(out->damping, slip, out->damping_torque);
+    brake(f);
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= s->memory.scale;
     }
@@ -1854,22 +1819,10 @@ static void sighted(frame *f, const double *last)
     if (!s->memory.known) {
         adopt_limits(f, in->q);
     }
-    if (s->memory.known && !f->jumped) {
-        account(f, last, in->q);
-    } else {
-        /* the account begins, or begins anew where the position has no known way to */
-        const double elastic = s->memory.scale > 0.0
-            ? s->memory.scale * springs(f, in->q, s->memory.equilibrium, s->memory.posture, NULL, NULL) : 0.0;
-        const double limit = avoid_limits(f, in->q);
-        s->memory.totals[START] += elastic - s->memory.elastic_energy + limit - s->memory.limit_energy;
-        s->memory.elastic_energy = elastic;
-        s->memory.limit_energy = limit;
-        s->memory.unaccounted += s->memory.known && s->memory.unaccounted < UINT32_MAX ? 1u : 0u;
-        s->memory.known = 1;
-    }
+    account(f, last, in->q);
     memcpy(s->memory.q, in->q, sizeof s->memory.q);
     memcpy(s->memory.dq, f->velocity, sizeof s->memory.dq);
-    s->memory.recent_count = s->memory.gap == 0 && s->memory.recent_count < RECENT ? s->memory.recent_count + 1 : s->memory.gap == 0 ? RECENT : 1;
+    s->memory.recent_count = s->memory.gap > 0 ? 1 : s->memory.recent_count < RECENT ? s->memory.recent_count + 1 : RECENT;
     memmove(s->memory.recent + N, s->memory.recent, (RECENT - 1) * N * sizeof(double));
     memcpy(s->memory.recent, f->velocity, N * sizeof(double));
     s->memory.counter = in->counter;
@@ -1919,34 +1872,22 @@ static void sighted(frame *f, const double *last)
     act(f, last, moved);
 }
 
-/* Nothing is known, or nothing is to be done: the torque goes to zero as fast as the rate limit lets. */
-static void drop(frame *f, const double *last)
-{
-    state_t *const s = f->state;
-    const double none[N] = {0.0};
-    bridge(s, last, 1);
-    s->memory.totals[STIFFNESS] -= s->memory.elastic_energy;
-    s->memory.tank += s->memory.elastic_energy;
-    s->memory.elastic_energy = s->memory.scale = s->memory.good_time = 0.0;
-    for (int i = 0; i < N; ++i) {
-        f->out->torque[i] = last[i] - clamp(last[i], -s->memory.rate[i], s->memory.rate[i]);
-    }
-    pass(s, last, none);
-}
-
-/* No believed sample: the torque is held, or, in a fault, dropped. */
+/* No believed sample: the torque is held, or, where there is a fault, goes to zero as fast as the rate limit lets. */
 static void blind(frame *f, const double *last)
 {
     state_t *const s = f->state;
     const double none[N] = {0.0};
     s->memory.missed += s->memory.missed < 1000000 ? 1 : 0;
-    if (!s->memory.known || s->memory.fault != ID(FAULT_NONE)) {
-        drop(f, last);
-        return;
-    }
     bridge(s, last, 1);
-    memcpy(f->out->torque, last, N * sizeof(double));
-    limit_torque(f, last);
+    if (s->memory.known && s->memory.fault == ID(FAULT_NONE)) {
+        memcpy(f->out->torque, last, N * sizeof(double));
+        limit_torque(f, last);
+    } else { /* there may be no configuration */
+        s->memory.totals[STIFFNESS] -= s->memory.elastic_energy;
+        s->memory.tank += s->memory.elastic_energy;
+        s->memory.elastic_energy = s->memory.scale = s->memory.good_time = 0.0;
+        fall(last, s->memory.rate, f->out->torque);
+    }
     pass(s, last, none);
 }
 
@@ -1997,7 +1938,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     if (state == NULL) {
         return ID(E_NULL);
     }
-    frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
+    frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}, {0.0}};
     double last[N], rate[N];
     int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     const int intact = state->checksum == checksum(state) && state->memory.ready == READY;
@@ -2005,9 +1946,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     majority(state->rate, rate);
     if (!intact) {
         if (error != ID(OK) || state->checksum == 0u) {
-            for (int i = 0; i < N; ++i) {
-                output->torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
-            }
+            fall(last, rate, output->torque);
             keep(state->torque, output->torque);
             return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
         }
@@ -2051,7 +1990,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     } else {
         latch(&f, ID(REASON_CONFIG));
         f.status |= ID(STATUS_CONFIG);
-        drop(&f, last);
+        blind(&f, last);
     }
     keep(state->torque, output->torque);
     report(&f);

@@ -74,7 +74,7 @@ SAID = {
         "interrupted; the robot ended the session before the torque was down",
     ),
     "an arm that is moved away while nothing is heard of it": (
-        "5: 1 frozen 1.0 0.9 0 push 1.000006 0.4 10",
+        "5: 1 frozen 1.0 0.9 0 push 1.000006 0.4 12 held 1.6 9 0",
         FAULT,
         "the arm was moved by more than --approach-limit while messages were lost",
     ),

@@ -174,9 +174,7 @@ def _lies(one: dict[str, Any]) -> bool:
 
 
 def _ordered(made: Schedule) -> Schedule:
-    """Segments by their starts. While samples are missed every call comes: the theorem is made for one or the other."""
-    for one in made.parts:
-        one["skip"] = 0 if one.get("missed") else one.get("skip", 0)
+    """Segments by their starts."""
     made.parts[1:] = sorted(made.parts[1:], key=lambda p: p["start"])
     return made
 

@@ -330,7 +330,7 @@ def test_a_fast_arm_is_braked(loop: Loop) -> None:
     Before: believed up to ten times the limit. A first version of this controller disbelieved the samples from twice
     the limit on, let the damping fade, and the arm ran away at 30 times the limit.
     """
-    parts = loop.segments({}, {"start": 100, "push": [0, 0, 0, 60.0, 0, 8, 8]}, {"start": 180, "push": 0.0})
+    parts = loop.segments({}, {"start": 100, "push": [0, 0, 0, 70.0, 0, 9, 9]}, {"start": 180, "push": 0.0})
     summary, rows = loop.run(1500, parts, configs=config(loop), rows=True)
     assert_contract(summary)
     assert summary.faults == 1

@@ -113,7 +113,7 @@ def test_stiffness_change_is_split(robot: ModuleType) -> None:
         return controller
 
     # With energy in the tank, all of it passes; with the tank kept from paying, the release alone.
-    rich = displaced()
+    rich = displaced(tank_initial=20.0, tank_maximum=20.0)
     for _ in range(1000):
         out = rich.step(q=q, dq=np.zeros(7), q0=Q, translation_stiffness=wanted, rotation_stiffness=KO)
     np.testing.assert_allclose(out.translation_stiffness, wanted, rtol=1e-8)

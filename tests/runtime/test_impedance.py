@@ -91,6 +91,26 @@ def test_damping_is_relative_to_the_governors_velocity(robot: ModuleType) -> Non
     np.testing.assert_allclose(out.damping_torque, out.damping @ np.full(7, 0.01), atol=1e-9)
 
 
+def test_fast_joints_are_braked(robot: ModuleType) -> None:
+    """Beyond 0.9 of its reference's limit a joint gets what damping the sample time still allows, others nothing."""
+    velocity = np.zeros(7)
+    velocity[3], controller = 0.6 * robot.VELOCITY[3], robot.Impedance(motor_inertia=0.1)
+    for k in range(200):
+        out = controller.step(q=Q + 1e-3 * k * velocity, dq=velocity, q0=Q + 1e-3 * k * velocity, **SPRING)
+    assert not out.fault
+    limit = 0.9 * controller.config.reference_velocity_limit[3]
+    braked = out.damping_torque - out.damping @ (out.reference_velocity - velocity)
+    inverse, d = np.linalg.inv(out.mass_matrix), controller.config.joint_damping
+    largest = np.linalg.eigvals(inverse @ (out.damping - d * np.eye(7))).real.max()
+    expected = (0.25 / 1e-3 - d * np.trace(inverse) - largest) / inverse[3, 3] * (velocity[3] - limit)
+    assert expected > 3
+    np.testing.assert_allclose(braked, -expected * np.eye(7)[3], rtol=1e-9, atol=1e-9)
+    controller.config.reference_velocity_limit = robot.VELOCITY
+    out = controller.step(q=Q + 0.2 * velocity, dq=velocity, q0=Q + 0.2 * velocity, **SPRING)
+    expected_torque = out.damping @ (out.reference_velocity - velocity)
+    np.testing.assert_allclose(out.damping_torque, expected_torque, atol=1e-9)
+
+
 def test_papers_law(robot: ModuleType) -> None:
     wrench, e = np.array([3.0, -2, 4, 0.5, 1, -0.7]), np.array([0.03, -0.02, 0.04, 0.02, -0.03, 0.01, 0.02])
     for formula, kernel in (("corrected", "joint_stiffness"), ("conventional", "joint_stiffness_uncorrected")):

@@ -41,7 +41,7 @@ class Matrices:
 
     def __init__(self, folder: Path) -> None:
         suffix = ".dylib" if sys.platform == "darwin" else ".so"
-        head = f"#include <float.h>\n#include <math.h>\nenum {{ MAX_ROWS = {MAX_ROWS} }};\n"
+        head = f"#include <float.h>\n#include <math.h>\n#include <string.h>\nenum {{ MAX_ROWS = {MAX_ROWS} }};\n"
         source = folder / "matrix.c"
         source.write_text(head + (RUNTIME / "matrix.c").read_text(encoding="utf-8"), encoding="utf-8")
         flags = ("-std=c99", "-O2", "-shared", "-fPIC", "-Dstatic=", "-D__STDC_WANT_IEC_60559_BFP_EXT__")

@@ -16,8 +16,9 @@ import stiffgen
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from support.exact_tree import ExactTree, as_array, differentiated, exact_pose, exponential, mp, tree_urdf
-from support.project import assert_close
+from support.project import ROOT, assert_close
 
+DATA = ROOT / "tests" / "data"
 TIPS = ["left", "right"]
 FRAMES = {
     "body": pin.ReferenceFrame.LOCAL,
@@ -301,20 +302,27 @@ ROBOTS = {
         "gripper_left_base_link",
         "gripper_right_base_link",
     ),
-    "solo_description/robots/solo12.urdf": ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+    "solo12.urdf": ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
 }
+"""Solo 12 is in tests/data, Talos in example-robot-data."""
+
+
+def urdf_of(robot):
+    if (DATA / robot).exists():
+        return DATA / robot
+    try:
+        data_files = distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data (400 MB) is not installed: pip install '.[robots]'")
+    return Path(str(data_files.locate_file("cmeel.prefix/share/example-robot-data/robots"))) / robot
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
-def test_robots_of_example_robot_data(robot, tmp_path):
+def test_real_robots(robot, tmp_path):
     """A humanoid and a quadruped: J, M, gravity and bias forces by Pinocchio's free-flyer."""
-    try:
-        data_files = distribution("example-robot-data")
-    except PackageNotFoundError:
-        pytest.skip("example-robot-data (400 MB) is not installed: pip install '.[robots]'")
-    urdf = Path(str(data_files.locate_file("cmeel.prefix/share/example-robot-data/robots"))) / robot
+    urdf = urdf_of(robot)
     # stiffgen takes 1.57079632679 as the right angle that is meant, Pinocchio as it is written.
     text = re.sub(r"1\.570796326\d*", repr(math.pi / 2), urdf.read_text())
     urdf = tmp_path / urdf.name

@@ -5,7 +5,7 @@
  * its results are unspecified. Results must overlap neither an argument nor one another.
  * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), Householder and implicit QL (8.3).
  */
-enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_SYMMETRIC, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
+enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 enum { MAX_ITERATIONS = 60 }; /* an eigenvalue; two are usual, and the bound is what makes the time bounded */
 
@@ -23,39 +23,6 @@ static double largest(int count, const double *A)
         result = size > result ? size : result;
     }
     return result;
-}
-
-static int is_symmetric(int n, const double *A, double scale)
-{
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
-                return 0;
-            }
-        }
-    }
-    return 1;
-}
-
-static int check(int n, const double *A, double *scale)
-{
-    *scale = largest(n * n, A);
-    if (!(*scale <= DBL_MAX)) {
-        return MATRIX_NOT_FINITE;
-    }
-    return is_symmetric(n, A, *scale) ? 0 : MATRIX_NOT_SYMMETRIC;
-}
-
-/* Symmetric part of A over its size, or over 1 if that is 0; returns which. */
-static double scaled_symmetric(int n, const double *A, double size, double *result)
-{
-    const double unit = size > 0.0 ? size : 1.0;
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < n; ++j) {
-            result[i * n + j] = (A[i * n + j] / unit + A[j * n + i] / unit) / 2.0;
-        }
-    }
-    return unit;
 }
 
 /* result = Y diag(d) Y^T, Y with its columns as rows; one triangle computed and mirrored. */
@@ -198,15 +165,15 @@ static int eigen_symmetric(int n, double *A, double *d, double *rows)
     return 0;
 }
 
-/* Lower Cholesky factor L of A / scale. */
-static int cholesky(int n, const double *A, double scale, double *L)
+/* Lower Cholesky factor L of A / scale + shift I. */
+static int cholesky(int n, const double *A, double scale, double shift, double *L)
 {
-    if (!(scale > 0.0)) {
+    if (!(scale > 0.0 && scale <= DBL_MAX)) {
         return MATRIX_NOT_POSITIVE;
     }
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
-            const double a = A[i * n + j] / scale;
+            const double a = A[i * n + j] / scale + (i == j ? shift : 0.0);
             double sum = a;
             for (int k = 0; k < j; ++k) {
                 sum -= L[i * n + k] * L[j * n + k];
@@ -275,27 +242,23 @@ static void solve_upper(int n, const double *L, double *x)
     }
 }
 
-/* K = scale_K scale_M-scaled pencil: L with L L^T = M / *scale, eigenvalues lambda, W^T as rows with V = L^-T W. */
+/*
+ * K v = lambda M v of the symmetric parts: L with L L^T = M / *scale, eigenvalues lambda, rows w with v = L^-T w.
+ */
 static int pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
                   double *scale)
 {
-    double size;
-    int error = check(n, K, &size);
-    if (error == 0) {
-        error = check(n, M, scale);
-    }
-    if (error == 0) {
-        error = cholesky(n, M, *scale, L);
-    }
+    *scale = largest(n * n, M);
+    int error = cholesky(n, M, *scale, 0.0, L);
     if (error != 0) {
         return error;
     }
-    const double unit = scaled_symmetric(n, K, size, C);
+    memcpy(C, K, (size_t)(n * n) * sizeof(double));
     solve_rows(n, L, C);
     transpose(n, C);
     solve_rows(n, L, C);
     for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
+        for (int j = 0; j <= i; ++j) {
             C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
         }
     }
@@ -304,10 +267,7 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
     }
     error = eigen_symmetric(n, C, eigenvalues, rows);
     for (int i = 0; i < n; ++i) {
-        eigenvalues[i] *= unit / *scale;
-        if (!(fabs(eigenvalues[i]) <= DBL_MAX)) {
-            return MATRIX_NOT_FINITE;
-        }
+        eigenvalues[i] /= *scale;
     }
     return error;
 }
@@ -352,27 +312,13 @@ static int is_positive_semidefinite(int n, const double *A)
 {
     double L[36];
     const double scale = largest(n * n, A);
-    if (!(scale <= DBL_MAX) || !is_symmetric(n, A, scale)) {
-        return 0;
-    }
-    if (scale == 0.0) {
-        return 1;
-    }
-    /* Cholesky of A / scale + tolerance I exists exactly if no eigenvalue lies below the tolerance. */
     for (int i = 0; i < n; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            double sum = A[n * i + j] / scale + (i == j ? SYMMETRY : 0.0);
-            for (int k = 0; k < j; ++k) {
-                sum -= L[n * i + k] * L[n * j + k];
-            }
-            if (i > j) {
-                L[n * i + j] = sum / L[(n + 1) * j];
-            } else if (sum > 0.0) {
-                L[(n + 1) * i] = sqrt(sum);
-            } else {
+        for (int j = 0; j < i; ++j) {
+            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
                 return 0;
             }
         }
     }
-    return 1;
+    /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
+    return scale == 0.0 || cholesky(n, A, scale, SYMMETRY, L) == 0;
 }

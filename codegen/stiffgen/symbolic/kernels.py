@@ -45,6 +45,8 @@ class Kernel:
     tip: Tip | None = None
     batch: bool = False
     """Whether C has it for many configurations in one call, too: NAME_..._batch."""
+    by_tips: Callable[[Chain], Program] | None = None
+    """Of a sum over the tips that is computed in one pass: the same as a sum, which has a derivative tip by tip."""
 
     @property
     def qualified_name(self) -> str:
@@ -269,10 +271,15 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
         )
         for result in of.results
     )
-    return Kernel(
-        f"{of.name}_total", of.group, given, results, summary, f"sum over the tips of {of.equation}",
-        partial(_total_program, of=of, given=given, results=results), note,
-    )  # fmt: skip
+    by_tips = partial(_total_program, of=of, given=given, results=results)
+    total = Kernel(
+        f"{of.name}_total", of.group, given, results, summary, f"sum over the tips of {of.equation}", by_tips, note
+    )
+    if of.group not in REPRESENTATIONS:
+        return total
+    (result,) = results
+    one_pass = partial(programs.joint_stiffness_total, representation=of.group, result=result, given=given)
+    return replace(total, program=one_pass, by_tips=by_tips)
 
 
 def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
@@ -402,7 +409,7 @@ def _gradient(argument: Argument) -> Argument:
 def _reverse_program(chain: Chain, of: Kernel) -> Program:
     given, results = ([argument.array(chain) for argument in each] for each in (of.arguments, of.results))
     cotangents = [_cotangent(result, len(results)).array(chain) for result in of.results]
-    return adjoint.reverse(chain, of.program(chain), given, results, cotangents)
+    return adjoint.reverse(chain, (of.by_tips or of.program)(chain), given, results, cotangents)
 
 
 def vector_jacobian_product(of: Kernel) -> Kernel:

@@ -12,7 +12,7 @@ from functools import partial
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import dynamics, gravity, joint_potentials, kinematics, springs, stiffness
+from stiffgen.symbolic import contacts, dynamics, gravity, joint_potentials, kinematics, springs, stiffness
 from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argument, Q, posture
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
@@ -215,6 +215,22 @@ def joint_stiffness(
         block, J = _columns(chain, representation)
         given = wrench.array(chain), task_stiffness.array(chain)
         return (block, *_tangent(chain, J, *given, representation, target))
+
+    return _over_joints(chain, result, steps, mirror=True)
+
+
+def joint_stiffness_total(
+    chain: Chain, representation: Representation, result: Argument, given: tuple[Argument, ...]
+) -> Program:
+    """The sum over the tips of their joint stiffnesses, one triangle, mirrored; ``given``: the kernel's arguments."""
+
+    def steps(target: Array) -> Program:
+        S, u = (Array(name, (6, len(chain.joints))) for name in ("S", "u"))
+        expressions = partial(contacts.columns_and_covectors, representation=representation)
+        arguments = tuple(argument.array(chain) for argument in given)
+        heading = "columns S of the joints at one point, and the covectors u of everything beyond them"
+        block = Block((S, u), expressions, arguments, heading=heading, columns=2)
+        return block, *_pairs_on_the_way(chain, S, u, target, "Kq_ij = S_i . u_j", ca.dot)
 
     return _over_joints(chain, result, steps, mirror=True)
 

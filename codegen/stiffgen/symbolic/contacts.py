@@ -1,0 +1,157 @@
+"""CasADi expressions of the joint stiffness of contacts at all tips of a tree together, in one pass over its joints.
+
+Seen from one point, wrenches and task stiffnesses of several tips add up. Let S_i = (v_i, w_i) be the twist of joint i
+at that point, and take a tip at p from there, with wrench (f, m) and task stiffness K at the tip. Its joint stiffness
+[J_i, J_j] . F + J_i . (K + Gamma F) J_j (body form of Gamma; axes do not matter) is, with J = X S the shift to the tip,
+
+    Kq_ij = S_i . u_j       u_j = X^T K X S_j + (0, v_j x f + w_j x m / 2 + Q w_j)       Q = p f^T - (p . f) 1
+
+for i on the way from the base to j, else 0. X^T K X, f, m and Q add up over the tips beyond joint j, as the inertias of
+composite bodies do: whatever the number of tips, one covector u_j a joint and one product a pair. The spatial form,
+whose connection belongs to the point that all its columns are taken at, is the case p = 0.
+
+The point is the origin of the base link (its axes for the body representation, else those of base or world), for the
+spatial representation the origin of base or world. Of a floating base's joints, u_j has the connection term of the base
+in it (:func:`stiffness.base_connection`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain, Tip
+from stiffgen.symbolic import stiffness
+from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.kinematics import (
+    Expressions,
+    Frame,
+    Posture,
+    Section,
+    constant,
+    cross,
+    outward_frames,
+    spatial_column,
+)
+
+
+@dataclass(frozen=True)
+class _Load:
+    """What of one tip or several adds up: K moved to the common point, f, m at the tips, and Q."""
+
+    K: ca.SX
+    f: ca.SX
+    m: ca.SX
+    Q: ca.SX
+
+    def __add__(self, other: _Load) -> _Load:
+        return _Load(self.K + other.K, self.f + other.f, self.m + other.m, self.Q + other.Q)
+
+    def covector(self, column: ca.SX) -> ca.SX:
+        """u_j of a joint with the column S_j."""
+        v, w = column[:3], column[3:]
+        turning = cross(v, self.f) + cross(w, self.m) / 2 + self.Q @ w
+        return ca.densify(self.K @ column + ca.vertcat(ca.SX.zeros(3), turning))
+
+    def moment(self, point: ca.SX) -> ca.SX:
+        """Moment of the wrenches about a point, seen from the common one."""
+        turned = self.Q.T - self.Q  # the cross-product matrix of the sum of p x f
+        return self.m + ca.vertcat(turned[2, 1], turned[0, 2], turned[1, 0]) - cross(point, self.f)
+
+
+def columns_and_covectors(chain: Chain, *given: ca.SX, representation: Representation) -> Expressions:
+    """Columns S over covectors u: a (12 x number of joints) matrix with Kq_ij = S_i . u_j for i on the way to j.
+
+    Args:
+        chain: the tree.
+        given: what the tips' poses depend on, as :meth:`Posture.of` takes it, tool poses one a tip; then the wrenches
+            (tips, 6) and task stiffnesses (tips, 6, 6), of which the upper triangles are read.
+        representation: of wrenches and task stiffnesses.
+
+    """
+    *where, wrenches, stiffnesses = given
+    count = len(chain.tips)
+    tools = _blocks(where[-1], count) if chain.runtime_tool else [None] * count
+    posture = Posture.of(chain, where, seen_from_tip=representation == "body")
+    base_pose = posture.base_pose
+    if base_pose is not None and representation == "hybrid":
+        base_pose = ca.diagcat(base_pose[:3, :3], 1)
+    r, frames = outward_frames(chain, Posture(posture.q, base_pose))
+    columns = [spatial_column(joint, frame[1], frame[2]) for joint, frame in zip(chain.joints, frames, strict=True)]
+    beyond: list[_Load | None] = [None] * len(chain.joints)
+    tips = zip(chain.tips, tools, _blocks(wrenches, count), _blocks(stiffnesses, count), strict=True)
+    for index, (tip, tool, wrench, matrix) in enumerate(tips):
+        K = stiffness.symmetric_from_upper(ca.reshape(matrix, 6, 6).T)
+        place = _place(tip, frames[tip.joint], tool)
+        load = _load(r.sections, f"tip {tip.link}", index, place, wrench, K, representation)
+        beyond[tip.joint] = _added(beyond[tip.joint], load)
+    covectors = [ca.SX.zeros(6)] * len(chain.joints)
+    for index in reversed(range(len(chain.joints))):
+        joint, total = chain.joints[index], beyond[index]
+        if total is None:  # a joint beyond all tips, whose coordinate a mimic joint shares
+            continue
+        covectors[index] = total.covector(columns[index])
+        if 3 <= index < chain.base_joints:
+            _, origin, axis = frames[index]
+            covectors[index] += ca.vertcat(ca.SX.zeros(3), cross(total.moment(origin), axis) / 2)
+        if joint.parent >= 0:
+            beyond[joint.parent] = _added(beyond[joint.parent], total)
+    stacked = ca.vertcat(ca.horzcat(*columns), ca.horzcat(*covectors))
+    return Expressions(ca.densify(stacked), tuple(r.sections))
+
+
+def _blocks(values: ca.SX, count: int) -> list[ca.SX]:
+    """The blocks of an array with one a tip, as columns of entries row by row."""
+    entries = ca.vec(ca.densify(values).T)
+    size = entries.numel() // count
+    return [entries[size * k : size * (k + 1)] for k in range(count)]
+
+
+def _place(tip: Tip, frame: Frame, tool: ca.SX | None) -> tuple[ca.SX, ca.SX]:
+    """Rotation and origin of a tip, or of the tool at it."""
+    rotation, origin = constant(tip.rotation), constant(tip.translation)
+    if tool is not None:
+        pose = ca.reshape(tool, 4, 4).T
+        rotation, origin = rotation @ pose[:3, :3], origin + rotation @ pose[:3, 3]
+    return frame[0] @ rotation, frame[1] + frame[0] @ origin
+
+
+def _load(
+    sections: list[Section],
+    name: str,
+    index: int,
+    place: tuple[ca.SX, ca.SX],
+    wrench: ca.SX,
+    K: ca.SX,
+    representation: Representation,
+) -> _Load:
+    if representation == "spatial":
+        return _Load(K, wrench[:3], wrench[3:], ca.SX(3, 3))
+    rotation, p = (ca.densify(each) for each in place)
+    named = {f"p{index}_tip": p}
+    f, m = wrench[:3], wrench[3:]
+    if representation == "body":
+        named[f"R{index}_tip"] = rotation
+        f, m = rotation @ f, rotation @ m
+        turn = ca.diagcat(rotation, rotation)
+        K = stiffness.symmetric_from_upper(turn @ K @ turn.T)
+    sections.append(Section(f"{name}: its place", named))
+    A, B = K[:3, :3], K[:3, 3:]
+    moved = B - A @ ca.skew(p)
+    half = ca.skew(p) @ B
+    C = stiffness.symmetric_from_upper(K[3:, 3:] + ca.skew(p) @ moved + half.T)
+    load = _Load(
+        ca.densify(ca.vertcat(ca.horzcat(A, moved), ca.horzcat(moved.T, C))),
+        ca.densify(f),
+        ca.densify(m),
+        ca.densify(p @ f.T - ca.dot(p, f) * ca.SX.eye(3)),
+    )
+    upper = {f"K{index}_{r}{c}": load.K[r, c] for r in range(6) for c in range(r, 6)}
+    title = f"{name}: force f{index}, moment m{index}, stiffness K{index} and Q{index} seen from the common point"
+    sections.append(Section(title, {f"f{index}_": load.f, f"m{index}_": load.m, f"Q{index}_": load.Q, **upper}))
+    return load
+
+
+def _added(one: _Load | None, other: _Load) -> _Load:
+    return other if one is None else one + other

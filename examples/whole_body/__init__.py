@@ -1,0 +1,1 @@
+"""A quadruped on four contact springs: how it stands, how it sways, and what its legs must do."""

@@ -1,0 +1,137 @@
+"""Contacts at all tips in one pass over the tree, against the sum of the tips' own functions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.symbolic import contacts
+from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.model import casadi_function
+from support.exact_tree import as_array, exponential, mp, tree_urdf
+from support.project import ROOT, assert_close
+
+DATA = ROOT / "tests" / "data"
+ROBOTS = {
+    "tree": ("left", "right"),
+    "solo12": ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+    "dual_arm": ("left hand", "right-hand"),
+}
+
+
+def random_pose(random: np.random.Generator) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = as_array(exponential(mp.matrix(random.normal(size=3).tolist())))
+    pose[:3, 3] = random.normal(size=3)
+    return pose
+
+
+@pytest.fixture(scope="module", params=[(robot, base) for robot in ROBOTS for base in ("floats", "stands", "tools")],
+                ids="-".join)  # fmt: skip
+def setting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    """Kernels of a tree with sliding and mimic joints, a quadruped, two arms; the base floats, stands, and with tools
+    at run time.
+    """
+    robot, kind = request.param
+    if robot == "tree":
+        file = tmp_path_factory.mktemp("contacts") / "tree.urdf"
+        file.write_text(tree_urdf(7))
+    else:
+        file = DATA / f"{robot}.urdf"
+    options = {"floats": {"floating_base": True}, "stands": {}, "tools": {"runtime_tool": True}}[kind]
+    if kind == "floats" and robot == "dual_arm":
+        options = {"floating_base": True, "runtime_tool": True}
+    chain = stiffgen.load_chain(file, tip=ROBOTS[robot], **options)
+    kernels = {(k.group, k.name): k for k in chain_kernels(chain) if k.by_tips}
+    return SimpleNamespace(chain=chain, kernels=kernels)
+
+
+def arguments(chain: stiffgen.Chain, kernel: Kernel, random: np.random.Generator) -> list[np.ndarray]:
+    given = []
+    for argument in kernel.arguments:
+        shape = argument.array(chain).shape
+        if argument.name == "base_pose":
+            given.append(random_pose(random))
+        elif argument.name == "tool_poses":
+            given.append(np.vstack([random_pose(random) for _ in range(shape[0])]))
+        else:
+            values = random.normal(size=shape) * (1 if argument.name == "q" else 100)
+            given.append(values.reshape(-1, shape[-1]) if len(shape) > 2 else values)
+    return given
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_one_pass_is_the_sum_over_the_tips(setting: SimpleNamespace, rep: str) -> None:
+    """Each tip's own function is held against differentiation and closed forms elsewhere."""
+    chain, kernel = setting.chain, setting.kernels[rep, "joint_stiffness_total"]
+    assert kernel.by_tips is not None
+    one_pass, by_tips = (casadi_function(chain, each) for each in (kernel, replace(kernel, program=kernel.by_tips)))
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        given = arguments(chain, kernel, random)
+        found = np.asarray(one_pass(*given))
+        assert_close(found, np.asarray(by_tips(*given)))
+        assert np.array_equal(found, found.T)
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_the_lower_triangles_of_task_stiffnesses_are_not_read(setting: SimpleNamespace, rep: str) -> None:
+    chain, kernel = setting.chain, setting.kernels[rep, "joint_stiffness_total"]
+    function = casadi_function(chain, kernel)
+    given = arguments(chain, kernel, np.random.default_rng(5))
+    poisoned = given[-1].copy().reshape(-1, 6, 6)
+    poisoned[:, np.tril_indices(6, -1)[0], np.tril_indices(6, -1)[1]] = np.nan
+    found = np.asarray(function(*given[:-1], poisoned.reshape(-1, 6)))
+    assert np.array_equal(found, np.asarray(function(*given)))
+
+
+def test_the_work_does_not_grow_with_the_tips(tmp_path: Path) -> None:
+    """Four tips on one chain of twenty joints cost little more than one: covectors and pairs are made once."""
+
+    def operations(tips: int) -> int:
+        names = [f"l{k}" for k in (20, 19, 18, 17)[:tips]]
+        links = "".join(f'<link name="l{k}"/>' for k in range(21))
+        joints = "".join(
+            f'<joint name="j{k}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/>'
+            f'<origin xyz="0.1 0.2 0.3" rpy="0.1 0.2 {0.1 * k}"/><axis xyz="0 0 1"/></joint>'
+            for k in range(20)
+        )
+        file = tmp_path / "robot.urdf"
+        file.write_text(f'<robot name="r">{links}{joints}</robot>')
+        chain = stiffgen.load_chain(file, tip=names, masses=False)
+        kernel = next(k for k in chain_kernels(chain) if k.by_tips and k.group == "hybrid")
+        return int(casadi_function(chain, kernel).n_instructions())
+
+    one_more = operations(3) - operations(2)
+    assert one_more < 0.1 * operations(2)
+
+
+def test_a_sign_of_the_load_is_seen(setting: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each term of the covector broken once."""
+    chain, kernel = setting.chain, setting.kernels["hybrid", "joint_stiffness_total"]
+    given = arguments(chain, kernel, np.random.default_rng(6))
+    right = np.asarray(casadi_function(chain, kernel)(*given))
+    made = contacts._Load
+    for part in ("K", "f", "m", "Q"):
+
+        def broken(K, f, m, Q, part=part):
+            values = {"K": K, "f": f, "m": m, "Q": Q}
+            values[part] = -values[part]
+            return made(**values)
+
+        load = contacts._load
+
+        def flipped(*args, load=load, broken=broken):
+            one = load(*args)
+            return broken(one.K, one.f, one.m, one.Q)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(contacts, "_load", flipped)
+            wrong = np.asarray(casadi_function(chain, kernel)(*given))
+        assert np.abs(wrong - right).max() > 1e-6 * np.abs(right).max()
