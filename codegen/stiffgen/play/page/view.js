@@ -61,12 +61,14 @@ export class View {
     this.fit();
   }
 
-  /** Look at the middle of the arm as it stands, from where all of it is seen. */
+  /** Look at the middle of the arm as it stands, from where all of it is seen, with what is drawn about the tip. */
   fit() {
-    const { tip, q } = this.state(), points = this.parts(tip, q).links.flatMap(({ from, to }) => [from, to]);
+    const { tip, q, loop } = this.state(), { links, tip: hand } = this.parts(tip, q), about = 0.36 * this.size;
+    const points = [...links.flatMap(({ from, to }) => [from, to]), ...loop];
+    points.push(plus(hand.origin, [1, 1, 1], about), plus(hand.origin, [1, 1, 1], -about));
     const ends = [0, 1, 2].map((k) => points.map((point) => point[k])).map((x) => [Math.min(0, ...x), Math.max(0, ...x)]);
     this.target = ends.map(([low, high]) => (low + high) / 2);
-    const half = norm(ends.map(([low, high]) => (high - low) / 2)) + 0.2 * this.size;
+    const half = norm(ends.map(([low, high]) => (high - low) / 2)) + 0.04 * this.size;
     this.distance = half / Math.sin(FIELD / 2);
     this.redraw();
   }
