@@ -496,7 +496,7 @@ def _tip_table(surveys: list[TipSurvey], names: int) -> Table:
         lines = [coordinates, survey.hindrance] if survey.hindrance else [coordinates]
         table.add_row(
             escape(comment(survey.tip)),
-            escape(comment(survey.base)),
+            escape(comment(survey.base) + (", which floats" if survey.floating else "")),
             escape("\n".join(filter(None, lines))),
             escape("\n".join(f"{what}: {len(joints)} ({listed(joints, names)})" for what, joints in survey.left_out)),
         )

@@ -32,8 +32,8 @@ DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 
 
 def shared(argument):
-    """Whether all configurations of a launch take the same: matrices and numbers; vectors come in stacks."""
-    return len(argument.shape) != 1
+    """Whether all configurations of a launch take the same: matrices, numbers; vectors and base poses are stacks."""
+    return len(argument.shape) != 1 and argument.name != "base_pose"
 
 
 @pytest.fixture(scope="module")
@@ -118,16 +118,17 @@ def test_an_equilibrium_for_each_configuration(host, robot, chain):
     ("case", "compiler"),
     [
         ("slides and mimics", "clang"),
-        ("two tips, tool at run time", "gcc"),
+        pytest.param("two tips, tool at run time", "gcc", marks=pytest.mark.slow),
         pytest.param("slides and mimics", "gcc", marks=pytest.mark.slow),
+        pytest.param("floating base", "gcc", marks=pytest.mark.slow),
         pytest.param("two tips, tool at run time", "clang", marks=pytest.mark.slow),
     ],
 )
 def test_other_chains(case, compiler, tmp_path):
-    if case == "slides and mimics":
+    if case != "two tips, tool at run time":
         urdf = tmp_path / "arm.urdf"
         urdf.write_text(chain_urdf("rprmrr"))
-        options = {}
+        options = {"floating_base": True} if case == "floating base" else {}
     else:
         urdf, options = DUAL, {"tip": ["left hand", "right-hand"], "runtime_tool": True}
     folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True, **options)

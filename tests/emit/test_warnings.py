@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from support.project import require_compiler
-from support.warnings import LEVELS, complaints, sources_of_random_robot
+from support.warnings import LEVELS, complaints, sources_of_random_robot, sources_of_varied_robot
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 8))])
@@ -13,6 +13,14 @@ def test_random_robots_compile_without_a_warning(seed, tmp_path):
     gcc = require_compiler("gcc")
     sources = sources_of_random_robot(seed, 3, tmp_path)
     assert {level: complaints(gcc, [level], sources) for level in LEVELS} == dict.fromkeys(LEVELS, "")
+
+
+@pytest.mark.parametrize("seed", [19, pytest.param(37, marks=pytest.mark.slow)])
+def test_derivatives_of_random_robots_compile_without_a_warning(seed, tmp_path):
+    """Of one joint and of five: what one derivative hands to another may be known to be zero."""
+    kind, sources = sources_of_varied_robot(seed, 5, tmp_path)
+    assert kind == "derivatives"
+    assert complaints(require_compiler("gcc"), ["-O0"], sources[:1]) == ""
 
 
 def test_a_warning_is_seen(tmp_path):

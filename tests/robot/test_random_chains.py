@@ -65,7 +65,7 @@ def test_broken_files_are_refused_or_read(file, data, leaf):
         assert str(error).startswith("robot.urdf:")
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))])
 def test_stiffness_against_differentiation(file, seed):
     """The casadi.Function of every kernel, against the oracles that a generated folder is verified with."""
     chain = chain_of(random_robot(Plain(seed), 5), file)

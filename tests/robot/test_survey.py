@@ -42,11 +42,26 @@ def test_what_rides_along_and_other_limbs(described):
     assert survey_tip(described(OTHER_LIMB), "leg").left_out == (("on other limbs", ("shoulder", "elbow", "grip")),)
 
 
-@pytest.mark.parametrize("kind", ["floating", "planar"])
-def test_a_free_base_is_left_out(described, kind):
-    survey = survey_tip(described(replaced(("</robot>", FREE.format(kind)))), "finger")
-    assert (survey.base, len(survey.coordinates)) == ("base", 3)
-    assert survey.left_out == ((f"above the base, {kind}", ("free",)),)
+def test_a_planar_base_is_left_out(described):
+    survey = survey_tip(described(replaced(("</robot>", FREE.format("planar")))), "finger")
+    assert (survey.base, len(survey.coordinates), survey.floating) == ("base", 3, False)
+    assert survey.left_out == (("above the base, planar", ("free",)),)
+
+
+def test_a_base_that_floats(described):
+    """As it is generated; not with --base, and not where something moves before it."""
+    text = replaced(("</robot>", FREE.format("floating")))
+    survey = survey_tip(described(text), "finger")
+    assert (survey.base, len(survey.coordinates), survey.floating, survey.left_out) == ("base", 3, True, ())
+    stands = survey_tip(described(text), "finger", "base")
+    assert not stands.floating and stands.left_out == (("above the base, floating", ("free",)),)
+    cart = (
+        '<link name="cart"/><joint name="rail" type="prismatic"><parent link="cart"/><child link="world"/>'
+        '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    survey = survey_tip(described(text.replace("</robot>", cart)), "finger")
+    assert (survey.base, survey.floating) == ("base", False)
+    assert survey.left_out == (("above the base, floating", ("free",)), ("above the base", ("rail",)))
 
 
 def test_joints_above_a_base(described):
@@ -79,11 +94,11 @@ def test_the_command_shows_parents_tips_and_what_is_left_out(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     words = {line.split(" ")[0]: line for line in lines}
     assert "upper" in words["elbow"] and "lower" in words["elbow"]  # parent and child
-    assert "3: shoulder, elbow, grip" in words["finger"] and "above the base, floating: 1 (free)" in words["finger"]
-    assert any("on other limbs: 1 (hip)" in line for line in lines)
+    assert "3: shoulder, elbow, grip" in words["finger"] and "base, which floats" in words["finger"]
+    assert any("rides along, held at zero: 1 (hip)" in line for line in lines)
     assert main(["inspect", str(urdf), "--tip", "hand"]) == 0
     out = capsys.readouterr().out
-    assert "2: shoulder, elbow" in out and "rides along, held at zero: 1 (grip)" in out and "1: hip" not in out
+    assert "2: shoulder, elbow" in out and "rides along, held at zero: 2 (grip, hip)" in out and "1: hip" not in out
     assert main(["inspect", str(urdf), "--tip", "foot"]) == 2
     assert "foot" in capsys.readouterr().err
 

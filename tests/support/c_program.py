@@ -25,7 +25,10 @@ def run_kernels(
     flags: Sequence[str],
     work: Path,
 ) -> list[np.ndarray]:
-    """Call kernels (name, arguments, size of the result or of each) from a C program and return their flat results."""
+    """Call kernels (name, arguments, size of the result or of each) from a C program and return their flat results.
+
+    The program ends with the robot's self-check, which must pass.
+    """
     body = []
     for index, (kernel, arguments, size) in enumerate(calls):
         names = []
@@ -48,7 +51,7 @@ def run_kernels(
             "int main(void)",
             "{",
             *body,
-            "    return 0;",
+            f"    return {name}_self_check();",
             "}",
             "",
         ]

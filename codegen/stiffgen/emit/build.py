@@ -158,6 +158,8 @@ def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> N
         for process in running:
             if process.poll() is None:
                 _kill(process)
+            elif process.stdout is not None:
+                process.stdout.close()
 
 
 def _kill(process: subprocess.Popen[str]) -> None:

@@ -245,9 +245,9 @@ class _TargetPrinter:
         number, guard = self.target.number, self.target.guard
         opening = [f"const {number} {name} = {guard}({source});" for name, source in guarded]
         opening += [
-            f"(void){name};"
+            f"(void){local[name][0].partition('[')[0] if name in local else name};"
             for name, numbers in entries_of.items()
-            if name not in local and printed.reads.isdisjoint(numbers)
+            if printed.reads.isdisjoint(numbers) and (numbers or name not in local)
         ]
         return replace(
             printed,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import jinja2
 
@@ -77,6 +78,7 @@ def _with_sources(texts: dict[str, str]) -> dict[str, str]:
     return {file: text.replace(_SOURCES, digest) for file, text in texts.items()}
 
 
+@cache
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("stiffgen.emit"),

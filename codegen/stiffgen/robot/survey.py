@@ -14,7 +14,8 @@ class TipSurvey:
     """A tip, the base of the longest chain to it, and the joints that would be its coordinates (q).
 
     ``left_out`` names the robot's other joints by what becomes of them; ``hindrance`` says what refuses the chain, or
-    its mass matrix alone (then ``coordinates`` are there).
+    its mass matrix alone (then ``coordinates`` are there). ``floating``: a floating joint of the file holds the base,
+    and the six coordinates of its twist stand before those.
     """
 
     tip: str
@@ -22,6 +23,7 @@ class TipSurvey:
     coordinates: tuple[str, ...] = ()
     left_out: tuple[tuple[str, tuple[str, ...]], ...] = ()
     hindrance: str = ""
+    floating: bool = False
 
 
 def survey_tip(description: Description, tip: str, base: str | None = None) -> TipSurvey:
@@ -35,10 +37,14 @@ def survey_tip(description: Description, tip: str, base: str | None = None) -> T
         if link is not None and link not in names:
             select(description, ChainOptions(tip=tip, base=base))  # says it
     above = _joints_above(description, tip)
+    floats = False
     if base is None:
-        free = [joint.child for joint in above if joint.type not in (*MOVING_TYPES, "fixed")]
-        base = free[-1] if free else description.root
-    options, hindrance = ChainOptions(tip=tip, base=base), ""
+        held = [joint for joint in above if joint.type != "fixed"]
+        free = [joint for joint in held if joint.type not in MOVING_TYPES]
+        base = free[-1].child if free else description.root
+        # What `generate` takes where no base is named: a floating joint with nothing that moves before it.
+        floats = bool(free) and free[-1].type == "floating" and held[0] is free[-1]
+    options, hindrance = ChainOptions(tip=tip, base=None if floats else base), ""
     try:
         selection = select(description, options)
     except DescriptionError as error:
@@ -51,7 +57,8 @@ def survey_tip(description: Description, tip: str, base: str | None = None) -> T
         still = not any(joint.type in MOVING_TYPES for joint in above)
         said = "no moving joint" if still else str(error).removeprefix(f"{description.file}: ")
         return TipSurvey(tip, base, hindrance=said)
-    return TipSurvey(tip, base, selection.masters, tuple(_left_out(description, selection)), hindrance)
+    left_out = tuple(_left_out(description, selection))
+    return TipSurvey(tip, base, selection.masters, left_out, hindrance, selection.floating)
 
 
 def _joints_above(description: Description, link: str) -> list[JointElement]:
@@ -64,7 +71,8 @@ def _joints_above(description: Description, link: str) -> list[JointElement]:
 
 def _left_out(description: Description, selection: Selection) -> list[tuple[str, tuple[str, ...]]]:
     before = _joints_above(description, selection.base)
-    carried = carried_links(description, selection.moving).values()
+    floating = selection.base if selection.floating else None
+    carried = carried_links(description, selection.moving, floating).values()
     riding = {above.name for links in carried for _, above in links if above}
     own = {joint.name for joint in (*selection.moving, *before)} | set(selection.masters)
     others = [
@@ -73,7 +81,7 @@ def _left_out(description: Description, selection: Selection) -> list[tuple[str,
         if joint.type != "fixed" and joint.mimic is None and joint.name not in own
     ]
     groups = {
-        "above the base, floating": [joint.name for joint in before if joint.type == "floating"],
+        "above the base, floating": [joint.name for joint in before if joint.type == "floating" and not floating],
         "above the base, planar": [joint.name for joint in before if joint.type == "planar"],
         "above the base": [joint.name for joint in before if joint.type in MOVING_TYPES],
         "rides along, held at zero": [name for name in others if name in riding],

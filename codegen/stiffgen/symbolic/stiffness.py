@@ -7,6 +7,9 @@ joints and pairs of joints.
 
 from __future__ import annotations
 
+from functools import cache
+from itertools import product
+
 import casadi as ca
 
 from stiffgen.symbolic import connection
@@ -16,14 +19,18 @@ from stiffgen.symbolic.kinematics import jacobian_column_derivative
 
 def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
     """(Gamma F)_ij = sum_k Gamma^k_ij F_k (6x6), from the exact coefficients of :mod:`stiffgen.connection`."""
-    coefficients = connection.connection_coefficients(representation)
     result = ca.SX(6, 6)
-    for i in range(6):
-        for j in range(6):
-            for k in range(6):
-                if coefficients[k, i, j] != 0:
-                    result[i, j] += float(coefficients[k, i, j]) * wrench[k]
+    for i, j, k, coefficient in _coefficients(representation):
+        result[i, j] += coefficient * wrench[k]
     return result
+
+
+@cache
+def _coefficients(representation: Representation) -> tuple[tuple[int, int, int, float], ...]:
+    """(i, j, k, Gamma^k_ij) of those that are not zero."""
+    exact = connection.connection_coefficients(representation)
+    places = product(range(6), repeat=3)
+    return tuple((i, j, k, float(exact[k, i, j])) for i, j, k in places if exact[k, i, j] != 0)
 
 
 def base_connection(generalised_force: ca.SX) -> ca.SX:
