@@ -314,7 +314,7 @@ async function start() {
     view = new View($("arm"), $("letters"), robot, {
       state: () => {
         const phase = 2 * Math.PI * state.lap;
-        return { ...state, q: now.loop.at(phase), K: now.matrices.K, loop: now.path, marker: now.marker(phase) };
+        return { ...state, q: state.lap === 0 ? state.q : now.loop.at(phase), K: now.matrices.K, loop: now.path, marker: now.marker(phase) };
       },
       moved: posture,
       carried: (part) => setLap(state.lap + part),
