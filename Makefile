@@ -1,5 +1,6 @@
 # make generate   virtual environment, then generate and build every robot in urdf/, and print one real result
 # make test       the tests to wait for (4 min)  make check-generated   regenerate the robots of urdf/ and compare with
+# make test-torch the wrapper for PyTorch, which is too large for the others: in none of them (TORCH= another wheel)
 # make test-slow  the rest of the tests                                what is committed
 # make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
@@ -7,6 +8,7 @@
 # make bench      against what a user could take instead, into benchmarks/RESULTS.md
 # make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
+# make identify   a task stiffness and a tool learned from a recording, by JAX; make identify-torch by PyTorch
 # make whole-body   a quadruped on springs: predicted and simulated modes, into examples/whole_body/results/
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
@@ -27,12 +29,13 @@ SPREAD := -n $(WORKERS) --dist worksteal
 CONFIGURATIONS ?= 4194304
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 
+TORCH ?= torch>=2.5
 FUZZ ?= -max_total_time=600
 COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -54,6 +57,13 @@ test: $(VENV)/installed-test
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest $(SPREAD) -m slow
+
+$(VENV)/installed-torch: $(VENV)/installed-test
+	$(BIN)/pip install --quiet --disable-pip-version-check '$(TORCH)'
+	@touch $@
+
+test-torch: $(VENV)/installed-torch
+	$(BIN)/python -m pytest tests/long/torch_wrapper.py
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .
@@ -79,6 +89,16 @@ $(VENV)/installed-examples: $(VENV)/installed
 
 experiment: build/robots/iiwa14_plate $(VENV)/installed-examples
 	$(BIN)/python -m examples.bowl_wiping
+
+build/robots/iiwa14_tool: urdf/iiwa14.urdf $(GENERATOR) $(VENV)/installed-examples
+	$(BIN)/stiffgen generate $< --name iiwa14_tool --tool runtime --derivatives --no-masses --output build/robots
+	@touch $@
+
+identify: build/robots/iiwa14_tool
+	$(BIN)/python -m examples.identify jax
+
+identify-torch: build/robots/iiwa14_tool $(VENV)/installed-torch
+	$(BIN)/python -m examples.identify torch
 
 build/robots/solo12: tests/data/solo12.urdf $(GENERATOR) $(VENV)/installed
 	$(BIN)/stiffgen generate $< --floating-base $(addsuffix _FOOT,$(addprefix --tip ,FL FR HL HR)) --output build/robots

@@ -29,13 +29,14 @@ ELSEWHERE = {
     "bench": "tests/test_make.py",
     "bench-cuda": "tests/emit/test_cuda.py",
     "experiment": "tests/examples/test_experiment.py",
+    "identify": "tests/examples/test_identify.py",
     "whole-body": "tests/examples/test_whole_body.py",
     "fri-demo": "tests/examples/test_fri_session.py",
     "closed-loop": "tests/test_make.py",
 }
 """Targets that a test runs in another way. closed-loop is settle, energy and hostile."""
-BY_HAND = {"clean", "robots"}
-"""Removes files; downloads packages of robots."""
+BY_HAND = {"clean", "robots", "test-torch", "identify-torch"}
+"""Removes files; downloads packages of robots; downloads PyTorch."""
 
 
 def test_every_target_is_run_by_somebody():

@@ -31,7 +31,7 @@ PAGES = (
     "examples/whole_body/results/*.svg", "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
-    "Concepts": ("docs/theory", "docs/derivatives", "docs/whole_body", "docs/glossary"),
+    "Concepts": ("docs/theory", "docs/derivatives", "docs/identify", "docs/whole_body", "docs/glossary"),
     "Use": (
         "docs/playground", "docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/stance",
         "docs/analyze", "docs/troubleshooting",

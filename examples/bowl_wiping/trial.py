@@ -89,6 +89,8 @@ def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> A
         reference_velocity_limit=robot.VELOCITY,
         ramp_time=0.05,
         torque_rate_limit=robot.EFFORT / sample_time,
+        tank_initial=100.0,
+        tank_maximum=100.0,
         record=steps,
     )
 

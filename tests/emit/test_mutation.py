@@ -160,6 +160,21 @@ def with_switches(source, chosen=lambda function: True):
     return "\n".join([f"double flip[{len(places)}];", *lines, ""]), places
 
 
+def compiled_with_switches(texts, folder):
+    """The library of a robot's C in which signs have switches: without vectors or optimisation."""
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
+    return ctypes.CDLL(str(compile_c(folder / "robot.so", *flags, folder / "robot.c", "-lm")))
+
+
+def switches(library, count):
+    """``flip`` of a library, every sign as it is printed."""
+    flip = (ctypes.c_double * count).in_dll(library, "flip")
+    flip[:] = [1.0] * count
+    return flip
+
+
 def expected_values(references):
     """Arguments (stacks) and results of every kernel, from the oracles of ``stiffgen verify``."""
     samples = references.samples
@@ -261,20 +276,18 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     texts = render(chain, "robot", cuda=CUDA)
     file = "robot.c" if vehicle == "C" else "robot.cu"
     texts[file], places = with_switches(texts[file], lambda body: not any(name in body for name in left_out))
-    for name, text in texts.items():
-        (tmp_path / name).write_text(text)
     batches = {kernel.qualified_name: kernel.batch for kernel in chain_kernels(chain)}
     if vehicle == "C":
-        flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
-        library = ctypes.CDLL(str(compile_c(tmp_path / "robot.so", *flags, tmp_path / "robot.c", "-lm")))
+        library = compiled_with_switches(texts, tmp_path)
         calls = [(name, single_call(library[f"robot_{name}"])) for name in batches]
         calls += [(name, batch_call(library[f"robot_{name}_batch"])) for name, batch in batches.items() if batch]
     else:
+        for name, text in texts.items():
+            (tmp_path / name).write_text(text)
         host = HostCuda(tmp_path / "robot.cu", "robot", chain, tmp_path, level="-O0")
         library = host.library
         calls = [(name, cuda_call(host, name)) for name, batch in batches.items() if batch]
-    flip = (ctypes.c_double * len(places)).in_dll(library, "flip")
-    flip[:] = [1.0] * len(places)
+    flip = switches(library, len(places))
     wanted = expected_values(references)
     results = {name: [np.empty(each.shape) for each in expected] for name, (_, expected) in wanted.items()}
 
@@ -309,12 +322,8 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
         chain = stiffgen.load_chain(tmp_path / "skew.urdf")
     texts = render(chain, "robot")
     texts["robot.c"], places = with_switches(texts["robot.c"], lambda body: "bias_forces" in body)
-    for name, text in texts.items():
-        (tmp_path / name).write_text(text)
-    flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
-    library = ctypes.CDLL(str(compile_c(tmp_path / "robot.so", *flags, tmp_path / "robot.c", "-lm")))
-    flip = (ctypes.c_double * len(places)).in_dll(library, "flip")
-    flip[:] = [1.0] * len(places)
+    library = compiled_with_switches(texts, tmp_path)
+    flip = switches(library, len(places))
     arguments, (expected,) = expected_values(References(chain, count=4, seed=11))["bias_forces"]
     scale, found = np.abs(expected).max(axis=0), np.empty_like(expected)
     calls = single_call(library.robot_bias_forces), batch_call(library.robot_bias_forces_batch)
@@ -399,12 +408,8 @@ def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
     texts, group = render(chain, "robot", options=SpringOptions((kind,))), spring_of_kind(kind).name
     bodies = {f"robot_{group}_{name}": name for name in SPRING_KERNELS}
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__)
-    for name, text in texts.items():
-        (tmp_path / name).write_text(text)
-    flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
-    library = ctypes.CDLL(str(compile_c(tmp_path / "robot.so", *flags, tmp_path / "robot.c", "-lm")))
-    flip = (ctypes.c_double * len(places)).in_dll(library, "flip")
-    flip[:] = [1.0] * len(places)
+    library = compiled_with_switches(texts, tmp_path)
+    flip = switches(library, len(places))
     states = list(turned_states(library, chain))
 
     def results(body):

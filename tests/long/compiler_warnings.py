@@ -44,4 +44,4 @@ def main(count: int, most_moving: int, first: int) -> int:
 
 if __name__ == "__main__":
     given = [int(word) for word in sys.argv[1:]]
-    sys.exit(main(*(given + [300, 6, 0][len(given) :])))
+    sys.exit(main(*(given + [300, 4, 0][len(given) :])))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shlex
 import shutil
@@ -27,6 +28,8 @@ def build_module(folder: Path, name: str) -> None:
 
     CC names the compiler; what CFLAGS has stands behind the build's own flags, and so wins.
 
+    A folder with derivatives also gets the calls for XLA that NAME.jax has, where jax is installed.
+
     Args:
         folder: the robot's folder.
         name: the robot's identifier.
@@ -46,20 +49,27 @@ def build_module(folder: Path, name: str) -> None:
     with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
         native = _native(compiler, Path(build))
         command = [*compiler, *_FLAGS, *native, *shlex.split(os.environ.get("CFLAGS", ""))]
-        objects, compile_each = [], []
-        for source in (f"{name}.c", f"{name}_impedance.c", f"{name}_python.c"):
-            if not (folder / source).exists():
-                continue
-            made = str(Path(build) / f"{source}.o")
-            include = [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"]
-            compile_each.append(
-                [*command, *(include if source.endswith("_python.c") else ()), "-c", str(folder / source), "-o", made]
-            )
-            objects.append(made)
-        link = [*command, *_link_options(), *objects, "-o", str(module), *_libraries()]
-        for commands in (compile_each, [link]):
+        options: dict[str, list[str]] = {
+            f"{name}.c": [],
+            f"{name}_impedance.c": [],
+            f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
+            f"{name}_jax.c": [f"-I{include}" for include in _xla_headers()],
+        }
+        sources = [source for source in options if (folder / source).exists()]
+        if not options[f"{name}_jax.c"]:
+            sources = [source for source in sources if source != f"{name}_jax.c"]
+        objects = {source: str(Path(build) / f"{source}.o") for source in sources}
+        compile_each = [
+            [*command, *options[source], "-c", str(folder / source), "-o", made] for source, made in objects.items()
+        ]
+        for_xla = objects.pop(f"{name}_jax.c", None)
+        link = [[*command, *_link_options(), *objects.values(), "-o", str(module), *_libraries()]]
+        if for_xla:
+            library = folder / f"{name}_jax{'.pyd' if os.name == 'nt' else '.so'}"
+            link.append([*command, "-shared", for_xla, objects[f"{name}.c"], "-o", str(library), *_libraries()])
+        for commands in (compile_each, link):
             _run(commands, compiler[0], Path(build))
-        _self_check([*command, objects[0]], folder, name, Path(build))
+        _self_check([*command, objects[f"{name}.c"]], folder, name, Path(build))
 
 
 def build_library(
@@ -115,6 +125,18 @@ def _native(compiler: Sequence[str], build: Path) -> list[str]:
     except BuildError:
         return []
     return ["-march=native"]
+
+
+def _xla_headers() -> list[str]:
+    """The folder of XLA's headers that jax brings; none without jax.
+
+    It is jax.ffi.include_dir(), found without loading JAX, whose threads would be in the way of whoever forks.
+    """
+    package = importlib.util.find_spec("jaxlib")
+    if package is None or package.origin is None:
+        return []
+    headers = Path(package.origin).parent / "include"
+    return [str(headers)] if (headers / "xla" / "ffi" / "api" / "c_api.h").exists() else []
 
 
 def _link_options() -> list[str]:

@@ -35,6 +35,7 @@ class KernelPage:
         protocol: name of the Python stub of functions with these arguments.
         ranks: numbers of dimensions of arguments and results.
         extents: C initialisers of their shapes.
+        sizes: their numbers of entries.
         batch: there is a batch of it.
         documentation: the comment over the C prototype, in lines.
         docstring: Python's, in lines.
@@ -55,10 +56,44 @@ class KernelPage:
     protocol: str
     ranks: list[int]
     extents: list[str]
+    sizes: list[int]
     batch: bool
     documentation: list[str]
     docstring: list[str]
     operations: int
+
+
+@dataclass(frozen=True)
+class DifferentiablePage:
+    """A function that has a vector-Jacobian product, for the wrappers of JAX and PyTorch.
+
+    Attributes:
+        path: its namespaces and name, with dots.
+        arguments: name and shape of each.
+        results: their shapes.
+        triangles: arguments of which the upper triangle alone is read.
+
+    """
+
+    path: str
+    arguments: list[tuple[str, tuple[int, ...]]]
+    results: list[tuple[int, ...]]
+    triangles: list[str]
+
+
+def differentiable_pages(chain: Chain, kernels: Sequence[Kernel]) -> list[DifferentiablePage]:
+    """Those of the kernels that have one."""
+    names = {kernel.qualified_name for kernel in kernels}
+    return [
+        DifferentiablePage(
+            path=".".join((*kernel.path, kernel.name)),
+            arguments=[(argument.name, argument.array(chain).shape) for argument in kernel.arguments],
+            results=[result.array(chain).shape for result in kernel.results],
+            triangles=[argument.name for argument in kernel.arguments if argument.triangle],
+        )
+        for kernel in kernels
+        if f"{kernel.qualified_name}_vjp" in names
+    ]
 
 
 @dataclass(frozen=True)
@@ -179,6 +214,7 @@ def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) ->
         protocol="_".join(["_Of", *(a.name for a in function.inputs), *([str(outputs)] if outputs > 1 else [])]),
         ranks=[len(array.shape) for array in arrays],
         extents=["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
+        sizes=[array.size for array in arrays],
         batch=kernel.batch,
         documentation=_documentation(chain, kernel),
         docstring=_docstring(chain, kernel),

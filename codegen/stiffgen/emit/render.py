@@ -60,6 +60,13 @@ def render(
     } | controller_files(name, chain)
     if cuda:
         files |= {f"{name}_cuda.h": "cuda.h.j2", f"{name}.cu": "cuda.cu.j2"}
+    if pages.functions:
+        files |= {
+            f"{name}_jax.c": "jax.c.j2",
+            "_functions.py": "functions.py.j2",
+            "jax.py": "jax.py.j2",
+            "torch.py": "torch.py.j2",
+        }
     texts = {
         file: environment.get_template(template).render(vars(pages), banner=_banner(file, pages.banner_line))
         for file, template in files.items()
@@ -123,6 +130,7 @@ class _RobotPages:
         public: their names in Python's module.
         argument_lists: the different ones of them: names of the arguments, number of results.
         batches: the public functions with a batch.
+        functions: those that have a gradient, for JAX and PyTorch; none unless derivatives were asked for.
         cuda: if it was asked for.
         targets, calls, sections: of NAME.c: how it is printed, the helpers that it calls, and its parts.
         libm, libm_of_two, own: functions that lanes are given.
@@ -151,6 +159,7 @@ class _RobotPages:
     public: list[str]
     argument_lists: list[tuple[tuple[str, ...], int]]
     batches: list[contexts.BatchPage]
+    functions: list[contexts.DifferentiablePage]
     cuda: contexts.CudaPages | None
     targets: dict[str, Target]
     calls: frozenset[str]
@@ -192,6 +201,7 @@ def _pages(
         public=list(dict.fromkeys(k.tip or k.group or k.name for k in kernels)),
         argument_lists=list(dict.fromkeys((tuple(k.inputs), len(k.outputs)) for k in kernels)),
         batches=[contexts.batch_page(name, kernel, function) for kernel, function in batch.kernels],
+        functions=contexts.differentiable_pages(chain, [kernel for kernel, _ in single.kernels]),
         cuda=cuda,
         targets={"single": SINGLE, "batch": BATCH},
         calls=single.calls | batch.calls,

@@ -19,7 +19,8 @@ class Argument:
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
     formulas have for an argument, ``plural`` its name where it holds one block a tip. ``of_posture`` says that it is
     part of the configuration that all tips share, ``varying`` of a matrix that CUDA takes one for each configuration,
-    too, as it does of vectors, ``own`` that it always does (a cotangent).
+    too, as it does of vectors, ``own`` that it always does (a cotangent), ``triangle`` of a symmetric matrix that only
+    its upper triangle is read.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Argument:
     own: bool = False
     of_posture: bool = False
     varying: bool = False
+    triangle: bool = False
 
     def of_all_tips(self, names: list[str]) -> Argument:
         """The argument that holds one block of this a tip, in the order of ``names``."""
@@ -81,8 +83,9 @@ def wrench(representation: Representation) -> Argument:
     )
 
 
-def task_stiffness(representation: Representation, reading: str) -> Argument:
-    """The task stiffness; ``reading`` says which entries are read."""
+def task_stiffness(representation: Representation, *, triangle: bool) -> Argument:
+    """The task stiffness, of which all entries are read or the upper ``triangle``."""
+    reading = "symmetric, only the upper triangle is read" if triangle else "all 36 entries are read"
     return Argument(
         "task_stiffness",
         (6, 6),
@@ -90,6 +93,7 @@ def task_stiffness(representation: Representation, reading: str) -> Argument:
         f"stiffness on twists (linear, angular), {_STIFFNESS_FRAME[representation]}; {reading}",
         symbol="K",
         plural="task_stiffnesses",
+        triangle=triangle,
     )
 
 

@@ -96,8 +96,8 @@ _SPATIAL_NOTE = (
 
 def _representation_kernels(rep: Representation, given: tuple[Argument, ...]) -> tuple[Kernel, ...]:
     wrench = arguments.wrench(rep)
-    upper = arguments.task_stiffness(rep, "symmetric, only the upper triangle is read")
-    full = arguments.task_stiffness(rep, "all 36 entries are read")
+    upper = arguments.task_stiffness(rep, triangle=True)
+    full = arguments.task_stiffness(rep, triangle=False)
     spatial = _SPATIAL_NOTE if rep == "spatial" else ""
     jacobian = Argument("jacobian", (6, "n"), "m, rad per rad or m", f"column i: twist of joint i, {_TWIST_FRAME[rep]}")
     derivative = Argument(
@@ -401,7 +401,7 @@ def _cotangent(result: Argument, count: int) -> Argument:
 
 def _gradient(argument: Argument) -> Argument:
     meaning = f"gradient by {argument.name}"
-    if "upper triangle" in argument.meaning:
+    if argument.triangle:
         meaning += ": zero below the diagonal, which is not read"
     return Argument(adjoint.bar_name(argument.name), argument.shape, f"1/({argument.unit})", meaning)
 

@@ -66,6 +66,7 @@ TRANSLATION_STIFFNESS = Argument(
     "in base axes; symmetric, positive definite, only the upper triangle is read",
     symbol="Kt",
     plural="translation_stiffnesses",
+    triangle=True,
 )
 ROTATION_STIFFNESS = Argument(
     "rotation_stiffness",
@@ -74,6 +75,7 @@ ROTATION_STIFFNESS = Argument(
     "in the axes of the equilibrium; symmetric, positive definite, only the upper triangle is read",
     symbol="Ko",
     plural="rotation_stiffnesses",
+    triangle=True,
 )
 
 
@@ -209,6 +211,7 @@ COUPLED_STIFFNESS = Argument(
     "is read",
     symbol="K",
     plural="stiffnesses",
+    triangle=True,
 )
 
 

@@ -1,0 +1,133 @@
+"""NAME.torch: the functions as operators of PyTorch. ``make test-torch`` runs this: PyTorch is too large for CI."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from support.wrappers import cases, small_robot, wrapper
+
+COUNT = 3
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_robot(tmp_path_factory.mktemp("torch"))
+
+
+@pytest.fixture(scope="module")
+def arm(small):
+    return wrapper(small, "torch")
+
+
+def listed(results):
+    return list(results) if isinstance(results, tuple) else [results]
+
+
+def assert_close(found, expected, path):
+    expected = np.asarray(expected)
+    scale = 1e-12 * np.abs(expected).max(initial=0)
+    np.testing.assert_allclose(found.detach().numpy(), expected, rtol=1e-12, atol=scale, err_msg=path)
+
+
+def test_values_and_gradients_are_those_of_numpy(small, arm):
+    """Every function: a stack, vmap over all, and vmap over the first argument alone."""
+    for case in cases(small, arm, COUNT):
+        given = [torch.tensor(each, requires_grad=True) for each in case.arguments]
+        results = listed(case.function(*given))
+        for found, expected in zip(results, case.results, strict=True):
+            assert_close(found, expected, case.path)
+        cotangents = [torch.tensor(each) for each in case.cotangents]
+        for found, expected in zip(torch.autograd.grad(results, given, cotangents), case.symmetric(), strict=True):
+            assert_close(found, expected, case.path)
+        for found, expected in zip(listed(torch.vmap(case.function)(*given)), case.results, strict=True):
+            assert_close(found, expected, case.path)
+        first, *others = given
+        shared = [each[0] for each in others]
+        alone = torch.vmap(case.function, (0, *[None] * len(shared)))(first, *shared)
+        for found, expected in zip(listed(alone), listed(case.function(first, *shared)), strict=True):
+            assert_close(found, expected.detach().numpy(), case.path)
+
+
+def test_opcheck(small, arm):
+    """PyTorch's own checks of every operator and of its product: schema, autograd, fake tensors, compilation."""
+    for case in cases(small, arm, COUNT):
+        name = case.path.replace(".", "_")
+        given = [torch.tensor(each, requires_grad=True) for each in case.arguments]
+        torch.library.opcheck(getattr(torch.ops.arm, name).default, given)
+        fixed = [torch.tensor(each) for each in (*case.arguments, *case.cotangents)]
+        torch.library.opcheck(getattr(torch.ops.arm, f"{name}_vjp").default, fixed)
+
+
+def test_gradcheck(small, arm):
+    """Every function against PyTorch's differences; matrices read by a triangle through their symmetric part."""
+    for case in cases(small, arm, COUNT):
+        triangles = case.triangles
+
+        def function(*given, case=case, triangles=triangles):
+            return case.function(
+                *((x + x.mT) / 2 if triangle else x for x, triangle in zip(given, triangles, strict=True))
+            )
+
+        given = [torch.tensor(each[0], requires_grad=True) for each in case.arguments]
+        size = max(float(np.abs(each).max(initial=0)) for each in case.gradients)
+        assert torch.autograd.gradcheck(function, given, eps=1e-6, atol=1e-5 * max(1.0, size), rtol=1e-5), case.path
+
+
+def test_gradient_of_shared_arguments_is_summed(small, arm):
+    n = small.chain.dof
+    random = torch.Generator().manual_seed(1)
+    q = torch.randn((4, n), generator=random, dtype=torch.float64, requires_grad=True)
+    wrench = torch.randn(6, generator=random, dtype=torch.float64, requires_grad=True)
+    stiffness = torch.randn((2, 1, 6, 6), generator=random, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(
+        lambda q, wrench, K: arm.hybrid.joint_stiffness(q, wrench, (K + K.mT) / 2), (q, wrench, stiffness)
+    )
+    per_state = torch.func.vmap(
+        torch.func.grad(lambda q, F, K: arm.hybrid.joint_stiffness(q, F, K).sin().sum(), (0, 1, 2)), (0, None, None)
+    )(q.detach(), wrench.detach(), stiffness.detach()[0, 0])
+    assert [tuple(each.shape) for each in per_state] == [(4, n), (4, 6), (4, 6, 6)]
+
+
+def test_memory_is_shared(small, arm, monkeypatch):
+    """The compiled function gets the tensors' own memory and writes into the results'."""
+    seen = []
+    compiled = arm._c.hybrid_joint_stiffness
+
+    def recorded(*given, out):
+        seen[:] = [array.ctypes.data for array in (*given, *out)]
+        return compiled(*given, out=out)
+
+    monkeypatch.setattr(arm, "_c", SimpleNamespace(hybrid_recorded=recorded))
+    function = next(each for each in arm.namespaces.__globals__["FUNCTIONS"] if each.path == "hybrid.joint_stiffness")
+    operator = arm._operator(replace(function, path="hybrid.recorded"))
+    q = torch.zeros((10, small.chain.dof), dtype=torch.float64)
+    wrench, stiffness = torch.ones((1, 6), dtype=torch.float64), torch.eye(6, dtype=torch.float64)[None]
+    result = operator(q, wrench, stiffness)
+    assert seen == [tensor.data_ptr() for tensor in (q, wrench, stiffness, result)]
+
+
+def test_compiles(small, arm):
+    """Under torch.compile's tracing the operators stay whole."""
+    n = small.chain.dof
+    function = torch.compile(lambda q: torch.ops.arm.hybrid_jacobian(q) * 2, backend="eager", fullgraph=True)
+    q = torch.linspace(-1, 1, n, dtype=torch.float64)
+    assert_close(function(q), 2 * small.module.hybrid.jacobian(q.numpy()), "hybrid.jacobian")
+
+
+def test_other_types_and_errors(small, arm):
+    n = small.chain.dof
+    single = torch.zeros(n, dtype=torch.float32, requires_grad=True)
+    arm.hybrid.jacobian(single).sum().backward()
+    assert single.grad is not None
+    assert single.grad.dtype == torch.float32
+    with pytest.raises(TypeError, match=r"hybrid\.jacobian\(\): q is torch\.float32"):
+        torch.ops.arm.hybrid_jacobian(single)
+    with pytest.raises(ValueError, match=r"q has the shape \(\d,\), not"):
+        arm.hybrid.jacobian(torch.zeros(n - 1))
+    with pytest.raises(TypeError, match="its arguments are q, wrench, task_stiffness"):
+        arm.hybrid.joint_stiffness(torch.zeros(n), torch.zeros(6))

@@ -1,0 +1,84 @@
+"""What the tests of the wrappers for JAX and PyTorch share: every function with arguments, results and gradients."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import stiffgen
+from stiffgen.check.result import as_results
+from stiffgen.check.verify import argument_samples
+from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.symbolic.potentials import SpringOptions
+from support.chains import chain_urdf
+
+Array = npt.NDArray[np.float64]
+DERIVATIVES = SpringOptions(derivatives=True)
+
+
+def small_robot(output: Path) -> GeneratedRobot:
+    """Three joints, one sliding and one that mimics, with derivatives."""
+    urdf = output / "chain.urdf"
+    urdf.write_text(chain_urdf("rpm"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CFLAGS", "-O0")  # in a third of the time
+        return open_robot(stiffgen.generate(urdf, output=output, name="arm", springs=DERIVATIVES))
+
+
+def wrapper(robot: GeneratedRobot, framework: str) -> ModuleType:
+    """NAME.jax or NAME.torch."""
+    return importlib.import_module(f"{robot.module.__name__}.{framework}")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A function of the wrapper, and what NumPy's function and its product give for a stack of arguments."""
+
+    function: Any
+    path: str
+    arguments: list[Array]
+    cotangents: list[Array]
+    results: list[Array]
+    gradients: list[Array]
+    triangles: list[bool]
+
+    def symmetric(self) -> list[Array]:
+        """The gradients as a wrapper gives them."""
+        return [
+            (each + each.swapaxes(-1, -2)) / 2 if triangle else each
+            for each, triangle in zip(self.gradients, self.triangles, strict=True)
+        ]
+
+
+def cases(robot: GeneratedRobot, module: ModuleType, count: int) -> Iterator[Case]:
+    """Every function that has a gradient, at random states."""
+    pool = argument_samples(robot.chain, count, 11, robot.springs)
+    table = {kernel.qualified_name: kernel for kernel in robot.table}
+    compiled = importlib.import_module(f"{robot.module.__name__}.{robot.name}_python")
+    for name, kernel in table.items():
+        if name.endswith("_vjp"):
+            continue
+        product = table[f"{name}_vjp"]
+        given = [pool[argument] for argument in kernel.arguments]
+        cotangents = [pool[argument] for argument in product.arguments[len(given) :]]
+        path = ".".join((*kernel.path, kernel.name))
+        function: Any = module
+        for part in path.split("."):
+            function = getattr(function, part)
+        yield Case(
+            function,
+            path,
+            given,
+            cotangents,
+            list(as_results(getattr(compiled, name)(*given))),
+            list(as_results(getattr(compiled, f"{name}_vjp")(*given, *cotangents))),
+            ["upper triangle" in argument.meaning for argument in kernel.arguments],
+        )
