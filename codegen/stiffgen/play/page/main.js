@@ -163,6 +163,8 @@ async function start() {
       return `<dt class="key ${name}">${name}</dt><dd>${eigen(block, 3).values.sort((a, b) => b - a).map((v) => number(v)).join(", ")} ${unit} along its axes</dd>`;
     });
     $("ellipsoids").innerHTML = rows.join("");
+    const { spring } = now.matrices, energy = spring && state.tip.spring("energy", state.q, spring)[0];
+    $("energy").textContent = spring ? `The spring that bears this wrench here stores ${number(energy)} J.` : "No spring with these gains bears this wrench.";
   }
 
   // ---- the loop
@@ -279,6 +281,11 @@ async function start() {
     sliders.joints.forEach(({ set, scale }, k) => k !== by && set(q[k] * scale));
     update({ q });
   }
+  const stand = (q) => {
+    posture(q);
+    compute();
+    view?.fit();
+  };
   const load = (wrench) => {
     sliders.wrench.forEach(({ set }, k) => set(wrench[k]));
     update({ wrench: Float64Array.from(wrench) });
@@ -288,10 +295,10 @@ async function start() {
     update({ gains: gains.slice() });
   };
   const presets = [
-    [robot.paper ? "Paper's posture" : "Bent posture", () => { posture(home); load(WRENCH); stiff(GAINS); }],
+    [robot.paper ? "Paper's posture" : "Bent posture", () => { stand(home); load(WRENCH); stiff(GAINS); }],
     ["Moment at the tip", () => load(MOMENT)],
     ["No load", () => load([0, 0, 0, 0, 0, 0])],
-    ["Near singular", () => posture(nearSingular(state.tip, home))],
+    ["Near singular", () => stand(nearSingular(state.tip, home))],
   ];
   $("presets").replaceChildren(
     ...presets.map(([text, act]) => {
@@ -307,7 +314,7 @@ async function start() {
     view = new View($("arm"), $("letters"), robot, {
       state: () => {
         const phase = 2 * Math.PI * state.lap;
-        return { ...state, q: now.loop.at(phase), K: now.matrices.K, loop: now.path, marker: now.marker(phase) };
+        return { ...state, q: state.lap === 0 ? state.q : now.loop.at(phase), K: now.matrices.K, loop: now.path, marker: now.marker(phase) };
       },
       moved: posture,
       carried: (part) => setLap(state.lap + part),

@@ -36,7 +36,6 @@ export class View {
     this.solids = new Solids(canvas);
     this.size = reach(robot);
     this.thick = this.size * 0.055;
-    this.home();
     this.letters = ["x", "y", "z"].map((text) => {
       const span = document.createElement("span");
       span.textContent = text;
@@ -44,6 +43,7 @@ export class View {
       return span;
     });
     this.pointers = new Map();
+    this.home();
     canvas.addEventListener("pointerdown", (event) => this.pressed(event));
     canvas.addEventListener("pointermove", (event) => this.dragged(event));
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => this.released(event));
@@ -58,8 +58,19 @@ export class View {
   home() {
     this.azimuth = -0.9;
     this.elevation = 0.32;
-    this.distance = 2 * this.size;
-    this.target = [0.12 * this.size, 0, 0.42 * this.size];
+    this.fit();
+  }
+
+  /** Look at the middle of the arm as it stands, from where all of it is seen, with what is drawn about the tip. */
+  fit() {
+    const { tip, q, loop } = this.state(), { links, tip: hand } = this.parts(tip, q), about = 0.36 * this.size;
+    const points = [...links.flatMap(({ from, to }) => [from, to]), ...loop];
+    points.push(plus(hand.origin, [1, 1, 1], about), plus(hand.origin, [1, 1, 1], -about));
+    const ends = [0, 1, 2].map((k) => points.map((point) => point[k])).map((x) => [Math.min(0, ...x), Math.max(0, ...x)]);
+    this.target = ends.map(([low, high]) => (low + high) / 2);
+    const half = norm(ends.map(([low, high]) => (high - low) / 2)) + 0.04 * this.size;
+    this.distance = half / Math.sin(FIELD / 2);
+    this.redraw();
   }
 
   zoom(factor) {
@@ -289,7 +300,6 @@ export class View {
       this.zoom(event.key === "+" ? 0.9 : 1.1);
     } else if (event.key === "Home") {
       this.home();
-      this.redraw();
     } else return;
     event.preventDefault();
   }
