@@ -222,11 +222,11 @@ async function start() {
     const force = k < 3, symbol = force ? "f" : "m", common = { step: force ? 1 : 0.1, unit: force ? "N" : "N m" };
     sliders.wrench.push(slider($("wrench"), {
       label: `${force ? "force" : "moment"} along ${axis}`, shown: `<i>${symbol}<sub>${axis}</sub></i>`, min: force ? -100 : -20, max: force ? 100 : 20, ...common,
-      value: state.wrench[k], changed: (value) => update({ wrench: state.wrench.with(k, value) }),
+      value: state.wrench[k], changed: (value) => update({ wrench: state.wrench.map((other, i) => (i === k ? value : other)) }),
     }));
     sliders.gains.push(slider($("gains"), {
       label: `stiffness ${force ? "along" : "about"} ${axis}`, shown: `<i>k<sub>${force ? axis : `r${axis}`}</sub></i>`, unit: force ? "N/m" : "N m/rad", min: force ? 10 : 1, max: force ? 2000 : 200, step: force ? 10 : 1,
-      value: state.gains[k], changed: (value) => update({ gains: state.gains.with(k, value) }),
+      value: state.gains[k], changed: (value) => update({ gains: state.gains.map((other, i) => (i === k ? value : other)) }),
     }));
   });
   if (robot.floating) document.querySelector(".frame").textContent = "base, which is held at the origin of the world here";
