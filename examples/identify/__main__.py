@@ -102,6 +102,10 @@ def main() -> int:
         import jax
 
         jax.config.update("jax_enable_x64", True)
+    else:
+        import torch
+
+        torch.set_num_threads(1)  # its threads wait for one another: matrices of 7 x 7 are too small for them
     robot = open_robot(options.robot)
     wrong = 0
     certainties = {}
