@@ -910,7 +910,10 @@ class _KernelPrinter:
         zeros = self.zero_rows[target.name] = self.zero_rows.get(source.name, set())
         self.of_joints.add(target.name)
         rows = [k for k in range(source.shape[0]) if k not in zeros]
-        length = f"LANES * {self.scope.padded}" if self.target.joint_lanes else self.scope.size
+        # Rows of lanes are filled up to the last block that holds a joint; what lies beyond was never written.
+        stride, length = (self.scope.size, self.scope.size)
+        if self.target.joint_lanes:
+            stride, length = (f"LANES * {lanes}" for lanes in (self.scope.padded, self.scope.blocks))
         self.operations = self.operations + Operations(add=len(rows) * len(self.scope.chain.joints))
         helper = "sums_beyond" if step.beyond else "sums_up_to"
         for _, run in itertools.groupby(enumerate(rows), lambda pair: pair[1] - pair[0]):
@@ -919,7 +922,7 @@ class _KernelPrinter:
             if self.target.joint_lanes:
                 scalar = self.target.scalar.name
                 given, into = f"(const {scalar} *){given}", f"({scalar} *){into}"
-            self._call(helper, given, len(group), length, into)
+            self._call(helper, given, len(group), stride, length, into)
 
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
