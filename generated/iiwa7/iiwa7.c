@@ -218,7 +218,7 @@ static inline double where(double condition, double a)
 
 static inline lanes at_most_lanes(lanes a, lanes b)
 {
-    lanes all;
+    lanes all = a; /* all of it is written below; gcc -O1 does not see that */
     for (int n = 0; n < LANES; ++n) {
         ((double *)&all)[n] = at_most(((const double *)&a)[n], ((const double *)&b)[n]);
     }
@@ -227,7 +227,7 @@ static inline lanes at_most_lanes(lanes a, lanes b)
 
 static inline lanes where_lanes(lanes a, lanes b)
 {
-    lanes all;
+    lanes all = a; /* all of it is written below; gcc -O1 does not see that */
     for (int n = 0; n < LANES; ++n) {
         ((double *)&all)[n] = where(((const double *)&a)[n], ((const double *)&b)[n]);
     }
@@ -236,7 +236,7 @@ static inline lanes where_lanes(lanes a, lanes b)
 
 static inline lanes negation_lanes(lanes a)
 {
-    lanes all;
+    lanes all = a; /* all of it is written below; gcc -O1 does not see that */
     for (int n = 0; n < LANES; ++n) {
         ((double *)&all)[n] = negation(((const double *)&a)[n]);
     }

@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "9eb395fc667cbcb1") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "ff151d17d97a165c") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
