@@ -9,7 +9,7 @@ struct PaceLimits {
     double lag;      /* [rad] of the posture that the governor lets the springs pull to, from the wanted one */
     double energy;   /* [J] stored in the spring */
     double force;    /* [N] of contact */
-    double patience; /* [s] that it may stand still for one of these */
+    double patience; /* [s] that it may stand still for one of these; longer where it creeps */
 };
 
 /*
@@ -38,7 +38,9 @@ public:
         consider(lag, limits_.lag, LAG, &wanted);
         consider(energy, limits_.energy, ENERGY, &wanted);
         consider(force, limits_.force, FORCE, &wanted);
-        standing_ = wanted < STANDING && !hold ? standing_ + seconds : 0.0;
+        /* Near a limit the pace may swing: what creeps stands, in part. */
+        const double stands = 1.0 - std::min(wanted, pace_) / CREEP;
+        standing_ = hold ? 0.0 : std::max(standing_ + seconds * stands, 0.0);
         wanted = hold ? 0.0 : wanted;
         const double most = seconds / TIME;
         pace_ += std::min(std::max(wanted - pace_, -most), most);
@@ -51,7 +53,7 @@ public:
 private:
     /* [s] in which it comes to a stand, and from there to the full pace. */
     static constexpr double TIME = 0.25;
-    static constexpr double FULL = 0.7, STANDING = 0.02;
+    static constexpr double FULL = 0.7, CREEP = 0.1;
 
     void consider(double value, double limit, Reason reason, double *wanted)
     {

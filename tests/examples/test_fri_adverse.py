@@ -215,8 +215,12 @@ def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: 
 @pytest.mark.parametrize(
     "number", [signal.SIGTSTP, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGTERM, signal.SIGHUP))]
 )
-def test_other_ways_to_stop_it_end_as_softly(scenario: Scenario, number: signal.Signals) -> None:
+def test_other_ways_to_stop_it_end_as_softly(
+    scenario: Scenario, number: signal.Signals, request: pytest.FixtureRequest
+) -> None:
     """Ctrl-Z, and a terminal that is closed, too: no program stands still or dies under torque."""
+    before = signal.signal(number, signal.SIG_DFL)  # under nohup the client would inherit that it is ignored
+    request.addfinalizer(lambda: signal.signal(number, before))
     run = scenario("2.7", "", "--deaf", "--answer-timeout", 2, at=[(1.8, lambda p: interrupt(p, number))])
     assert run.code == INTERRUPTED
     assert 0.1 <= release_time(run) <= RELEASE
