@@ -22,7 +22,7 @@ from stiffgen.cli import main
 from stiffgen.play import page
 from support.chains import chain_urdf
 from support.playground import Scripts, random_value, require_wasm
-from support.project import ROOT, assert_close
+from support.project import ROOT, assert_close, require_program
 
 GAINS = [700.0, 700.0, 800.0, 30.0, 30.0, 30.0]
 WRENCH = np.array([5.0, -10.0, 15.0, 4.0, -3.0, 8.0])
@@ -207,9 +207,7 @@ def test_page_is_one_small_file_that_asks_for_nothing(written: Path, tmp_path: P
     script = text.partition('<script type="module">')[2].partition("</script>")[0]
     assert not re.search(r"^(import|export)\b", script, re.MULTILINE)
     (tmp_path / "page.mjs").write_text(script)
-    node = shutil.which("node")
-    assert node
-    subprocess.run([node, "--check", tmp_path / "page.mjs"], check=True)
+    subprocess.run([require_program("node", "nodejs"), "--check", tmp_path / "page.mjs"], check=True)
 
 
 def test_page_is_the_same_every_time(scripts: Scripts, written: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 
 from long import energy, hostile, settle
 from support.plant.loop import Q0, Loop
-from support.project import ROOT
+from support.project import ROOT, require_compiler
 
 
 def test_random_situations_settle(loop: Loop) -> None:
@@ -178,8 +177,7 @@ def test_an_undeclared_delay_is_not_accounted_for(loop: Loop) -> None:
 )
 def test_hostile_steps(robot_folder: Path, tmp_path: Path, compiler: str, flips: float) -> None:
     """Bad samples, calls and configurations, and bit flips of the state, under the sanitizers."""
-    if shutil.which(compiler) is None:
-        pytest.skip(f"{compiler} is not installed")
+    require_compiler(compiler)
     done = hostile.run(hostile.build(tmp_path, robot_folder, compiler), 60000, 3, flips)
     assert done.returncode == 0, done.stderr
     active = int(done.stdout.split(", ")[1].split()[0])

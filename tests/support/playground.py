@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 import shutil
 import subprocess
 from importlib.resources import as_file, files
@@ -12,30 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from stiffgen.opened import GeneratedRobot
 from stiffgen.play.page import SCRIPTS, page_data
 from stiffgen.play.wasm import compile_wasm
 from stiffgen.symbolic.arguments import Argument
+from support.project import require_program
 
 Array = NDArray[np.float64]
 
 
 def require_wasm() -> None:
     """Skip where clang or lld is missing; fail on CI."""
-    _require("wasm-ld", "lld")
-    _require("clang", "clang")
-
-
-def _require(program: str, package: str) -> str:
-    found = shutil.which(program)
-    if found is None:
-        if os.environ.get("CI"):
-            pytest.fail(f"{program} is missing; .ci/run installs it")
-        pytest.skip(f"{program} is not installed (Debian: apt-get install {package})")
-    return found
+    require_program("wasm-ld", "lld")
+    require_program("clang", "clang")
 
 
 class Scripts:
@@ -43,7 +33,7 @@ class Scripts:
 
     def __init__(self, robot: GeneratedRobot, folder: Path) -> None:
         require_wasm()
-        self._node = _require("node", "nodejs")
+        self._node = require_program("node", "nodejs")
         self.robot, self._folder = robot, folder
         self.data = page_data(robot)
         functions = [*self.data["functions"], f"{robot.name}_self_check"]

@@ -38,13 +38,18 @@ def compilers() -> list[str]:
     return ["gcc", "clang"]
 
 
-def require_compiler(name: str) -> str:
+def require_program(name: str, package: str) -> str:
+    """Where a program of a Debian package is; skip where it is missing, fail on CI."""
     found = shutil.which(name)
     if found is None:
         if os.environ.get("CI"):
             pytest.fail(f"{name} is missing; .ci/run installs it")
-        pytest.skip(f"{name} is not installed (Debian: apt-get install {name})")
+        pytest.skip(f"{name} is not installed (Debian: apt-get install {package})")
     return found
+
+
+def require_compiler(name: str) -> str:
+    return require_program(name, name)
 
 
 def require_32_bits(compiler: str) -> None:
