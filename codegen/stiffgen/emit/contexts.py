@@ -11,6 +11,7 @@ from stiffgen.emit.target import BATCH, SINGLE, Target
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.symbolic.model import matrix_shape
 from stiffgen.symbolic.program import Array
 
 
@@ -78,13 +79,15 @@ class KernelPage:
 
 @dataclass(frozen=True)
 class DifferentiablePage:
-    """A function that has a vector-Jacobian product, for the wrappers of JAX and PyTorch.
+    """A function that has a vector-Jacobian product, for the wrappers of JAX, PyTorch and CasADi.
 
     Attributes:
         path: its namespaces and name, with dots.
         arguments: name and shape of each.
         results: their shapes.
         triangles: arguments of which the upper triangle alone is read.
+        operands: names of arguments and results, with rows and columns of the matrix that CasADi has for each.
+        pairs: of the derivative of every result by every argument, its rows and columns in CasADi.
 
     """
 
@@ -92,21 +95,34 @@ class DifferentiablePage:
     arguments: list[tuple[str, tuple[int, ...]]]
     results: list[tuple[int, ...]]
     triangles: list[str]
+    operands: list[tuple[str, tuple[int, int]]]
+    pairs: list[tuple[int, int]]
+
+    @property
+    def name(self) -> str:
+        """Its name in C, less the robot's."""
+        return self.path.replace(".", "_")
 
 
 def differentiable_pages(chain: Chain, kernels: Sequence[Kernel]) -> list[DifferentiablePage]:
     """Those of the kernels that have one."""
     names = {kernel.qualified_name for kernel in kernels}
-    return [
-        DifferentiablePage(
-            path=".".join((*kernel.path, kernel.name)),
-            arguments=[(argument.name, argument.array(chain).shape) for argument in kernel.arguments],
-            results=[result.array(chain).shape for result in kernel.results],
-            triangles=[argument.name for argument in kernel.arguments if argument.triangle],
+    pages = []
+    for kernel in kernels:
+        if f"{kernel.qualified_name}_vjp" not in names:
+            continue
+        arguments, results = ([each.array(chain) for each in side] for side in (kernel.arguments, kernel.results))
+        pages.append(
+            DifferentiablePage(
+                path=".".join((*kernel.path, kernel.name)),
+                arguments=[(argument.name, argument.shape) for argument in arguments],
+                results=[result.shape for result in results],
+                triangles=[argument.name for argument in kernel.arguments if argument.triangle],
+                operands=[(each.name, matrix_shape(each.shape)) for each in (*arguments, *results)],
+                pairs=[(result.size, argument.size) for result in results for argument in arguments],
+            )
         )
-        for kernel in kernels
-        if f"{kernel.qualified_name}_vjp" in names
-    ]
+    return pages
 
 
 @dataclass(frozen=True)
