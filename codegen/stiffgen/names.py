@@ -1,11 +1,12 @@
 """Names from a robot description, made safe for C, CMake, Python and paths.
 
-A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_]
-become "_" (runs become one, none stay at the ends; nothing left: "robot"), a leading digit, a word that C, C++,
-Python, CMake or Windows (device names) reserve, the name of a Python module or a C header that it would hide, a name
-that a C++ namespace NAME would meet in every program (functions of the C library, std, Eigen), and names that start with "stiffgen" get the prefix "robot_", and more than 40 characters are cut. The rule leaves its own
-results as they are. Joint and link names never become identifiers; they stand in string literals and comments,
-escaped by the functions below.
+A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_] become
+"_" (runs become one, none stay at the ends; nothing left: "robot"), a leading digit, a word that C, C++, Python, CMake
+or Windows (device names) reserve, the name of a Python module or a C header that it would hide, a name that a C++
+namespace NAME would meet in every program (functions of the C library, std, Eigen), and names that start with
+"stiffgen" get the prefix "robot_", and more than 40 characters are cut. The rule leaves its own results as they are.
+Joint and link names never become identifiers; they stand in string literals and comments, escaped by the functions
+below.
 """
 
 from __future__ import annotations
