@@ -1,4 +1,4 @@
-"""The command line: ``stiffgen generate | inspect | verify | bench | play | analyze``.
+"""The command line: ``stiffgen generate | inspect | verify | prove | bench | play | analyze``.
 
 Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage, or output that
 cannot be written. Refusals are one message on standard error.
@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, get_args
 
 from rich.console import Console
 from rich.markup import escape
@@ -32,11 +32,16 @@ from stiffgen.analyze.analysis import SUMMARY, AnalysisOptions, checked_stiffnes
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
+from stiffgen.check.prove.run import PARTS, prove
+from stiffgen.check.prove.verdict import Outcome
 from stiffgen.check.result import Check
-from stiffgen.check.verify import verify
+from stiffgen.check.safety_page import filed_for
+from stiffgen.check.safety_page import write_page as write_safety_page
+from stiffgen.check.verify import default_count, verify
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
+from stiffgen.opened import open_robot
 from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description, JointElement
@@ -259,7 +264,26 @@ def _parser() -> argparse.ArgumentParser:
         "--samples", type=_positive, help="random postures (default: 200 up to 7 joints, fewer for more)"
     )
     command.add_argument("--seed", type=_natural, default=0, help="of the random postures (default: 0)")
+    command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
+    command.add_argument(
+        "--proofs", type=Path, metavar="FILE", help="verdicts of 'stiffgen prove --json', for the page"
+    )
+    command.add_argument("--date", metavar="TEXT", help="a date to print on the page (default: none)")
     command.set_defaults(run=_verify)
+
+    command = commands.add_parser("prove", help="prove of a robot's C, for all inputs, that it keeps to its contracts")
+    command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
+    command.add_argument(
+        "--part", choices=PARTS, action="append", help="kernels, controller or widths alone (default: all); repeatable"
+    )
+    command.add_argument(
+        "--only", metavar="KERNEL", action="append", default=[], help="a kernel (hybrid_joint_stiffness); repeatable"
+    )
+    command.add_argument(
+        "--timeout", type=float, default=300.0, metavar="S", help="for one function [s] (default: 300)"
+    )
+    command.add_argument("--json", type=Path, metavar="FILE", help="write the verdicts")
+    command.set_defaults(run=_prove)
 
     command = commands.add_parser("bench", help="time a robot's compiled kernels on this machine")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
@@ -541,6 +565,10 @@ def _from_root(description: Description) -> Iterator[JointElement]:
 
 def _verify(options: argparse.Namespace) -> int:
     console = _Console(stderr=True, highlight=False)
+    if options.report is None and (options.proofs is not None or options.date is not None):
+        raise StiffgenError("--proofs and --date are for the page; give --report FILE.html, too")
+    if options.proofs is not None:
+        filed_for(open_robot(options.folder), options.proofs)  # before the long part
     with _Progress(console).shown() as progress:
         checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
@@ -551,7 +579,45 @@ def _verify(options: argparse.Namespace) -> int:
     print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
     if options.urdf is None:
         print("the chain is the manifest's; --urdf URDF compares it with the robot's file")
+    if options.report is not None:
+        write_safety_page(
+            options.folder,
+            checks,
+            options.report,
+            postures=options.samples or default_count(open_robot(options.folder).chain),
+            seed=options.seed,
+            urdf=options.urdf,
+            proofs=options.proofs,
+            date=options.date,
+        )
+        print(options.report)
     return 1 if failed else 0
+
+
+def _prove(options: argparse.Namespace) -> int:
+    with _Progress(_Console(stderr=True, highlight=False)).shown() as progress:
+        verdicts = prove(
+            options.folder,
+            parts=tuple(options.part or PARTS),
+            only=tuple(options.only),
+            timeout=options.timeout,
+            json=options.json,
+            progress=progress,
+        )
+    table = Table(show_edge=False, pad_edge=False)
+    for column in ("function", "for all inputs", "by", "time [s]", ""):
+        table.add_column(column, justify="right" if column == "time [s]" else "left")
+    for each in verdicts:
+        table.add_row(each.function, each.claims, each.tool, f"{each.seconds:.1f}", each.outcome)
+    _table_console().print(table)
+    tally = {outcome: sum(each.outcome == outcome for each in verdicts) for outcome in get_args(Outcome)}
+    for each in verdicts:
+        if each.outcome != "proved":
+            print(f"{each.outcome}: {each.function}, by {each.tool}: {each.detail}")
+    print(", ".join(f"{count} {outcome}" for outcome, count in tally.items()))
+    if options.json is not None:
+        print(options.json)
+    return 1 if tally["FAILED"] else 0
 
 
 def _bench(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 
 import jinja2
 import numpy as np
+from markupsafe import Markup
 
 from stiffgen.analyze.measures import (
     GRID_DECADES,
@@ -21,6 +22,7 @@ from stiffgen.analyze.measures import (
     stiffness_unit,
 )
 from stiffgen.analyze.recording import Array, Recording
+from stiffgen.page import STYLE as PAGE_STYLE
 from stiffgen.robot.chain import Chain
 
 LABELS: Mapping[str, str] = {
@@ -110,8 +112,6 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
         summary: the contents of ``summary.json``.
 
     """
-    from stiffgen.analyze.style import DARK_PAGE, PAGE
-
     figures = _figures(chain, result, summary["representation"])
     x, x_label = _abscissa(result)
     for figure in figures:
@@ -145,8 +145,7 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
         figures=shown,
         envelope=result.envelope is not None and result.envelope.shift > 0,
         bin_rows=1 << result.envelope.shift if result.envelope else 1,
-        page=PAGE,
-        dark=DARK_PAGE,
+        style=Markup(PAGE_STYLE),
     )
     (folder / "report.html").write_text(page, encoding="utf-8")
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from stiffgen.page import DARK_PAGE, PAGE
+
 INK = "#010203"  # stands for the page's text colour until the SVG is written
 CORRECTED, CONVENTIONAL, POTENTIAL = "#1f8fd6", "#e0702a", "#2fa36b"
 """The laws: the paper's stiffness blue, the conventional one orange, the gradient of an energy green."""
@@ -36,8 +38,6 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "path.simplify_threshold": 0.6,
 }
-PAGE, DARK_PAGE = ("#ffffff", "#1f2328"), ("#0d1117", "#e6edf3")
-"""Background and text on light and on dark pages."""
 THEME = (
     f"<style>svg{{color:{PAGE[1]};background:{PAGE[0]}}}"
     f"@media(prefers-color-scheme:dark){{svg{{color:{DARK_PAGE[1]};background:{DARK_PAGE[0]}}}}}</style>"

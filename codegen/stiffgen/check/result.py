@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ class Check:
     """One row of the table: what was compared, against what, and the worst relative error over the samples.
 
     Where nothing is measured, ``error`` counts faults and ``bound`` is 0. ``detail`` says what is wrong, if known.
+    ``errors`` are the relative errors of all samples, where they are kept.
     """
 
     kernel: str
@@ -28,6 +29,7 @@ class Check:
     error: float
     bound: float
     detail: str = ""
+    errors: Array | None = field(default=None, compare=False, repr=False)
 
     @property
     def passed(self) -> bool:
@@ -37,7 +39,8 @@ class Check:
 
 def compared(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
     """The check that ``value`` is ``reference`` to 1e-12."""
-    return Check(kernel, oracle, relative_error(value, reference), BOUND)
+    errors = relative_errors(value, reference)
+    return Check(kernel, oracle, _largest(errors), BOUND, errors=errors)
 
 
 def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:
@@ -46,14 +49,23 @@ def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:
     return Check(kernel, oracle, float(len(faults)), 0.0, "; ".join(faults[:3]) + more)
 
 
-def relative_error(value: Any, reference: Array) -> float:
-    """Largest difference of any sample over the largest entry of that sample's reference; NaN if any is NaN."""
+def relative_errors(value: Any, reference: Array) -> Array:
+    """Of every sample: the largest difference over the largest entry of its reference; NaN if any is NaN."""
     if len(reference) == 0:
-        return 0.0
+        return np.zeros(0)
     difference = np.abs(np.asarray(value, dtype=float) - reference).reshape(len(reference), -1).max(axis=1)
     scale = np.abs(reference).reshape(len(reference), -1).max(axis=1)
     scale[scale == 0] = 1.0
-    return float((difference / scale).max())
+    return np.asarray(difference / scale, dtype=float)
+
+
+def relative_error(value: Any, reference: Array) -> float:
+    """Largest difference of any sample over the largest entry of that sample's reference; NaN if any is NaN."""
+    return _largest(relative_errors(value, reference))
+
+
+def _largest(errors: Array) -> float:
+    return float(errors.max()) if len(errors) else 0.0
 
 
 def as_results(value: Any) -> tuple[Any, ...]:

@@ -1,0 +1,107 @@
+"""Runs of Frama-C's value analysis (Eva), and what they say: alarms, loops not unrolled, calls that return."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stiffgen.check.prove.tools import Tools, run
+
+_UNROLLED = 4000
+"""Rounds up to which a loop is unrolled: the longest, over the words of the controller's state, has some 1000."""
+
+_PROVED = ("Valid", "Considered valid", "Dead", "Valid but dead")
+"""What the table says of a property that holds: by proof, as the specification of libc, or where nothing comes."""
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What a run found.
+
+    ``alarms``: C function -> properties that are not proved of it. ``reached``: C functions analysed. ``loops``: where
+    rounds were merged, so that their number is not known to be bounded. ``returned``: entries whose calls come back.
+    ``trouble``: why there is no result.
+    """
+
+    seconds: float
+    alarms: dict[str, list[str]] = field(default_factory=dict)
+    reached: frozenset[str] = frozenset()
+    loops: tuple[str, ...] = ()
+    returned: frozenset[str] = frozenset()
+    trouble: str = ""
+
+
+def analyse(
+    tools: Tools,
+    folder: Path,
+    source: str,
+    includes: Sequence[Path],
+    timeout: float,
+    *,
+    entry: str = "main",
+    rounds: int = 0,
+    apart: Sequence[str] = (),
+    by_contract: Sequence[str] = (),
+) -> Analysis:
+    """Analyse the file ``source`` in ``folder`` from ``entry`` on.
+
+    Args:
+        tools: the programs.
+        folder: where the harness is, and what the run leaves.
+        source: file name of the harness.
+        includes: folders of headers.
+        timeout: in seconds of wall clock.
+        entry: the function to begin with.
+        rounds: every loop is unrolled at least so often, its bound known or not.
+        apart: functions whose branches are kept apart.
+        by_contract: functions taken by their contract instead of their body.
+
+    """
+    table = folder / "properties.csv"
+    table.unlink(missing_ok=True)
+    # Without __GNUC__ the headers of Frama-C and the plain C of the folder: no vectors, no pragmas.
+    flags = " ".join(["-DSTIFFGEN_NO_VECTORS", "-U__GNUC__", *(f"-I{each}" for each in includes)])
+    command = [
+        *(
+            tools.frama_c,
+            "-eva",
+            str(folder / source),
+            "-main",
+            entry,
+            "-machdep",
+            "gcc_x86_64",
+            f"-cpp-extra-args={flags}",
+        ),
+        *("-warn-special-float", "none"),  # NaN and infinity are values as others
+        *("-eva-auto-loop-unroll", str(_UNROLLED), "-eva-min-loop-unroll", str(rounds)),
+        *("-eva-show-progress", "-eva-split-return", "auto"),
+        *(["-eva-slevel-function", ",".join(f"{each}:200" for each in apart)] if apart else []),
+        *(["-eva-use-spec", ",".join(by_contract)] if by_contract else []),
+        *("-eva-msg-key=-initial-state,-final-states", "-then", "-report-csv", str(table)),
+    ]
+    result = run(command, folder, timeout)
+    if result.timed_out:
+        return Analysis(result.seconds, trouble=f"no answer within {timeout:.0f} s")
+    if "[eva:summary]" not in result.said or not table.exists():
+        lines = [line for line in result.said.splitlines() if "rror" in line]
+        return Analysis(result.seconds, trouble="Frama-C gave up: " + "; ".join(lines[:3]))
+    alarms: dict[str, list[str]] = {}
+    with table.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file, delimiter="\t"):
+            kind = row["property kind"]
+            taken = kind == "postcondition" and row["function"] in by_contract
+            if row["status"] not in _PROVED and kind not in ("assigns clause", "from clause") and not taken:
+                what = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
+                alarms.setdefault(row["function"], []).append(what)
+    # A line may be broken after the place, before what is said of it.
+    text = re.sub(r"\n {2,}", " ", result.said)
+    return Analysis(
+        result.seconds,
+        alarms,
+        frozenset(re.findall(r"computing for function (\w+)", text)),
+        tuple(re.findall(r"\[eva\] (?:\S*/)?(\S+?): +starting to merge loop iterations", text)),
+        frozenset(re.findall(r"Frama_C_show_each_returned_(\w+):", text)),
+    )

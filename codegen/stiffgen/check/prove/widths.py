@@ -1,0 +1,90 @@
+"""The vector builds of a folder's kernels, run once in arrays of exactly their sizes under clang's sanitizers.
+
+Proofs are about one lane. What lanes change is which entries are touched, and that depends on no number: one run of
+every kernel, with every kind of batch, shows it for all inputs. docs/proofs.md has the argument.
+"""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from stiffgen.check.prove import harness
+from stiffgen.check.prove.tools import Run, run
+from stiffgen.check.prove.verdict import Outcome, Verdict
+from stiffgen.opened import GeneratedRobot
+
+WIDTHS: tuple[tuple[int, str, tuple[str, ...], str], ...] = (
+    (2, "SSE2", ("-msse2", "-mno-avx"), "sse2"),
+    (4, "AVX2", ("-mavx2", "-mfma", "-mno-avx512f"), "avx2"),
+    (8, "AVX-512", ("-mavx512f", "-mfma"), "avx512f"),
+)
+"""Lanes, name, compiler flags, and what /proc/cpuinfo calls the instructions."""
+
+_SANITIZERS = ("address,undefined", "memory,undefined")
+_CLAIMS = "every lane in bounds, no uninitialised value used, no undefined behaviour"
+
+
+def width_verdicts(
+    robot: GeneratedRobot, kernels: Sequence[harness.Function], folder: Path, timeout: float
+) -> list[Verdict]:
+    """One verdict a vector width: run and clean, or why it was not run."""
+    clang = shutil.which("clang")
+    flags = _instructions()
+    verdicts = []
+    for lanes, name, options, instruction in WIDTHS:
+        what = f"all kernels, {lanes} lanes ({name})"
+        if clang is None or instruction not in flags:
+            why = "clang is not installed" if clang is None else f"this machine has no {name}"
+            verdicts.append(Verdict(what, _CLAIMS, "sanitizers", "unproved", 0.0, why))
+            continue
+        outcome, seconds, detail = _run_width(robot, kernels, folder, clang, (lanes, options), timeout)
+        verdicts.append(Verdict(what, _CLAIMS, "sanitizers", outcome, seconds, detail))
+    return verdicts
+
+
+def _run_width(
+    robot: GeneratedRobot,
+    kernels: Sequence[harness.Function],
+    folder: Path,
+    clang: str,
+    width: tuple[int, tuple[str, ...]],
+    timeout: float,
+) -> tuple[Outcome, float, str]:
+    lanes, options = width
+    driver, program = folder / "widths.c", folder / "widths"
+    driver.write_text(harness.widths(robot, kernels, 2 * lanes + 1))
+    seconds = 0.0
+    for sanitizer in _SANITIZERS:
+        command = [clang, "-std=c99", "-O1", "-g", *options, f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all"]
+        command += [f"-I{robot.folder.resolve()}", str(driver), str(robot.folder.resolve() / f"{robot.name}.c")]
+        built = run([*command, "-lm", "-o", str(program)], folder, timeout)
+        seconds += built.seconds
+        if "error:" in built.said or built.timed_out or not program.exists():
+            return "unproved", seconds, f"clang -fsanitize={sanitizer}: {_first(built)}"
+        ran = run([str(program)], folder, timeout)
+        seconds += ran.seconds
+        program.unlink()
+        if ran.timed_out:
+            return "unproved", seconds, f"no answer within {timeout:.0f} s"
+        if not ran.said.strip().isdigit():
+            return "FAILED", seconds, _first(ran)
+    return "proved", seconds, ""
+
+
+def _first(result: Run) -> str:
+    """The first lines that say what is wrong."""
+    lines = [line.strip() for line in result.said.splitlines() if line.strip()]
+    telling = [line for line in lines if "rror" in line or "WARNING" in line or line.startswith("#")]
+    return "; ".join((telling or lines)[:3])[:400]
+
+
+def _instructions() -> set[str]:
+    """What the processor can do, in Linux's words; x86-64 without a list has SSE2."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return {"sse2"} if platform.machine() in ("x86_64", "AMD64") else set()
+    return {word for line in text.splitlines() if line.startswith("flags") for word in line.split()}
