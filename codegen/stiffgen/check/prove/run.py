@@ -17,12 +17,13 @@ from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, StiffgenError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 
-PARTS = ("kernels", "controller", "widths")
+PARTS = ("kernels", "services", "step", "widths")
+"""What can be asked for alone; services are the controller's functions but its step."""
 _MEMORY = "in bounds, initialised, no undefined behaviour, loops bounded, returns"
 _BITS = "in bounds, loops bounded, arguments not written"
 _FRAME = ", configuration and sample not written"
-_APART = ("cholesky", "pencil", "positive_part", "soften", "design_damping")
-"""Functions of the controller whose failing and succeeding ways are kept apart: only one has results."""
+_APART = ("cholesky", "pencil", "positive_part", "soften", "design_damping", "blind")
+"""Functions of the controller whose ways are kept apart: only where one succeeds has it results, or a number room."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def prove(
 
     Args:
         folder: what ``stiffgen generate`` wrote; it need not be compiled.
-        parts: of "kernels", "controller" and "widths" those that are wanted.
+        parts: of "kernels", "services", "step" and "widths" those that are wanted.
         only: qualified names of kernels ("hybrid_joint_stiffness"), or none for all.
         timeout: for one function, in seconds of wall clock.
         json: a file for the verdicts, or None.
@@ -87,8 +88,8 @@ def prove(
         job = _Job(robot, functions, tools, Path(temporary).resolve(), timeout, progress)
         if "kernels" in parts:
             verdicts += _kernels(job, chosen)
-        if "controller" in parts and not only and has_controller(robot.chain):
-            verdicts += _controller(job)
+        if has_controller(robot.chain) and not only and {"services", "step"} & set(parts):
+            verdicts += _controller(job, parts)
         if "widths" in parts:
             progress("vector builds, run under sanitizers")
             verdicts += width_verdicts(robot, chosen, job.work, timeout)
@@ -163,13 +164,13 @@ def _judge(result: frama_c.Analysis, entries: Sequence[str]) -> tuple[Outcome, s
     )
 
 
-def _controller(job: _Job) -> list[Verdict]:
+def _controller(job: _Job, parts: Sequence[str]) -> list[Verdict]:
     (job.work / "contracts.h").write_text(harness.contracts(job.robot, job.functions))
-    runs: list[tuple[str, tuple[str, ...], bool]] = [
-        ("validate", ("validate",), False),
-        ("services", harness.SERVICES, True),
-        *((step, (step,), True) for step in harness.STEPS),
-    ]
+    runs: list[tuple[str, tuple[str, ...], bool]] = []
+    if "services" in parts:
+        runs += [("validate", ("validate",), False), ("services", harness.SERVICES, True)]
+    if "step" in parts:
+        runs += [(step, (step,), True) for step in harness.STEPS]
     verdicts, results = [], []
     for name, entries, by_contract in runs:
         job.progress(f"Frama-C: controller, {name.replace('_', ' ')}")
