@@ -273,9 +273,7 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("prove", help="prove of a robot's C, for all inputs, that it keeps to its contracts")
     command.add_argument("folder", type=Path, metavar="DIR", help="a folder that 'stiffgen generate' wrote")
-    command.add_argument(
-        "--part", choices=PARTS, action="append", help="a part alone (default: all); repeatable"
-    )
+    command.add_argument("--part", choices=PARTS, action="append", help="a part alone (default: all); repeatable")
     command.add_argument(
         "--only", metavar="KERNEL", action="append", default=[], help="a kernel (hybrid_joint_stiffness); repeatable"
     )

@@ -191,8 +191,8 @@ def _rows(bounds: Any) -> list[tuple[str, str]]:
 def _uncovered(robot: GeneratedRobot, filed: Filed | None, compared: bool) -> list[str]:
     """What this page does not show, for the reader who has to show it otherwise."""
     lines = [
-        "Comparisons are at random postures and the sizes of wrench and stiffness that stiffgen draws; they prove nothing "
-        "of the values in between. A worst error is the worst one met.",
+        "Comparisons are at random postures and the sizes of wrench and stiffness that stiffgen draws; they prove "
+        "nothing of the values in between. A worst error is the worst one met.",
         "Whether the URDF describes the arm that is bolted to the floor: masses, dimensions, limits and the tool.",
         "The compiler, its flags, libm, the processor and the operating system of the machine that runs the arm.",
         "Hardware faults, timing on the target, the robot's own controller, and everything that calls these functions.",
@@ -205,8 +205,8 @@ def _uncovered(robot: GeneratedRobot, filed: Filed | None, compared: bool) -> li
     else:
         lines.insert(
             0,
-            "Proofs are about the C text, not about what a compiler made of it; docs/proofs.md lists what they take for "
-            "granted.",
+            "Proofs are about the C text, not about what a compiler made of it; docs/proofs.md lists what they take "
+            "for granted.",
         )
         lines += [
             f"Not proved: {each.function}: {each.claims} ({each.detail})"

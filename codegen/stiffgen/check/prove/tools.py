@@ -15,7 +15,7 @@ from pathlib import Path
 
 from stiffgen.errors import MissingExtraError, StiffgenError
 
-_KEPT = 4_000_000
+_KEPT = 400_000_000
 """Bytes of what a program says that are kept: its end."""
 
 
