@@ -1,0 +1,1 @@
+"""``stiffgen new``: a small project of the user's own around a generated robot."""
