@@ -62,7 +62,7 @@ def test_answers_are_taken_and_wrong_ones_asked_again():
 
 
 def test_another_spring_does_not_go_with_the_controller():
-    with pytest.raises(StiffgenError, match="--spring quaternion.*take --controller spring"):
+    with pytest.raises(StiffgenError, match=r"--spring quaternion.*take --controller spring"):
         decide(read_description(URDF), Given(spring="quaternion"), None)
 
 
