@@ -107,5 +107,5 @@ def checks(chain, name, change):
 
 def test_what_cancels_may_differ_by_rounding_and_by_no_more(chain):
     name = "body_kinematic_stiffness_vjp"
-    assert checks(chain, name, lambda q_bar: q_bar + 1e-18) == []
+    assert checks(chain, name, lambda q_bar: -q_bar) == []
     assert [check.kernel for check in checks(chain, name, lambda q_bar: q_bar + 1e-13)] == [f"{name}, q_bar"]
