@@ -44,7 +44,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def tracked(*folders: str) -> set[str]:
-    command = ["git", "-C", str(ROOT), "ls-files", *folders]
+    command = ["git", "-C", str(ROOT), "ls-files", "--cached", "--others", "--exclude-standard", *folders]
     return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\n")) - {""}
 
 
