@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f3676a8efcd8f714") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "c1fec39e71ca467b") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

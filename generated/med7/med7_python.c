@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "36876ff6681bb93d") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "dff63790dc75f3ab") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
