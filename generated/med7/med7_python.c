@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8dcfdf22f0510888") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "d30d2cfb48ca6f20") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
