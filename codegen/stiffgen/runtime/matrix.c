@@ -190,43 +190,20 @@ static int cholesky(int n, const double *A, double scale, double shift, double *
     return 0;
 }
 
-/* X <- L^-1 X for n columns at once. */
-static void solve_rows(int n, const double *L, double *X)
+/* X <- L^-1 X, X with so many columns. */
+static void solve_lower(int n, int columns, const double *L, double *X)
 {
     for (int i = 0; i < n; ++i) {
-        double *const row = X + i * n;
+        double *const row = X + i * columns;
         const double inverse = 1.0 / L[i * (n + 1)];
         for (int k = 0; k < i; ++k) {
-            for (int j = 0; j < n; ++j) {
-                row[j] -= L[i * n + k] * X[k * n + j];
+            for (int j = 0; j < columns; ++j) {
+                row[j] -= L[i * n + k] * X[k * columns + j];
             }
         }
-        for (int j = 0; j < n; ++j) {
+        for (int j = 0; j < columns; ++j) {
             row[j] *= inverse;
         }
-    }
-}
-
-static void transpose(int n, double *A)
-{
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            const double a = A[i * n + j];
-            A[i * n + j] = A[j * n + i];
-            A[j * n + i] = a;
-        }
-    }
-}
-
-/* x <- L^-1 x. */
-static void solve_lower(int n, const double *L, double *x)
-{
-    for (int i = 0; i < n; ++i) {
-        double sum = x[i];
-        for (int k = 0; k < i; ++k) {
-            sum -= L[i * n + k] * x[k];
-        }
-        x[i] = sum / L[i * (n + 1)];
     }
 }
 
@@ -253,10 +230,12 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
     if (error != 0) {
         return error;
     }
-    memcpy(C, K, (size_t)(n * n) * sizeof(double));
-    solve_rows(n, L, C);
-    transpose(n, C);
-    solve_rows(n, L, C);
+    memcpy(rows, K, (size_t)(n * n) * sizeof(double));
+    solve_lower(n, n, L, rows);
+    for (int k = 0; k < n * n; ++k) {
+        C[k] = rows[k % n * n + k / n];
+    }
+    solve_lower(n, n, L, C);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
             C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
