@@ -205,52 +205,43 @@ static void congruence(int n, const double *rows, const double *d, double *resul
     }
 }
 
+/* X <- X - beta v (v^T X), or, with the steps of rows and columns exchanged, X - beta (X v) v^T; v is 0 before first. */
+static void reflect(int n, int first, double beta, const double *v, double *X, int row, int column)
+{
+    double p[MAX_ROWS] = {0.0};
+    for (int i = first; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            p[j] += beta * v[i] * X[i * row + j * column];
+        }
+    }
+    for (int i = first; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            X[i * row + j * column] -= v[i] * p[j];
+        }
+    }
+}
+
 /* Householder's similarity transformations: A (destroyed) to the tridiagonal (diagonal, beside), rows <- Q^T. */
 static void tridiagonalise(int n, double *A, double *diagonal, double *beside, double *rows)
 {
-    double v[MAX_ROWS], w[MAX_ROWS], p[MAX_ROWS];
+    double v[MAX_ROWS];
     for (int i = 0; i < n * n; ++i) {
         rows[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
     }
     for (int k = 0; k < n - 2; ++k) {
-        double below = 0.0, half = 0.0;
-        for (int i = k + 2; i < n; ++i) {
-            below += A[k * n + i] * A[k * n + i];
-        }
-        if (below == 0.0) {
-            continue;
-        }
-        const double x = A[k * n + k + 1], size = sqrt(x * x + below), first = x > 0.0 ? x + size : x - size;
-        const double beta = 2.0 / (first * first + below);
+        double below = 0.0;
         for (int i = k + 1; i < n; ++i) {
-            v[i] = i == k + 1 ? first : A[k * n + i];
+            v[i] = A[k * n + i];
+            below += i > k + 1 ? v[i] * v[i] : 0.0;
         }
-        for (int i = 0; i < n; ++i) {
-            p[i] = 0.0;
+        if (below > 0.0) {
+            const double size = sqrt(v[k + 1] * v[k + 1] + below);
+            v[k + 1] += v[k + 1] > 0.0 ? size : -size;
+            const double beta = 2.0 / (v[k + 1] * v[k + 1] + below);
+            reflect(n, k + 1, beta, v, A, n, 1);
+            reflect(n, k + 1, beta, v, A, 1, n);
+            reflect(n, k + 1, beta, v, rows, n, 1);
         }
-        for (int i = k + 1; i < n; ++i) {
-            double sum = 0.0;
-            for (int j = k + 1; j < n; ++j) {
-                sum += A[i * n + j] * v[j];
-            }
-            w[i] = beta * sum;
-            half += 0.5 * beta * w[i] * v[i];
-            for (int j = 0; j < n; ++j) {
-                p[j] += beta * v[i] * rows[i * n + j];
-            }
-        }
-        for (int i = k + 1; i < n; ++i) {
-            w[i] -= half * v[i];
-        }
-        for (int i = k + 1; i < n; ++i) {
-            for (int j = k + 1; j < n; ++j) {
-                A[i * n + j] -= v[i] * w[j] + w[i] * v[j];
-            }
-            for (int j = 0; j < n; ++j) {
-                rows[i * n + j] -= v[i] * p[j];
-            }
-        }
-        A[k * n + k + 1] = x > 0.0 ? -size : size;
     }
     for (int i = 0; i < n; ++i) {
         diagonal[i] = A[i * n + i];
@@ -433,23 +424,35 @@ static void times_lower(int n, const double *L, double *rows)
 }
 
 /*
- * The part of a symmetric D with positive eigenvalues against a metric S: D V = S V diag(l), V^T S V = I, result
- * S V diag(max(l, 0)) V^T S. largest_eigenvalue: of the pencil. work: 3 n n doubles.
+ * K (3 x 3) goes a share of its way D to wanted, but for the part of it that stiffens, which is the cost: that with
+ * positive eigenvalues against S = wanted + K: D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
+ * The last bit of the way is gone at once. Returns whether there was a way.
  */
-static int positive_part(int n, const double *D, const double *S, double *result, double *work)
+static int soften(const double *wanted, double share, double *K, double *cost)
 {
-    double scale, values[MAX_ROWS];
-    double *const L = work, *const C = work + n * n, *const rows = work + 2 * n * n;
-    const int error = pencil(n, D, S, L, C, values, rows, &scale);
-    if (error != 0) {
-        return error;
+    double D[9], S[9], L[9], C[9], rows[9], values[3], scale, size = 0.0;
+    for (int k = 0; k < 9; ++k) {
+        D[k] = wanted[k] - K[k];
+        S[k] = wanted[k] + K[k];
+        size += fabs(D[k]);
+        cost[k] = 0.0;
     }
-    times_lower(n, L, rows);
-    for (int k = 0; k < n; ++k) {
-        values[k] = values[k] > 0.0 ? values[k] * scale : 0.0;
+    const double trace = S[0] + S[4] + S[8], part = size <= 1e-9 * trace ? 1.0 : share;
+    for (int k = 0; k < 9; k += 4) {
+        S[k] += 1e-10 * trace; /* directions without stiffness before and after */
     }
-    congruence(n, rows, values, result);
-    return 0;
+    if (size == 0.0 || pencil(3, D, S, L, C, values, rows, &scale) != 0) {
+        return 0;
+    }
+    times_lower(3, L, rows);
+    for (int k = 0; k < 3; ++k) {
+        values[k] = part * fmax(values[k], 0.0) * scale;
+    }
+    congruence(3, rows, values, cost);
+    for (int k = 0; k < 9; ++k) {
+        K[k] += part * D[k] - cost[k];
+    }
+    return 1;
 }
 
 /* Whether A (n x n, n at most 6) is finite, symmetric to 1e-9 of its largest entry, and positive semidefinite to the same. */
@@ -527,6 +530,14 @@ static double norm(int count, const double *x)
     return sqrt(dot(count, x, x));
 }
 
+/* y += a x. */
+static void add(int count, double a, const double *x, double *y)
+{
+    for (int i = 0; i < count; ++i) {
+        y[i] += a * x[i];
+    }
+}
+
 static void multiply(const double *A, const double *x, double *result)
 {
     for (int i = 0; i < N; ++i) {
@@ -580,19 +591,12 @@ static int validate(const config_t *c)
 
 static uint64_t checksum(const state_t *state)
 {
-    enum { WORDS = sizeof state->memory / sizeof(uint64_t) };
-    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u};
-    const char *const at = (const char *)&state->memory;
-    for (size_t k = 0; k < WORDS; ++k) {
-        uint64_t word;
-        memcpy(&word, at + k * sizeof word, sizeof word);
+    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
+    for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
+        memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
         sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
     }
-    uint64_t sum = 0;
-    for (int lane = 0; lane < 4; ++lane) {
-        sum = (sum ^ sums[lane] ^ (sums[lane] >> 29)) * 0x9e3779b97f4a7c15u;
-    }
-    return sum;
+    return (sums[0] ^ sums[1] >> 29) + (sums[2] ^ sums[3] << 17) + sums[1] + sums[3];
 }
 
 /* What two of three copies say, bit by bit. */
@@ -784,20 +788,23 @@ static double farthest(const memory_t *m, int i)
 
 /*
  * What the torques on their way can put out, whatever the environment does, until the last of them has gone to zero at the
- * rate limit: no joint faster than its limit, and only one of m = missed_limit calls made. The torque is held for m such
- * calls without a sample, and, in a fault, for one.
+ * rate limit: no joint faster than its limit, and only one of missed_limit calls made. The torque is held for missed_limit
+ * such calls without a sample, and, in a fault, for one. With l times the torque it is all - (1 - l) parts[0] -
+ * (1 - l^2) parts[1].
  */
-static double reserve(const frame *f, const double *last, const double *torque)
+static double reserve(const frame *f, const double *last, const double *torque, double *parts)
 {
     const memory_t *const m = f->m;
     const double calls = f->c->missed_limit, held = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
-    double sum = 0.0;
+    double way = 0.0;
+    parts[0] = parts[1] = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double size = fabs(torque[i]);
-        const double way = (m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0);
-        sum += farthest(m, i) * (calls * (held * size + 0.5 * size * (size / m->rate[i])) + way);
+        const double size = fabs(torque[i]), far = farthest(m, i);
+        parts[0] += far * calls * held * size;
+        parts[1] += far * calls * 0.5 * size * (size / m->rate[i]);
+        way += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
     }
-    return sum;
+    return way + parts[0] + parts[1];
 }
 
 /* What there is for it. */
@@ -843,8 +850,7 @@ static void bridge(memory_t *m, const double *last, int periods)
 {
     const double *const torque = acting(m, last);
     if (m->gap == 0) {
-        m->gap_work = 0.0;
-        m->gap_most = 0.0;
+        m->gap_work = m->gap_most = 0.0;
         memcpy(m->gap_torque, torque, N * sizeof(double));
     }
     for (int i = 0; i < N; ++i) {
@@ -874,9 +880,8 @@ static void account(frame *f, const double *last, const double *q)
         m->known = 1;
         return;
     }
-    for (int i = 0; i < N; ++i) {
-        way[i] = q[i] - m->q[i];
-    }
+    memcpy(way, q, sizeof way);
+    add(N, -1.0, m->q, way);
     if (m->gap > 0) {
         bridge(m, last, 1);
         work = fmin(m->gap_work + dot(N, m->gap_torque, way), m->gap_most);
@@ -971,7 +976,6 @@ static int doubt(frame *f, const double *last)
     /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
     const int fault = m->fault != ID(FAULT_NONE);
     f->located = 1;
-    f->jumped = 0;
     for (int i = 0; i < N; ++i) {
         const double way = m->known ? in->q[i] - m->q[i] : in->dq[i] * elapsed;
         const double far = m->velocity_limit[i] * elapsed, measured = way / elapsed;
@@ -1110,96 +1114,76 @@ static void approach(const config_t *c, int count, int block, const double *away
         change[i] = target[i] / fmax(size, 1.0) - velocity[i];
     }
     const double jump = relative(count, block, change, limits);
-    for (int i = 0; i < count; ++i) {
-        velocity[i] += change[i] * (jump > slope ? slope / jump : 1.0);
-    }
+    add(count, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
-/* Rotation vector, base axes, of the turn from R0 to R; poses with row length 4. */
-static void rotation_vector(const double *R0, const double *R, double *w)
+/* Twist (hybrid axes) that leads from a pose to another: way of the origin, rotation vector. */
+static void difference(const double *from, const double *to, double *twist)
 {
-    double D[9];
+    double D[9], *const w = twist + 3;
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
-            D[3 * i + j] = dot(3, R + 4 * i, R0 + 4 * j);
+            D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
         }
+        twist[i] = to[4 * i + 3] - from[4 * i + 3];
     }
-    const double x[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0};
-    const double s = norm(3, x), cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0, angle = atan2(s, cosine);
-    if (s > 1e-6 || cosine > 0.0) {
+    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
+    w[0] = (D[7] - D[5]) / 2.0, w[1] = (D[2] - D[6]) / 2.0, w[2] = (D[3] - D[1]) / 2.0;
+    double sine = norm(3, w);
+    const double angle = atan2(sine, cosine);
+    if (sine <= 1e-6 && cosine <= 0.0) {
+        /* near half a turn: the axis is the longest column of D + I */
+        const int k = D[0] > D[4] ? (D[0] > D[8] ? 0 : 2) : (D[4] > D[8] ? 1 : 2);
         for (int i = 0; i < 3; ++i) {
-            w[i] = s > 1e-150 ? x[i] * (angle / s) : x[i];
+            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
         }
-        return;
-    }
-    /* near half a turn: the axis is the longest column of D + I */
-    int longest = 0;
-    for (int j = 1; j < 3; ++j) {
-        longest = D[4 * j] > D[4 * longest] ? j : longest;
+        sine = norm(3, w);
     }
     for (int i = 0; i < 3; ++i) {
-        w[i] = D[3 * i + longest] + (i == longest ? 1.0 : 0.0);
-    }
-    const double size = norm(3, w);
-    for (int i = 0; i < 3; ++i) {
-        w[i] *= angle / size;
+        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
     }
 }
 
 /* Pose moved by a twist (hybrid axes), with its rotation made orthonormal again. */
 static void move_pose(const double *pose, const double *twist, double *moved)
 {
-    const double *const w = twist + 3;
+    const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
     const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
     const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
-    double D[9], R[9], turned[9];
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            D[3 * i + j] = (i == j ? 1.0 - b * angle * angle : 0.0) + b * w[i] * w[j];
-        }
+    double D[9], R[9];
+    multiply3(W, 3, 0, W, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
     }
-    D[1] -= a * w[2], D[2] += a * w[1], D[3] += a * w[2], D[5] -= a * w[0], D[6] -= a * w[1], D[7] += a * w[0];
     multiply3(D, 3, 0, pose, 4, R);
-    multiply3(R, 3, 1, R, 3, D); /* R (3 I - R^T R) / 2 */
-    for (int i = 0; i < 9; ++i) {
-        D[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[i];
+    multiply3(R, 3, 1, R, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
     }
-    multiply3(R, 3, 0, D, 3, turned);
+    memcpy(moved, pose, 16 * sizeof(double));
     for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            moved[4 * i + j] = turned[3 * i + j];
+        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2, symmetric the second factor */
+            moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
         }
-        moved[4 * i + 3] = pose[4 * i + 3] + twist[i];
-        moved[12 + i] = 0.0;
+        moved[4 * i + 3] += twist[i];
     }
-    moved[15] = 1.0;
-}
-
-static void difference(const double *from, const double *to, double *twist)
-{
-    for (int i = 0; i < 3; ++i) {
-        twist[i] = to[4 * i + 3] - from[4 * i + 3];
-    }
-    rotation_vector(from, to, twist + 3);
 }
 
 /* Where a share of this step's way leads: posture and equilibrium. */
 static void candidate(const frame *f, double share, int by_posture, double *posture, double *equilibrium)
 {
-    const double T = f->c->sample_time;
-    for (int i = 0; i < N; ++i) {
-        posture[i] = f->m->posture[i] + share * T * f->m->posture_velocity[i];
-    }
+    const memory_t *const m = f->m;
+    const double T = share * f->c->sample_time;
+    memcpy(posture, m->posture, N * sizeof(double));
+    add(N, T, m->posture_velocity, posture);
     if (by_posture) {
-        robot_poses(posture, f->m->tool_pose, equilibrium);
+        robot_poses(posture, m->tool_pose, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
-        double twist[6];
-        for (int k = 0; k < 6; ++k) {
-            twist[k] = share * T * f->m->equilibrium_velocity[6 * t + k];
-        }
-        move_pose(f->m->equilibrium + 16 * t, twist, equilibrium + 16 * t);
+        double twist[6] = {0.0};
+        add(6, T, m->equilibrium_velocity + 6 * t, twist);
+        move_pose(m->equilibrium + 16 * t, twist, equilibrium + 16 * t);
     }
 }
 
@@ -1209,7 +1193,7 @@ static int want(frame *f, int by_posture)
     const config_t *const c = f->c;
     memory_t *const m = f->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    double away[MAX_ROWS], moved[MAX_ROWS], goal[16 * TIPS];
+    double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
     int moving = 0;
     const int frozen = f->input->command == ID(COMMAND_POSITION) && !by_posture;
     for (int i = 0; i < N; ++i) {
@@ -1221,28 +1205,21 @@ static int want(frame *f, int by_posture)
     if (by_posture) {
         return moving;
     }
-    if (frozen) {
-        /* coming from poses: the equilibrium first goes to where the posture has it */
-        robot_poses(m->posture, m->tool_pose, goal);
-    } else {
-        memcpy(goal, f->input->equilibrium, sizeof goal);
-    }
+    /* coming from poses: the equilibrium first goes to where the posture has it */
+    robot_poses(m->posture, m->tool_pose, here);
+    m->joined = frozen && f->commanded;
     for (int t = 0; t < TIPS; ++t) {
+        const double *const goal = (frozen ? here : f->input->equilibrium) + 16 * t;
         memset(away, 0, sizeof away);
         memset(moved, 0, sizeof moved);
         if (f->commanded) {
-            difference(m->equilibrium + 16 * t, goal + 16 * t, away);
-            if (!frozen) {
-                difference(m->wanted_equilibrium + 16 * t, goal + 16 * t, moved);
-            }
+            difference(m->equilibrium + 16 * t, goal, away);
         }
-        const int arrived = relative(6, 3, away, tip_limits) <= 1e-12;
-        moving |= !arrived;
-        if (frozen && arrived && t == 0) {
-            m->joined = 1;
-        } else if (!arrived) {
-            m->joined = 0;
+        if (f->commanded && !frozen) {
+            difference(m->wanted_equilibrium + 16 * t, goal, moved);
         }
+        m->joined &= relative(6, 3, away, tip_limits) <= 1e-12;
+        moving |= relative(6, 3, away, tip_limits) > 1e-12;
         approach(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return moving;
@@ -1284,24 +1261,24 @@ static void govern(frame *f)
     const int moving = want(f, by_posture);
     const double left = fmax(m->engagement - worst_feed(m, m->feed, c->missed_limit), 0.0);
     const double allowed = fmin(fmax(c->energy_limit - m->elastic_energy, 0.0), left);
-    for (int attempt = 0; attempt < 5 && share > 0.0; ++attempt) {
-        candidate(f, share, by_posture, posture, equilibrium);
+    int reached = 0;
+    for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
         double speed = 0.0, twist[6];
+        candidate(f, share, by_posture, posture, equilibrium);
         for (int t = 0; by_posture && t < TIPS; ++t) {
             difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
             speed = fmax(speed, relative(6, 3, twist, tip_limits) / c->sample_time);
         }
+        rise = m->scale * energy_at(m, m->q, equilibrium, posture) - m->elastic_energy;
+        reached = speed <= 1.0 && rise <= allowed;
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
-            continue;
+        } else if (!reached) {
+            share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / rise : 0.0;
+            f->status |= ID(STATUS_GOVERNOR);
         }
-        rise = m->scale * energy_at(m, m->q, equilibrium, posture) - m->elastic_energy;
-        if (rise <= allowed) {
-            break;
-        }
-        f->status |= ID(STATUS_GOVERNOR);
-        share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / rise : 0.0;
     }
+    share = reached ? share : 0.0;
     f->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
     for (int i = 0; i < N; ++i) {
         m->posture_velocity[i] *= share;
@@ -1333,8 +1310,7 @@ static void settle(frame *f)
     memset(m->posture_velocity, 0, sizeof m->posture_velocity);
     memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
     memcpy(m->posture_stiffness, f->c->posture_stiffness, sizeof m->posture_stiffness);
-    m->scale = 0.0;
-    m->elastic_energy = 0.0;
+    m->scale = m->elastic_energy = 0.0;
     m->joined = 1;
     if (f->commanded) {
         if (m->law == ID(LAW_POTENTIAL)) {
@@ -1369,40 +1345,6 @@ static void settle(frame *f)
 
 /* ---- stiffness ---- */
 
-/* Matrices of a spring: cost = the part of share (wanted - K) that stiffens, the rest of it is done at once. */
-static int soften(const double *wanted, double share, double *K, double *cost)
-{
-    double D[9], S[9], work[27], size = 0.0;
-    for (int i = 0; i < 9; ++i) {
-        D[i] = wanted[i] - K[i];
-        S[i] = wanted[i] + K[i];
-        size += fabs(D[i]);
-    }
-    memset(cost, 0, 9 * sizeof(double));
-    if (size == 0.0) {
-        return 0;
-    }
-    const double trace = S[0] + S[4] + S[8];
-    for (int i = 0; i < 9; i += 4) {
-        S[i] += 1e-10 * trace; /* directions without stiffness before and after */
-    }
-    if (positive_part(3, D, S, cost, work) != 0) {
-        memset(cost, 0, 9 * sizeof(double));
-        return 0;
-    }
-    const int last = size <= 1e-9 * trace;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            const double released = (last ? 1.0 : share) * ((D[3 * i + j] + D[3 * j + i]) / 2.0 - cost[3 * i + j]);
-            cost[3 * i + j] *= last ? 1.0 : share;
-            cost[3 * j + i] = cost[3 * i + j];
-            K[3 * i + j] += released;
-            K[3 * j + i] = K[3 * i + j];
-        }
-    }
-    return 1;
-}
-
 /* Change the stiffness towards the wanted one: what releases energy is done, what costs some only if the tank can pay. */
 static void vary_stiffness(frame *f)
 {
@@ -1422,34 +1364,28 @@ static void vary_stiffness(frame *f)
         changed |= D != 0.0;
     }
     for (int t = 0; t < TIPS; ++t) {
-        const int read = f->commanded;
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(read ? f->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(read ? f->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(f->commanded ? f->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(f->commanded ? f->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     if (!changed) {
         return;
     }
     const double released = stored(m, m->q);
     book_stiffness(f, &m->elastic_energy, released - m->elastic_energy);
-    double portion = 1.0, cost = 0.0;
+    double step = 1.0, cost = 0.0;
     for (int attempt = 0; attempt < 2; ++attempt) {
         /* the energy is linear in the stiffness: all of it, and then the share that can be paid */
-        const double step = attempt == 0 ? 1.0 : portion - 1.0;
-        for (int k = 0; k < 9 * TIPS; ++k) {
-            m->translation_stiffness[k] += step * translation[k];
-            m->rotation_stiffness[k] += step * rotation[k];
-        }
-        for (int i = 0; i < N; ++i) {
-            m->posture_stiffness[i] += step * posture[i];
-        }
+        add(9 * TIPS, step, translation, m->translation_stiffness);
+        add(9 * TIPS, step, rotation, m->rotation_stiffness);
+        add(N, step, posture, m->posture_stiffness);
         cost = stored(m, m->q) - released;
         /* nor stiffer than is covered: the scale would take back what was paid */
         const double budget = fmax(fmin(f->budget, cover(m) - m->reserve / COVERED), 0.0);
         if (cost <= budget) {
             break;
         }
-        portion = (1.0 - 1e-9) * budget / cost;
+        step = (1.0 - 1e-9) * budget / cost - 1.0;
         f->status |= ID(STATUS_TANK_LIMITED);
     }
     book_stiffness(f, &m->elastic_energy, cost);
@@ -1472,7 +1408,7 @@ static double design_damping(frame *f, double *follow)
     const config_t *const c = f->c;
     output_t *const out = f->out;
     double *const L = f->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], sum[N] = {0.0}, mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
+    double b[N], sum[N] = {0.0}, mass, trace = 0.0, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = f->m->law == ID(LAW_PAPER);
     const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
     /* the conventional formula's antisymmetric part has no say in the damping */
@@ -1506,10 +1442,7 @@ static double design_damping(frame *f, double *follow)
     solve_lower(N, 1, L, follow);
     for (int k = 0; k < N; ++k) {
         const double l = out->eigenvalues[k];
-        const double a = l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0;
-        for (int i = 0; i < N; ++i) {
-            sum[i] += a * rows[k * N + i];
-        }
+        add(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
     }
     solve_upper(N, L, sum);
     memcpy(follow, sum, sizeof sum);
@@ -1518,9 +1451,9 @@ static double design_damping(frame *f, double *follow)
         robot_jacobians(f->m->q, f->m->tool_pose, J);
         for (int k = 0; k < 36 * TIPS; ++k) {
             const double D = (c->task_damping[k % 36] + c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
-            const double *const a = J + k / 6 * N, *const b_ = J + (k / 36 * 6 + k % 6) * N;
+            const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
             for (int i = 0; i < NN; ++i) {
-                out->damping[i] += a[i / N] * D * b_[i % N];
+                out->damping[i] += left[i / N] * D * right[i % N];
             }
         }
         if (pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
@@ -1534,24 +1467,19 @@ static double design_damping(frame *f, double *follow)
         }
     }
     int capped = 0;
-    double largest_b = 0.0;
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
         b[k] = clamp(b[k], 0.0, most - d * trace);
         largest_b = fmax(largest_b, b[k]);
-    }
-    for (int i = 0; i < N; ++i) {
-        f->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
+        b[k] *= mass;
     }
     f->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     if (capped || c->damping_design == ID(DAMPING_DESIGN_MODAL)) {
         times_lower(N, L, rows);
-        for (int k = 0; k < N; ++k) {
-            b[k] *= mass;
-        }
         congruence(N, rows, b, out->damping);
     }
     for (int i = 0; i < N; ++i) {
+        f->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
         out->damping[i * (N + 1)] += d;
     }
     return scale;
@@ -1610,7 +1538,7 @@ static void vary_scale(frame *f, const double *last, const double *pull, double 
 {
     memory_t *const m = f->m;
     const config_t *const c = f->c;
-    double target = cap, fastest_fall = 2.0;
+    double target = cap, fastest_fall = 2.0, parts[2];
     for (int i = 0; i < N; ++i) {
         const double size = fabs(pull[i]);
         if (size > 1e-9) {
@@ -1620,13 +1548,7 @@ static void vary_scale(frame *f, const double *last, const double *pull, double 
         }
     }
     f->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    /* the reserve of l times the torque is quadratic in l */
-    double half[N], none[N] = {0.0};
-    for (int i = 0; i < N; ++i) {
-        half[i] = 0.5 * pull[i];
-    }
-    const double least = reserve(f, last, none), all = reserve(f, last, pull) - least;
-    const double b = 2.0 * all - 4.0 * (reserve(f, last, half) - least), a = all - b;
+    const double least = reserve(f, last, pull, parts) - parts[0] - parts[1], a = parts[0], b = parts[1];
     const double most = fmax(COVERED * cover(m) - least, 0.0);
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
@@ -1669,7 +1591,7 @@ static void limit_torque(frame *f, const double *last)
 static int choose(frame *f, const double *last, double share)
 {
     output_t *const out = f->out;
-    double least[N];
+    double least[N], parts[2];
     fall(last, f->m->rate, least);
     for (int i = 0; i < N; ++i) {
         const double rate = f->m->rate[i];
@@ -1678,7 +1600,7 @@ static int choose(frame *f, const double *last, double share)
                                      : out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
     }
     limit_torque(f, last);
-    f->m->reserve = reserve(f, last, out->torque);
+    f->m->reserve = reserve(f, last, out->torque, parts);
     return f->m->reserve <= cover(f->m);
 }
 
@@ -1689,7 +1611,7 @@ static void act(frame *f, const double *last, int moved)
     memory_t *const m = f->m;
     output_t *const out = f->out;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
-    double pull[N], follow[N] = {0.0}, slip[N], feed[N], deflection = 0.0, energy = 0.0, speed = 1.0;
+    double pull[N], follow[N] = {0.0}, slip[N], feed[N], deflection = 0.0, energy = 0.0, speed = 1.0, share = 2.0;
     robot_mass_matrix(m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
@@ -1741,13 +1663,10 @@ static void act(frame *f, const double *last, int moved)
     if (worst_feed(m, feed, c->missed_limit) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        for (int i = 0; i < N; ++i) {
-            out->damping_torque[i] -= feed[i];
-            feed[i] = 0.0;
-        }
+        add(N, -1.0, feed, out->damping_torque);
+        memset(feed, 0, sizeof feed);
         f->status |= ID(STATUS_GOVERNOR);
     }
-    double share = 2.0;
     if (!choose(f, last, share) && !paper) {
         /* what is not covered is not risked: less damping, and, where that is not enough, less of the springs' torque */
         double trial = 1.0;
@@ -1789,8 +1708,7 @@ static void sighted(frame *f, const double *last)
     memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
     memcpy(m->recent, f->velocity, N * sizeof(double));
     m->counter = in->counter;
-    m->gap = 0;
-    m->missed = 0;
+    m->gap = m->missed = 0;
     f->commanded = f->believed && is_command(f);
     f->status |= f->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     for (int i = 0; i < N; ++i) {

@@ -258,9 +258,11 @@ typedef struct {
     double q0[7];
     /* [m] (4 x 4) command equilibrium: pose [R p; 0 1] of the tip where its spring is at rest. */
     double equilibrium[16];
-    /* [N/m] (3 x 3) Kt, base axes; symmetric, positive semidefinite. */
+    /* [N/m] (3 x 3) Kt of the spring kernels, in their axes (the base's by default); symmetric, positive
+     * semidefinite. */
     double translation_stiffness[9];
-    /* [N m/rad] (3 x 3) Ko, axes of the equilibrium; symmetric, positive semidefinite. */
+    /* [N m/rad] (3 x 3) Ko of the spring kernels, in their axes (the equilibrium's by default); symmetric,
+     * positive semidefinite. */
     double rotation_stiffness[9];
     /* [N, N m] (force, moment) that the ENVIRONMENT APPLIES TO THE ROBOT at the tip, hybrid axes; negate the
      * reading of a sensor that reports what the robot applies. */

@@ -249,8 +249,18 @@ INPUT: tuple[Field, ...] = (
     ),
     Field("equilibrium", _POSE, "m", "command equilibrium: pose [R p; 0 1] of the tip where its spring is at rest"),
     Field("tool_pose", _POSE, "m", "pose of the tool in the tip's frame; constant while engaged", when="tool"),
-    Field("translation_stiffness", _SPRING, "N/m", "Kt, base axes; symmetric, positive semidefinite"),
-    Field("rotation_stiffness", _SPRING, "N m/rad", "Ko, axes of the equilibrium; symmetric, positive semidefinite"),
+    Field(
+        "translation_stiffness",
+        _SPRING,
+        "N/m",
+        "Kt of the spring kernels, in their axes (the base's by default); symmetric, positive semidefinite",
+    ),
+    Field(
+        "rotation_stiffness",
+        _SPRING,
+        "N m/rad",
+        "Ko of the spring kernels, in their axes (the equilibrium's by default); symmetric, positive semidefinite",
+    ),
     Field(
         "wrench",
         _WRENCH,
