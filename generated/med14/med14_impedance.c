@@ -72,8 +72,8 @@ static void robot_spring(const double *q, const double *tool, const double *equi
 {
     double energy;
     (void)tool;
-    med14_spring_wrench(q, equilibrium + 0, translation_stiffness + 0,
-        rotation_stiffness + 0, wrench + 0);
+    med14_spring_wrench(q, equilibrium + 0,
+        translation_stiffness + 0, rotation_stiffness + 0, wrench + 0);
     med14_spring_linearization(q, equilibrium, translation_stiffness, rotation_stiffness, &energy,
         torque, joint_stiffness);
 }
