@@ -28,7 +28,7 @@ def build_module(folder: Path, name: str) -> None:
 
     CC names the compiler; what CFLAGS has stands behind the build's own flags, and so wins.
 
-    A folder with derivatives also gets the calls for XLA that NAME.jax has, where jax is installed.
+    A folder with derivatives also gets the library of NAME.casadi, and that of NAME.jax where jax is installed.
 
     Args:
         folder: the robot's folder.
@@ -53,6 +53,7 @@ def build_module(folder: Path, name: str) -> None:
             f"{name}.c": [],
             f"{name}_impedance.c": [],
             f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
+            f"{name}_casadi.c": [],
             f"{name}_jax.c": [f"-I{include}" for include in _xla_headers()],
         }
         sources = [source for source in options if (folder / source).exists()]
@@ -62,11 +63,12 @@ def build_module(folder: Path, name: str) -> None:
         compile_each = [
             [*command, *options[source], "-c", str(folder / source), "-o", made] for source, made in objects.items()
         ]
-        for_xla = objects.pop(f"{name}_jax.c", None)
+        wrappers = {which: objects.pop(f"{name}_{which}.c", None) for which in ("casadi", "jax")}
         link = [[*command, *_link_options(), *objects.values(), "-o", str(module), *_libraries()]]
-        if for_xla:
-            library = folder / f"{name}_jax{'.pyd' if os.name == 'nt' else '.so'}"
-            link.append([*command, "-shared", for_xla, objects[f"{name}.c"], "-o", str(library), *_libraries()])
+        for which, wrapper in wrappers.items():
+            if wrapper:
+                library = folder / f"{name}_{which}{'.pyd' if os.name == 'nt' else '.so'}"
+                link.append([*command, "-shared", wrapper, objects[f"{name}.c"], "-o", str(library), *_libraries()])
         for commands in (compile_each, link):
             _run(commands, compiler[0], Path(build))
         _self_check([*command, objects[f"{name}.c"]], folder, name, Path(build))

@@ -51,6 +51,7 @@ def render(
     files = {
         f"{name}.h": "header.h.j2",
         f"{name}.c": "source.c.j2",
+        f"{name}.hpp": "wrapper.hpp.j2",
         f"{name}_python.c": "python.c.j2",
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "__init__.py": "init.py.j2",
@@ -62,8 +63,11 @@ def render(
         files |= {f"{name}_cuda.h": "cuda.h.j2", f"{name}.cu": "cuda.cu.j2"}
     if pages.functions:
         files |= {
+            f"{name}_calls.h": "calls.h.j2",
+            f"{name}_casadi.c": "casadi.c.j2",
             f"{name}_jax.c": "jax.c.j2",
             "_functions.py": "functions.py.j2",
+            "casadi.py": "casadi.py.j2",
             "jax.py": "jax.py.j2",
             "torch.py": "torch.py.j2",
         }
@@ -107,7 +111,7 @@ def _environment() -> jinja2.Environment:
 
 
 def _banner(file: str, line: str) -> str:
-    return f"/* {line} */" if file.endswith((".h", ".c", ".cu")) else f"# {line}"
+    return f"/* {line} */" if file.endswith((".h", ".hpp", ".c", ".cu")) else f"# {line}"
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,8 @@ class _RobotPages:
         public: their names in Python's module.
         argument_lists: the different ones of them: names of the arguments, number of results.
         batches: the public functions with a batch.
-        functions: those that have a gradient, for JAX and PyTorch; none unless derivatives were asked for.
+        functions: those that have a gradient, for JAX, PyTorch and CasADi; none unless derivatives were asked for.
+        called: these and their vector-Jacobian products, as they are printed.
         cuda: if it was asked for.
         targets, calls, sections: of NAME.c: how it is printed, the helpers that it calls, and its parts.
         libm, libm_of_two, own: functions that lanes are given.
@@ -160,6 +165,7 @@ class _RobotPages:
     argument_lists: list[tuple[tuple[str, ...], int]]
     batches: list[contexts.BatchPage]
     functions: list[contexts.DifferentiablePage]
+    called: list[contexts.KernelPage]
     cuda: contexts.CudaPages | None
     targets: dict[str, Target]
     calls: frozenset[str]
@@ -174,6 +180,8 @@ def _pages(
 ) -> _RobotPages:
     kernels = [contexts.kernel_page(chain, name, kernel, function) for kernel, function in single.kernels]
     groups = contexts.groups_of(kernels)
+    functions = contexts.differentiable_pages(chain, [kernel for kernel, _ in single.kernels])
+    differentiable = {name for function in functions for name in (function.name, f"{function.name}_vjp")}
     total = sum((function.operations for _, function in single.kernels), Operations())
     return _RobotPages(
         banner_line=(
@@ -201,7 +209,8 @@ def _pages(
         public=list(dict.fromkeys(k.tip or k.group or k.name for k in kernels)),
         argument_lists=list(dict.fromkeys((tuple(k.inputs), len(k.outputs)) for k in kernels)),
         batches=[contexts.batch_page(name, kernel, function) for kernel, function in batch.kernels],
-        functions=contexts.differentiable_pages(chain, [kernel for kernel, _ in single.kernels]),
+        functions=functions,
+        called=[page for page in kernels if page.qualified_name in differentiable],
         cuda=cuda,
         targets={"single": SINGLE, "batch": BATCH},
         calls=single.calls | batch.calls,

@@ -82,6 +82,12 @@ def casadi_function(chain: Chain, kernel: Kernel) -> ca.Function:
     return ca.Function(kernel.qualified_name, list(symbols.values()), dense, list(symbols), names)
 
 
+def matrix_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of the matrix that CasADi has for an array."""
+    rows, columns = (*folded(shape), 1, 1)[:2]
+    return rows, columns
+
+
 def folded(shape: tuple[int, ...]) -> tuple[int, ...]:
     """A shape in at most two dimensions, rows of the last one kept together."""
     return shape if len(shape) <= 2 else (math.prod(shape[:-1]), shape[-1])
