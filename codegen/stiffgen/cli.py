@@ -28,7 +28,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedCo
 from rich.table import Table
 
 import stiffgen
-from stiffgen.analyze.analysis import SUMMARY, AnalysisOptions, checked_stiffness, read_stiffness, run_analysis
+from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
+from stiffgen.analyze.options import GROUPS, AnalysisOptions, has_default, told
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
@@ -42,7 +43,6 @@ from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.survey import TipSurvey, survey_tip
-from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.potentials import SpringOptions, read_potential
 from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
@@ -313,56 +313,26 @@ def _springs(options: argparse.Namespace) -> SpringOptions:
 
 
 def _add_analyze(commands: Any) -> None:
+    """The fields of :class:`AnalysisOptions` as options; the recording is what stands without one."""
     command = commands.add_parser("analyze", help="joint stiffness along a recording, corrected and conventional")
-    command.add_argument("log", type=Path, metavar="LOG", help="recording: CSV, NPZ, Parquet or MCAP (ROS 2)")
-    command.add_argument(
-        "--robot", type=Path, metavar="DIR", required=True, help="a folder that 'stiffgen generate' wrote"
-    )
-    command.add_argument(
-        "--task-stiffness",
-        nargs="+",
-        required=True,
-        metavar="K",
-        help="six diagonal values, linear first [N/m, N m/rad], or a CSV file with a symmetric 6x6 matrix",
-    )
-    command.add_argument(
-        "--representation",
-        choices=REPRESENTATIONS,
-        default=AnalysisOptions.representation,
-        help="in which wrenches and task stiffness are given (default: %(default)s)",
-    )
-    command.add_argument(
-        "--negate-wrench", action="store_true", help="the wrenches are those that the robot applies to the environment"
-    )
-    command.add_argument("--tip", metavar="LINK", help="which tip, of a robot with several")
-    command.add_argument(
-        "--output", type=Path, metavar="DIR", help="folder to write (default: analysis/ and LOG's name)"
-    )
-    command.add_argument(
-        "--no-figures", dest="figures", action="store_false", help="write the numbers only (summary.json)"
-    )
-    command.add_argument("--dask", metavar="ADDRESS", help="compute on a Dask scheduler's workers; 'local' starts some")
-    columns = command.add_argument_group(
-        "columns", "default: time [s] (optional), q_0 ... [rad], wrench_0 ... wrench_5"
-    )
-    columns.add_argument("--q-columns", type=_names, metavar="A,B,...", help="joint positions (MCAP: joints by name)")
-    columns.add_argument("--wrench-columns", type=_names, metavar="FX,...", help="force [N], then moment [N m]")
-    columns.add_argument("--time-column", metavar="NAME", help="time [s]; '' for none")
-    topics = command.add_argument_group("MCAP", "topics are needed where there are several of their type")
-    topics.add_argument("--q-topic", metavar="TOPIC", help="of sensor_msgs/msg/JointState")
-    topics.add_argument("--wrench-topic", metavar="TOPIC", help="of geometry_msgs/msg/WrenchStamped")
-    topics.add_argument(
-        "--tolerance",
-        type=float,
-        default=AnalysisOptions.tolerance,
-        metavar="S",
-        help="between positions and wrench [s] (default: %(default)s)",
-    )
+    groups = {"": command} | {title: command.add_argument_group(title, text) for title, text in GROUPS.items()}
+    for option in fields(AnalysisOptions):
+        said = told(option)
+        if said.command is None:
+            continue
+        more = dict(said.command)
+        name, text = option.name.replace("_", "-"), said.meaning.replace("%", "%%")
+        if isinstance(option.default, bool):
+            names = [f"--no-{name}" if option.default else f"--{name}"]
+            more |= {"dest": option.name, "action": "store_false" if option.default else "store_true"}
+        elif option.name == "log":
+            names = ["log"]
+        else:
+            names = [f"--{name}"]
+            more |= {"default": option.default} if has_default(option) else {"required": True}
+            text += "" if more.get("default") is None else " (default: %(default)s)"
+        groups[said.group].add_argument(*names, help=text, **more)
     command.set_defaults(run=_analyze)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))
 
 
 def _natural(text: str) -> int:
@@ -619,11 +589,10 @@ def _analyze(options: argparse.Namespace) -> int:
     # Six numbers, or one name of a file; anything else is refused with the reason.
     stiffness = options.task_stiffness
     K = read_stiffness(stiffness[0]) if len(stiffness) == 1 else checked_stiffness(stiffness)
-    names = (field.name for field in fields(AnalysisOptions))
-    chosen = AnalysisOptions(**{name: getattr(options, name) for name in names if name in options})
+    chosen = {each.name: getattr(options, each.name) for each in fields(AnalysisOptions) if each.name in options}
     with _Bar(_Console(stderr=True, highlight=False, soft_wrap=True)).shown() as progress:
         try:
-            analysis = run_analysis(options.log, options.robot, K, chosen, progress)
+            analysis = analyze(**chosen | {"task_stiffness": K, "progress": progress})
         except EmptyRecordingError as error:
             print(f"stiffgen: {error}", file=sys.stderr)
             return 1

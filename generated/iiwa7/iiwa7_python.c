@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8f1dd16646071301") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "14e07dbe8bdd24a1") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
