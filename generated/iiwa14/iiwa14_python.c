@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "0a8272c4ce710dcd") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "0a49ce68609554af") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "c91800eaa9f7653f") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "49d95400d6d3f102") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

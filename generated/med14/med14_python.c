@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "7be59e4e4b8ae16b") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "c16a86c95c1cc2e5") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

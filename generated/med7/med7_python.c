@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "d30d2cfb48ca6f20") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "e28720fb3c33450e") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
