@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The generated controller on a Franka FR3, through libfranka's own Python package.
 
 python -m examples.franka                    on franky-sim, a simulated FR3 that speaks the robot's protocol

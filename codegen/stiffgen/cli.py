@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The command line: ``stiffgen new | generate | inspect | verify | bench | play | analyze``.
 
 Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage, or output that
@@ -18,7 +19,7 @@ import warnings
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -35,6 +36,7 @@ from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
 from stiffgen.check.result import Check
 from stiffgen.check.verify import verify
+from stiffgen.emit.rounding import Ranges
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
@@ -228,6 +230,15 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="hold a joint [rad or m]; repeatable",
     )
+    command.add_argument(
+        "--range",
+        metavar="NAME=VALUE",
+        action="append",
+        type=_range,
+        default=[],
+        help="largest argument for which bounds of the rounding errors are stated; NAME is one of "
+        f"{', '.join(field.name for field in fields(Ranges))}; repeatable (defaults: docs/accuracy.md)",
+    )
     _add_springs(command)
     tool = _add_tool(command, "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="functions take the tool's pose (4x4, in the tip) after q")
@@ -381,6 +392,20 @@ def _lock(text: str) -> tuple[str, float]:
     return joint, float(value)
 
 
+def _range(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    known = [field.name for field in fields(Ranges)]
+    if name not in known:
+        raise argparse.ArgumentTypeError(f"'{text}' is none of the ranges {', '.join(known)}; write NAME=VALUE")
+    try:
+        size = float(value)
+    except ValueError:
+        size = math.nan
+    if not 0 < size < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}': the largest {name} has to be a positive number")
+    return name, size
+
+
 def _locks(options: argparse.Namespace) -> dict[str, float]:
     names = [joint for joint, _ in options.lock]
     for joint in names:
@@ -445,6 +470,7 @@ def _generate(options: argparse.Namespace) -> int:
             cuda=options.cuda,
             springs=_springs(options),
             floating_base=options.floating_base,
+            ranges=replace(Ranges(), **dict(options.range)),
             force=options.force,
             progress=progress,
         )

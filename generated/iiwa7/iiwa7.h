@@ -17,6 +17,16 @@
  *   NaN or infinity in an argument gives NaN in every entry that depends on it.
  *   The result must not overlap an argument.
  *
+ * Rounding
+ *   Where a function states bounds, no entry is farther from the exact value: from what the printed formulas give in real
+ *   arithmetic. They follow from the printed statements, operation by operation, for
+ *     joint positions within the limits (up to 10000 rad or 10 m where there are none), every
+ *     force up to 200 N and moment up to 50 N m, entries of stiffnesses up to
+ *     5000 N/m, 500 N m/rad and, where they couple the two, 1581 N, gravity up to
+ *     10 m/s^2, equilibria within the robot's reach, joint rates up to their limits.
+ *   They hold for single calls and batches, on vectors of every width, with and without fused multiply-add; not on x87, and not
+ *   where numbers too small for full precision are flushed to zero. Rotations in arguments must be rotations to 11 digits.
+ *
  * This code belongs to the user who generated it: use, change and license it as you like. It comes without warranty.
  */
 #ifndef IIWA7_H
@@ -45,6 +55,7 @@ extern const double iiwa7_effort[7];   /* [N m] or [N] */
  *
  * q (7) [rad or m]: joint positions, base to tip
  * pose (4 x 4) [m]: homogeneous pose [R p; 0 1] of the tip in the base frame
+ * Rounding: rotation within 7.2e-15, position within 2.1e-15 m.
  */
 void iiwa7_forward_kinematics(const double q[7], double pose[16]);
 
@@ -55,6 +66,7 @@ void iiwa7_forward_kinematics(const double q[7], double pose[16]);
  *
  * q (7) [rad or m]: joint positions, base to tip
  * mass_matrix (7 x 7) [kg m^2]: symmetric, positive definite where every joint moves a mass
+ * Rounding: every entry of mass_matrix within 2.7e-14 kg m^2.
  */
 void iiwa7_mass_matrix(const double q[7], double mass_matrix[49]);
 
@@ -68,6 +80,7 @@ void iiwa7_mass_matrix(const double q[7], double mass_matrix[49]);
  * velocity (7) [rad/s or m/s]: rates of the joint positions
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
  * bias_forces (7) [N m or N]: C(q, dq) dq + dU/dq; add M ddq and it is the torque that the motion takes
+ * Rounding: every entry of bias_forces within 9.3e-13 N m or N.
  */
 void iiwa7_bias_forces(const double q[7], const double velocity[7], const double gravity[3],
     double bias_forces[7]);
@@ -81,6 +94,7 @@ void iiwa7_bias_forces(const double q[7], const double velocity[7], const double
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
  * energy (1) [J]: potential energy U, 0 where the centre of mass of all moving links lies at the base's
  *     height
+ * Rounding: energy within 5.2e-13 J.
  */
 void iiwa7_gravity_energy(const double q[7], const double gravity[3], double energy[1]);
 
@@ -92,6 +106,7 @@ void iiwa7_gravity_energy(const double q[7], const double gravity[3], double ene
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
  * gradient (7) [N m or N]: dU/dq: torque that holds the robot against gravity
+ * Rounding: every entry of gradient within 9.0e-13 N m or N.
  */
 void iiwa7_gravity_gradient(const double q[7], const double gravity[3], double gradient[7]);
 
@@ -103,6 +118,7 @@ void iiwa7_gravity_gradient(const double q[7], const double gravity[3], double g
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
  * joint_stiffness (7 x 7) [N m/rad]: d2U/dq2, bitwise symmetric
+ * Rounding: every entry of joint_stiffness within 3.2e-12 N m/rad.
  */
 void iiwa7_gravity_joint_stiffness(const double q[7], const double gravity[3], double joint_stiffness[49]);
 
@@ -113,6 +129,7 @@ void iiwa7_gravity_joint_stiffness(const double q[7], const double gravity[3], d
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian (6 x 7) [m, rad per rad or m]: column i: twist of joint i, velocity of the tip's origin and
  *     angular velocity, both in tip axes (Pinocchio: LOCAL)
+ * Rounding: linear rows within 1.2e-14 m per rad or m, angular rows within 5.7e-15 rad per rad or m.
  */
 void iiwa7_body_jacobian(const double q[7], double jacobian[42]);
 
@@ -123,6 +140,7 @@ void iiwa7_body_jacobian(const double q[7], double jacobian[42]);
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b, k] = dJ[k,
  *     b]/dq_i
+ * Rounding: every entry of jacobian_transpose_derivative within 6.0e-14 per rad or m.
  */
 void iiwa7_body_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
@@ -134,6 +152,7 @@ void iiwa7_body_jacobian_transpose_derivative(const double q[7], double jacobian
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in tip axes, moment
  *     about the tip's origin
  * kinematic_stiffness (7 x 7) [N m/rad]: column i is dJ^T/dq_i F; not symmetric
+ * Rounding: every entry of kinematic_stiffness within 3.9e-11 N m/rad.
  */
 void iiwa7_body_kinematic_stiffness(const double q[7], const double wrench[6], double kinematic_stiffness[49]);
 
@@ -144,6 +163,7 @@ void iiwa7_body_kinematic_stiffness(const double q[7], const double wrench[6], d
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in tip axes, moment
  *     about the tip's origin
  * connection_correction (6 x 6) [N, N m]: (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness
+ * Rounding: translation block exact, coupling exact, rotation block exact.
  */
 void iiwa7_body_connection_correction(const double wrench[6], double connection_correction[36]);
 
@@ -157,6 +177,7 @@ void iiwa7_body_connection_correction(const double wrench[6], double connection_
  * task_stiffness (6 x 6) [N/m, N, N m]: stiffness on twists (linear, angular), tip axes at the tip's
  *     origin; symmetric, only the upper triangle is read
  * joint_stiffness (7 x 7) [N m/rad]: bitwise symmetric
+ * Rounding: every entry of joint_stiffness within 1.9e-09 N m/rad.
  */
 void iiwa7_body_joint_stiffness(const double q[7], const double wrench[6], const double task_stiffness[36],
     double joint_stiffness[49]);
@@ -171,6 +192,7 @@ void iiwa7_body_joint_stiffness(const double q[7], const double wrench[6], const
  * task_stiffness (6 x 6) [N/m, N, N m]: stiffness on twists (linear, angular), tip axes at the tip's
  *     origin; all 36 entries are read
  * joint_stiffness_uncorrected (7 x 7) [N m/rad]: not symmetric under a moment
+ * Rounding: every entry of joint_stiffness_uncorrected within 1.9e-09 N m/rad.
  */
 void iiwa7_body_joint_stiffness_uncorrected(const double q[7], const double wrench[6],
     const double task_stiffness[36], double joint_stiffness_uncorrected[49]);
@@ -182,6 +204,7 @@ void iiwa7_body_joint_stiffness_uncorrected(const double q[7], const double wren
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian (6 x 7) [m, rad per rad or m]: column i: twist of joint i, velocity of the point passing the
  *     base's origin and angular velocity, both in base axes (Pinocchio: WORLD)
+ * Rounding: linear rows within 1.4e-14 m per rad or m, angular rows within 4.8e-15 rad per rad or m.
  */
 void iiwa7_spatial_jacobian(const double q[7], double jacobian[42]);
 
@@ -192,6 +215,7 @@ void iiwa7_spatial_jacobian(const double q[7], double jacobian[42]);
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b, k] = dJ[k,
  *     b]/dq_i
+ * Rounding: every entry of jacobian_transpose_derivative within 6.6e-14 per rad or m.
  */
 void iiwa7_spatial_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
@@ -203,6 +227,7 @@ void iiwa7_spatial_jacobian_transpose_derivative(const double q[7], double jacob
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
  *     about the base's origin
  * kinematic_stiffness (7 x 7) [N m/rad]: column i is dJ^T/dq_i F; not symmetric
+ * Rounding: every entry of kinematic_stiffness within 4.2e-11 N m/rad.
  */
 void iiwa7_spatial_kinematic_stiffness(const double q[7], const double wrench[6],
     double kinematic_stiffness[49]);
@@ -216,6 +241,7 @@ void iiwa7_spatial_kinematic_stiffness(const double q[7], const double wrench[6]
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
  *     about the base's origin
  * connection_correction (6 x 6) [N, N m]: (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness
+ * Rounding: translation block exact, coupling exact, rotation block exact.
  */
 void iiwa7_spatial_connection_correction(const double wrench[6], double connection_correction[36]);
 
@@ -231,6 +257,7 @@ void iiwa7_spatial_connection_correction(const double wrench[6], double connecti
  * task_stiffness (6 x 6) [N/m, N, N m]: stiffness on twists (linear, angular), base axes at the base's
  *     origin; symmetric, only the upper triangle is read
  * joint_stiffness (7 x 7) [N m/rad]: bitwise symmetric
+ * Rounding: every entry of joint_stiffness within 2.3e-09 N m/rad.
  */
 void iiwa7_spatial_joint_stiffness(const double q[7], const double wrench[6],
     const double task_stiffness[36], double joint_stiffness[49]);
@@ -245,6 +272,7 @@ void iiwa7_spatial_joint_stiffness(const double q[7], const double wrench[6],
  * task_stiffness (6 x 6) [N/m, N, N m]: stiffness on twists (linear, angular), base axes at the base's
  *     origin; all 36 entries are read
  * joint_stiffness_uncorrected (7 x 7) [N m/rad]: not symmetric under a moment
+ * Rounding: every entry of joint_stiffness_uncorrected within 2.3e-09 N m/rad.
  */
 void iiwa7_spatial_joint_stiffness_uncorrected(const double q[7], const double wrench[6],
     const double task_stiffness[36], double joint_stiffness_uncorrected[49]);
@@ -256,6 +284,7 @@ void iiwa7_spatial_joint_stiffness_uncorrected(const double q[7], const double w
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian (6 x 7) [m, rad per rad or m]: column i: twist of joint i, velocity of the tip's origin and
  *     angular velocity, both in base axes (Pinocchio: LOCAL_WORLD_ALIGNED)
+ * Rounding: linear rows within 9.1e-15 m per rad or m, angular rows within 4.8e-15 rad per rad or m.
  */
 void iiwa7_hybrid_jacobian(const double q[7], double jacobian[42]);
 
@@ -266,6 +295,7 @@ void iiwa7_hybrid_jacobian(const double q[7], double jacobian[42]);
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b, k] = dJ[k,
  *     b]/dq_i
+ * Rounding: every entry of jacobian_transpose_derivative within 2.2e-14 per rad or m.
  */
 void iiwa7_hybrid_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
@@ -277,6 +307,7 @@ void iiwa7_hybrid_jacobian_transpose_derivative(const double q[7], double jacobi
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
  *     about the tip's origin
  * kinematic_stiffness (7 x 7) [N m/rad]: column i is dJ^T/dq_i F; not symmetric
+ * Rounding: every entry of kinematic_stiffness within 1.4e-11 N m/rad.
  */
 void iiwa7_hybrid_kinematic_stiffness(const double q[7], const double wrench[6],
     double kinematic_stiffness[49]);
@@ -288,6 +319,7 @@ void iiwa7_hybrid_kinematic_stiffness(const double q[7], const double wrench[6],
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
  *     about the tip's origin
  * connection_correction (6 x 6) [N, N m]: (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness
+ * Rounding: translation block exact, coupling exact, rotation block exact.
  */
 void iiwa7_hybrid_connection_correction(const double wrench[6], double connection_correction[36]);
 
@@ -301,6 +333,7 @@ void iiwa7_hybrid_connection_correction(const double wrench[6], double connectio
  * task_stiffness (6 x 6) [N/m, N, N m]: stiffness on twists (linear, angular), base axes at the tip's
  *     origin; symmetric, only the upper triangle is read
  * joint_stiffness (7 x 7) [N m/rad]: bitwise symmetric
+ * Rounding: every entry of joint_stiffness within 1.5e-09 N m/rad.
  */
 void iiwa7_hybrid_joint_stiffness(const double q[7], const double wrench[6], const double task_stiffness[36],
     double joint_stiffness[49]);
@@ -315,6 +348,7 @@ void iiwa7_hybrid_joint_stiffness(const double q[7], const double wrench[6], con
  * task_stiffness (6 x 6) [N/m, N, N m]: stiffness on twists (linear, angular), base axes at the tip's
  *     origin; all 36 entries are read
  * joint_stiffness_uncorrected (7 x 7) [N m/rad]: not symmetric under a moment
+ * Rounding: every entry of joint_stiffness_uncorrected within 1.5e-09 N m/rad.
  */
 void iiwa7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wrench[6],
     const double task_stiffness[36], double joint_stiffness_uncorrected[49]);
@@ -334,6 +368,7 @@ void iiwa7_hybrid_joint_stiffness_uncorrected(const double q[7], const double wr
  * rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive definite, only
  *     the upper triangle is read
  * energy (1) [J]: energy U of the spring, 0 at the equilibrium
+ * Rounding: energy within 5.8e-10 J.
  */
 void iiwa7_spring_energy(const double q[7], const double equilibrium[16],
     const double translation_stiffness[9], const double rotation_stiffness[9], double energy[1]);
@@ -354,6 +389,7 @@ void iiwa7_spring_energy(const double q[7], const double equilibrium[16],
  *     the upper triangle is read
  * wrench (6) [N, N m]: F = dU, the (force, moment) that holds the robot against the spring, in base axes,
  *     moment about the tip's origin
+ * Rounding: force within 4.5e-11 N, moment within 2.8e-10 N m.
  */
 void iiwa7_spring_wrench(const double q[7], const double equilibrium[16],
     const double translation_stiffness[9], const double rotation_stiffness[9], double wrench[6]);
@@ -374,6 +410,7 @@ void iiwa7_spring_wrench(const double q[7], const double equilibrium[16],
  *     the upper triangle is read
  * task_stiffness (6 x 6) [N/m, N, N m]: covariant Hessian of U on twists (linear, angular), base axes at
  *     the tip's origin; bitwise symmetric
+ * Rounding: translation block exact, coupling exact, rotation block within 4.7e-10 N m.
  */
 void iiwa7_spring_task_stiffness(const double q[7], const double equilibrium[16],
     const double translation_stiffness[9], const double rotation_stiffness[9], double task_stiffness[36]);
@@ -393,6 +430,7 @@ void iiwa7_spring_task_stiffness(const double q[7], const double equilibrium[16]
  * rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive definite, only
  *     the upper triangle is read
  * torque (7) [N m or N]: -dU/dq: torque that the spring puts on the joints
+ * Rounding: every entry of torque within 2.1e-09 N m or N.
  */
 void iiwa7_spring_torque(const double q[7], const double equilibrium[16],
     const double translation_stiffness[9], const double rotation_stiffness[9], double torque[7]);
@@ -413,6 +451,7 @@ void iiwa7_spring_torque(const double q[7], const double equilibrium[16],
  * rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive definite, only
  *     the upper triangle is read
  * joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, bitwise symmetric
+ * Rounding: every entry of joint_stiffness within 7.9e-09 N m/rad.
  */
 void iiwa7_spring_joint_stiffness(const double q[7], const double equilibrium[16],
     const double translation_stiffness[9], const double rotation_stiffness[9], double joint_stiffness[49]);
@@ -435,6 +474,8 @@ void iiwa7_spring_joint_stiffness(const double q[7], const double equilibrium[16
  * energy (1) [J]: energy U of the spring, 0 at the equilibrium
  * torque (7) [N m or N]: -dU/dq: torque that the spring puts on the joints
  * joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, bitwise symmetric
+ * Rounding: energy within 5.7e-10 J, every entry of torque within 2.1e-09 N m or N, every entry of
+ * joint_stiffness within 7.9e-09 N m/rad.
  */
 void iiwa7_spring_linearization(const double q[7], const double equilibrium[16],
     const double translation_stiffness[9], const double rotation_stiffness[9], double energy[1],

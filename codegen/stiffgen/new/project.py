@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot's file becomes a project: its generated folder, and around it a loop, a simulated robot, a test, a script."""
 
 from __future__ import annotations

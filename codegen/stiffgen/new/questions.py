@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a project leaves open: taken from options, asked at a terminal, or the one answer there is; else refused."""
 
 from __future__ import annotations
