@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How a page of stiffgen looks in a browser: colours on light and dark pages, type and tables. Reports share it."""
 
 from __future__ import annotations

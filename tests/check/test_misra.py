@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """MISRA C:2012 through cppcheck's add-on: no finding of a kind that docs/proofs.md does not argue, and no idle row."""
 
 from __future__ import annotations

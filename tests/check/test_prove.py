@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """``stiffgen prove``: what is proved of the iiwa 14 and of other robots; twenty seeded faults, each one caught."""
 
 from __future__ import annotations

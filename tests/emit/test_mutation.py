@@ -365,8 +365,8 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
             assert difference < 1e-55 or difference > 1e-14
 
 
-def turned_states(library, chain):
-    """Turns of the tip that take every branch there is: (q, equilibrium, stiffness, exact values by kind and kernel).
+def turned_states(library, chain, kind):
+    """Turns of the tip that take every branch there is: (q, equilibrium, stiffness, exact values by kernel).
 
     Each component of the quaternion is the largest in turn, with both signs, alone and with all others; near the
     equilibrium, where a series stands for the angle, the tip's origin is at rest, so that nothing hides the turn.
@@ -389,17 +389,14 @@ def turned_states(library, chain):
         K[:, :3] *= 0.1
         R, R0 = ((exact if near else orthonormal)(each[:3, :3]) for each in (pose, H))
         energies = Energies(*moved(exact(pose[:3, 3]), R), (exact(H[:3, 3]), R0), K)
-        values = {}
-        for kind in KINDS:
-            U = energies(kind, Placement())
-            energy, wrench, hessian = floats([U.value]), floats(U.first), floats(U.second)[None]
-            torque, tangent = -wrench @ J, np.empty((1, chain.dof, chain.dof))
-            library.robot_hybrid_joint_stiffness(*map(pointer, (q, wrench, hessian, tangent)))
-            values[kind] = {
-                "energy": [energy], "wrench": [wrench], "task_stiffness": [hessian],
-                "torque": [torque], "joint_stiffness": [tangent], "linearization": [energy, torque, tangent],
-            }  # fmt: skip
-        yield q, H, K, values
+        U = energies(kind, Placement())
+        energy, wrench, hessian = floats([U.value]), floats(U.first), floats(U.second)[None]
+        torque, tangent = -wrench @ J, np.empty((1, chain.dof, chain.dof))
+        library.robot_hybrid_joint_stiffness(*map(pointer, (q, wrench, hessian, tangent)))
+        yield q, H, K, {
+            "energy": [energy], "wrench": [wrench], "task_stiffness": [hessian],
+            "torque": [torque], "joint_stiffness": [tangent], "linearization": [energy, torque, tangent],
+        }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])
@@ -410,18 +407,18 @@ def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__)
     library = compiled_with_switches(texts, tmp_path)
     flip = switches(library, len(places))
-    states = list(turned_states(library, chain))
+    states = list(turned_states(library, chain, kind))
 
     def results(body):
         found = []
         for q, H, K, values in states:
-            found.append([np.empty_like(each) for each in values[kind][bodies[body]]])
+            found.append([np.empty_like(each) for each in values[bodies[body]]])
             given = [q, *(np.ascontiguousarray(each[0]) for each in parameters(kind, H[None], K[None]))]
             library[body](*map(pointer, given), *map(pointer, found[-1]))
         return found
 
     def agrees(body, found):
-        expected = [values[kind][bodies[body]] for *_, values in states]
+        expected = [values[bodies[body]] for *_, values in states]
         pairs = zip(itertools.chain(*found), itertools.chain(*expected), strict=True)
         return all(relative_error(*pair) <= SPRING_BOUND for pair in pairs)
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The page of ``stiffgen verify DIR --report FILE.html``: what a folder claims, and the evidence, for a safety file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The Kernel table: the only list of what is computed. Every output of stiffgen is made from it.
 
 Adding a kernel is one record: name, arguments with shapes and units, result, one-line meaning, equation, and the
@@ -11,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from stiffgen.errors import ChainError
 from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import adjoint, arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
@@ -259,8 +259,8 @@ def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], result
     return (Sum(targets, tuple(result.name for result in of.results), tuple(terms)),)
 
 
-def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
-    """The kernel that sums the results of ``of`` over the tips."""
+def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | None = None) -> Kernel:
+    """The kernel that sums the results of ``of``, a representation's or a ``spring``'s, over the tips."""
     names = [tip.name for tip in chain.tips]
     given = tuple(each if each.of_posture else each.of_all_tips(names) for each in of.arguments)
     results = tuple(
@@ -272,14 +272,18 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
         for result in of.results
     )
     by_tips = partial(_total_program, of=of, given=given, results=results)
-    total = Kernel(
-        f"{of.name}_total", of.group, given, results, summary, f"sum over the tips of {of.equation}", by_tips, note
+    one_pass: Callable[[Chain], Program]
+    if spring:
+        parts = {result.name: total for result, total in zip(of.results, results, strict=True)}
+        one_pass = partial(programs.spring_total, spring=spring, given=given, results=parts)
+    else:
+        representation = next(each for each in REPRESENTATIONS if each == of.group)
+        (result,) = results
+        one_pass = partial(programs.joint_stiffness_total, representation=representation, result=result, given=given)
+    equation = f"sum over the tips of {of.equation}"
+    return Kernel(
+        f"{of.name}_total", of.group, given, results, summary, equation, one_pass, note, batch=True, by_tips=by_tips
     )
-    if of.group not in REPRESENTATIONS:
-        return total
-    (result,) = results
-    one_pass = partial(programs.joint_stiffness_total, representation=of.group, result=result, given=given)
-    return replace(total, program=one_pass, by_tips=by_tips)
 
 
 def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
@@ -294,7 +298,8 @@ def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, .
             if kernel.name == "joint_stiffness":
                 totals.append(_total(chain, kernel, *contacts))
         elif kernel.group and kernel.name in ("energy", "torque", "joint_stiffness", "linearization"):
-            totals.append(_total(chain, kernel, of_springs[0].format(summary=kernel.summary), of_springs[1]))
+            spring = next(each for each in springs if each.name == kernel.group)
+            totals.append(_total(chain, kernel, of_springs[0].format(summary=kernel.summary), of_springs[1], spring))
     return tuple(totals)
 
 
@@ -400,10 +405,17 @@ def _cotangent(result: Argument, count: int) -> Argument:
 
 
 def _gradient(argument: Argument) -> Argument:
+    name = adjoint.bar_name(argument.name)
+    if argument.name == arguments.BASE_POSE.name:
+        meaning = (
+            "gradient by the base's motion: covector of the base link's twist (linear, angular) in its own axes; L "
+            "grows by its product with (v, w) as the base moves to p + R v, R exp([w])"
+        )
+        return Argument(name, (6,), "1/m, 1/rad", meaning)
     meaning = f"gradient by {argument.name}"
     if argument.triangle:
         meaning += ": zero below the diagonal, which is not read"
-    return Argument(adjoint.bar_name(argument.name), argument.shape, f"1/({argument.unit})", meaning)
+    return Argument(name, argument.shape, f"1/({argument.unit})", meaning)
 
 
 def _reverse_program(chain: Chain, of: Kernel) -> Program:
@@ -443,8 +455,6 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     if chain.floating:
         kernels = tuple(map(_in_the_world, kernels))
     if options.derivatives:
-        if chain.floating:
-            raise ChainError("--derivatives: a floating base has none yet; leave out --derivatives, or fix the base")
         kernels = (*kernels, *map(vector_jacobian_product, kernels))
     if len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels

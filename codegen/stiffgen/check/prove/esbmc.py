@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs of ESBMC, the bounded model checker, on one harness."""
 
 from __future__ import annotations

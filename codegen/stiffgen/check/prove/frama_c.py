@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs of Frama-C's value analysis (Eva), and what they say: alarms, loops not unrolled, calls that return."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The C text of every proof, from the kernel table and the table of the controller's fields."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """``stiffgen prove DIR``: every proof of a folder, one after the other, and what all of them say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The two programs that prove, ESBMC and Frama-C: where they are, and a run of them within a time."""
 
 from __future__ import annotations

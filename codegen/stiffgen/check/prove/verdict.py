@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a proof says of one function, and the file that holds what all of them said."""
 
 from __future__ import annotations

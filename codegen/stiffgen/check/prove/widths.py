@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The vector builds of a folder's kernels, run once in arrays of exactly their sizes under clang's sanitizers.
 
 Proofs are about one lane. What lanes change is which entries are touched, and that depends on no number: one run of
