@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +18,8 @@ import stiffgen
 from stiffgen.check.prove import tools
 from stiffgen.check.prove.run import prove
 from stiffgen.check.prove.verdict import Verdict, read_verdicts
-from stiffgen.check.safety_page import filed_for
+from stiffgen.check.result import Check
+from stiffgen.check.safety_page import filed_for, write_page
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, OutputError, StiffgenError
 from stiffgen.opened import open_robot
@@ -224,3 +227,24 @@ def test_verdicts_of_other_bytes_are_refused(tmp_path: Path) -> None:
     file.write_text(json.dumps(content))
     with pytest.raises(OutputError, match=r"about another iiwa14\.c"):
         filed_for(open_robot(FOLDER), file)
+
+
+def test_page_shows_what_it_was_given(tmp_path: Path) -> None:
+    digest = hashlib.sha256((FOLDER / C).read_bytes()).hexdigest()
+    verdict = {"function": "act", "claims": "in bounds", "tool": "Frama-C", "outcome": "unproved", "seconds": 1.0}
+    content = {"robot": "iiwa14", "sources": {C: digest}, "tools": {"ESBMC": "8.4"}, "verdicts": [verdict]}
+    (tmp_path / "verdicts.json").write_text(json.dumps(content))
+    checks = [
+        Check("hybrid_jacobian", "differentiated pose", 3e-15, 1e-12, errors=np.array([1e-16, 3e-15])),
+        Check("<b>", "batch", 2.0, 1e-12, "wrong <i>"),
+    ]
+    write_page(FOLDER, checks, tmp_path / "page.html", postures=2, seed=0, urdf=None, proofs=tmp_path / "verdicts.json")
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<rect") == 2, "two errors, far apart"
+    assert "1 of 2 comparisons" in page
+    assert "FAILED: &lt;b&gt;, batch: wrong &lt;i&gt;" in page
+    assert "Not proved: act: in bounds" in page
+    assert "http" not in page.replace("http-equiv", ""), "self-contained"
+    assert not re.search(r"20\d\d-\d\d", page), "no date unless asked for"
+    write_page(FOLDER, checks, tmp_path / "page.html", postures=2, seed=0, urdf=None, date="1 May 2031")
+    assert "1 May 2031" in (tmp_path / "page.html").read_text()

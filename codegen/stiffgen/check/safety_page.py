@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -114,7 +114,10 @@ def write_page(
         contracts=_CONTRACTS,
         filed=filed,
         tally=_tally(filed.verdicts) if filed else {},
-        error_bounds=_rows(robot.manifest.get("error_bounds")),
+        rounding=_rounding(robot.manifest.get("rounding")),
+        ranges=", ".join(
+            f"{name} {value:g}" for name, value in robot.manifest.get("rounding", {}).get("ranges", {}).items()
+        ),
         uncovered=_uncovered(robot, filed, urdf is not None),
     )
     try:
@@ -174,19 +177,15 @@ def _bars(errors: Array) -> list[_Bar]:
     ]
 
 
-def _rows(bounds: Any) -> list[tuple[str, str]]:
-    """The manifest's error bounds as rows of text, whatever depth they have."""
+def _rounding(bounds: Any) -> list[tuple[str, str, str]]:
+    """Function, part of its result and bound, from the manifest's bounds; none of an older folder."""
     if bounds is None:
         return []
-    if not isinstance(bounds, Mapping):
-        return [("", str(bounds))]
-    rows = []
-    for key, value in bounds.items():
-        if isinstance(value, Mapping):
-            rows += [(f"{key}, {name}" if name else str(key), text) for name, text in _rows(value)]
-        else:
-            rows.append((str(key), f"{value:.3g}" if isinstance(value, float) else str(value)))
-    return rows
+    return [
+        (kernel, each["what"], f"{each['bound']:.1e} {each['unit']}")
+        for kernel, parts in bounds["bounds"].items()
+        for each in parts
+    ]
 
 
 def _uncovered(robot: GeneratedRobot, filed: Filed | None, compared: bool) -> list[str]:
