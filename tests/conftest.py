@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
@@ -23,6 +24,12 @@ from stiffgen import open_robot
 from stiffgen.emit import build
 from support.fri_session import EXACT
 from support.project import ROOT, URDF, Once
+
+
+def pytest_collection_finish() -> None:
+    """The garbage collector need not look through modules and tests again: a third of the time of an FRI session."""
+    gc.collect()
+    gc.freeze()
 
 
 class Sample:
