@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "117423c6aa01b418") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "bdb076bd814b0ed3") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

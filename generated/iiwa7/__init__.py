@@ -60,7 +60,7 @@ limits
         Joint stiffness of the potential that keeps joints away from their limits.
 
 Impedance(**config)
-    Impedance controller; ``step(q=..., ...)`` gives the torque. Status and Mode name what a step reports.
+    Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name what a step reports.
 DOF, JOINTS, BASE, TIP
     Number and names of the joint positions in q, base link, tip link.
 LOWER, UPPER, VELOCITY, EFFORT
@@ -81,7 +81,7 @@ except ImportError as _error:
         "iiwa7: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "14e07dbe8bdd24a1":
+if getattr(_c, "SOURCES", "") != "ec7c68eca4dd8819":
     raise ImportError(
         "iiwa7: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"
@@ -199,8 +199,10 @@ limits = _Functions(
 
 from .impedance import Fault, Impedance, Mode, Reason, Status
 
+# What help() shows in full beside the text above: without the arrays, each of which would bring NumPy's page on arrays,
+# and the enumerations, which would bring those of their integers.
 __all__ = [
-    "DOF", "JOINTS", "BASE", "TIP", "TOOL", "LOWER", "UPPER", "VELOCITY", "EFFORT",
+    "DOF", "JOINTS", "BASE", "TIP", "TOOL",
     "forward_kinematics",
     "mass_matrix",
     "bias_forces",
@@ -211,5 +213,5 @@ __all__ = [
     "spring",
     "posture",
     "limits",
-    "Fault", "Impedance", "Mode", "Reason", "Status",
+    "Impedance",
 ]

@@ -258,9 +258,11 @@ typedef struct {
     double q0[7];
     /* [m] (4 x 4) command equilibrium: pose [R p; 0 1] of the tip where its spring is at rest. */
     double equilibrium[16];
-    /* [N/m] (3 x 3) Kt, base axes; symmetric, positive semidefinite. */
+    /* [N/m] (3 x 3) Kt of the spring kernels, in their axes (the base's by default); symmetric, positive
+     * semidefinite. */
     double translation_stiffness[9];
-    /* [N m/rad] (3 x 3) Ko, axes of the equilibrium; symmetric, positive semidefinite. */
+    /* [N m/rad] (3 x 3) Ko of the spring kernels, in their axes (the equilibrium's by default); symmetric,
+     * positive semidefinite. */
     double rotation_stiffness[9];
     /* [N, N m] (force, moment) that the ENVIRONMENT APPLIES TO THE ROBOT at the tip, hybrid axes; negate the
      * reading of a sensor that reports what the robot applies. */
@@ -345,68 +347,74 @@ typedef struct {
 
 /* What a controller knows from step to step; opaque, prepared by iiwa7_impedance_init. */
 typedef struct {
+    double older[14];
+    double feed[21];
+    double gap_torque[7];
+    double rate[7];
+    double velocity_limit[7];
+    double avoidance[28];
+    double recent[56];
+    double q[7];
+    double dq[7];
+    double still_q[7];
+    double moved_q[7];
+    double still_dq[7];
+    double start_q[7];
+    double q_age[7];
+    double dq_age[7];
+    double posture[7];
+    double posture_velocity[7];
+    double wanted_posture[7];
+    double posture_stiffness[7];
+    double equilibrium[16];
+    double equilibrium_velocity[6];
+    double wanted_equilibrium[16];
+    double translation_stiffness[9];
+    double rotation_stiffness[9];
+    double tool_pose[16];
+    double scale;
+    double elastic_energy;
+    double limit_energy;
+    double tank;
+    double reserve;
+    double engagement;
+    double gap_work;
+    double gap_most;
+    double sample_time;
+    double port_total;
+    double sampling_total;
+    double reference_total;
+    double stiffness_total;
+    double start_total;
+    double fault_time;
+    double good_time;
+    int32_t ready;
+    int32_t law;
+    int32_t known;
+    int32_t engaged;
+    int32_t commanded;
+    int32_t joined;
+    int32_t fault;
+    int32_t reason;
+    int32_t reset;
+    int32_t bad;
+    int32_t missed;
+    int32_t gap;
+    int32_t recent_count;
+    int32_t regular;
+    uint32_t counter;
+    uint32_t unaccounted;
+    uint32_t seen_counter;
+    int32_t absent;
+    int32_t delay;
+    int32_t spare;
+} iiwa7_impedance_memory;
+
+typedef struct {
     double torque[21]; /* the last one, three times */
     double rate[21]; /* by how much it may change in a step, three times */
     uint64_t checksum; /* of memory */
-    struct {
-        double older[14];
-        double feed[21];
-        double gap_torque[7];
-        double rate[7];
-        double velocity_limit[7];
-        double avoidance[28];
-        double recent[56];
-        double q[7];
-        double dq[7];
-        double still_q[7];
-        double travelled[7];
-        double still_dq[7];
-        double start_q[7];
-        double q_age[7];
-        double dq_age[7];
-        double posture[7];
-        double posture_velocity[7];
-        double wanted_posture[7];
-        double posture_stiffness[7];
-        double equilibrium[16];
-        double equilibrium_velocity[6];
-        double wanted_equilibrium[16];
-        double translation_stiffness[9];
-        double rotation_stiffness[9];
-        double tool_pose[16];
-        double scale;
-        double elastic_energy;
-        double limit_energy;
-        double tank;
-        double reserve;
-        double engagement;
-        double gap_work;
-        double gap_most;
-        double sample_time;
-        double totals[5];
-        double fault_time;
-        double good_time;
-        int32_t ready;
-        int32_t law;
-        int32_t known;
-        int32_t engaged;
-        int32_t commanded;
-        int32_t joined;
-        int32_t fault;
-        int32_t reason;
-        int32_t reset;
-        int32_t bad;
-        int32_t missed;
-        int32_t gap;
-        int32_t recent_count;
-        int32_t regular;
-        uint32_t counter;
-        uint32_t unaccounted;
-        uint32_t seen_counter;
-        int32_t absent;
-        int32_t delay;
-        int32_t spare;
-    } memory;
+    iiwa7_impedance_memory memory;
     double scratch[147];
 } iiwa7_impedance_state;
 

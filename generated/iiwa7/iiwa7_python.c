@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "14e07dbe8bdd24a1") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "ec7c68eca4dd8819") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "78561cd86d3233db") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "22fcf9cff75f0391") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

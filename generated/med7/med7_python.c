@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "5c44c0c843db7639") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "8f07031b2c888baa") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

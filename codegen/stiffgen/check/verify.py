@@ -577,7 +577,7 @@ def argument_samples(
                 pool[argument.of_all_tips(names)] = np.stack(each, axis=1)
     for kernel in chain_kernels(chain, options):
         for argument in kernel.arguments:
-            if argument.own:  # cotangents, of what is summed over the tips, too
+            if argument.own and argument not in pool:  # cotangents, of what is summed over the tips, too
                 pool[argument] = drawn[0].of(argument, seed)
     return pool
 

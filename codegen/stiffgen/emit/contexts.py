@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from stiffgen.emit.c import CFunction, Scope, TargetCode
+from stiffgen.emit.c import CFunction, Scope, TargetCode, suffix_of
 from stiffgen.emit.expressions import Operations
 from stiffgen.emit.target import BATCH, SINGLE, Target
 from stiffgen.robot.chain import Chain
@@ -262,7 +262,7 @@ def batch_page(name: str, kernel: Kernel, function: CFunction) -> BatchPage:
     parameters += [f"{number} *{array.name}" for array in function.outputs]
     within = [f"const {BATCH.number} {_declared(array)}" for array in function.inputs]
     within += [f"{BATCH.number} {_declared(array)}" for array in function.outputs]
-    one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{BATCH.suffix}(", within) + ")"
+    one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{suffix_of(BATCH)}(", within) + ")"
     return BatchPage(
         definition=Definition(_explained(kernel, function), one_vector, function.lines),
         prototype=_fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
@@ -283,7 +283,7 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
     varying = [array for argument, array in taken if argument.varying]
     declared = [f"const {number} {_declared(array)}" for array in function.inputs]
     declared += [f"{number} {_declared(array)}" for array in function.outputs]
-    one = _fill(f"{target.qualifier} void {kernel.qualified_name}_thread(", declared) + ")"
+    one = _fill(f"{target.qualifier} void {kernel.qualified_name}{suffix_of(target)}(", declared) + ")"
     given, arrays = [], []
     for array in function.inputs:
         given.append(f"const {number} *{array.name}")
