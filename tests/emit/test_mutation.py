@@ -134,8 +134,6 @@ SIGN = re.compile(r" [-+] |(?<== )-|(?<=, )-|(?<=\()-")  # between two terms, or
 FUNCTION = re.compile(r"(?:static |DEVICE )?void (\w+)\(")
 FIRST = r"(?<=[\]\w] = )(?![-({&]|.*\{|0\.0;|same\(0\.0\))|(?<= \+= )(?!-)"  # before the first term, of sums, too
 SIGN_OR_FIRST = re.compile(f"{SIGN.pattern}|{FIRST}")
-    SIGN.pattern + r"|(?<=[\]\w] = )(?![-({&]|.*\{|0\.0;|same\(0\.0\))|(?<= \+= )(?!-)"
-)  # the first term, too
 SPRING_KERNELS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness", "linearization")
 SPRING_BOUND = 5e-14
 WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
