@@ -460,6 +460,7 @@ PRODUCTS = (
     "hybrid_joint_stiffness_vjp", "body_kinematic_stiffness_vjp", "spring_torque_vjp", "gravity_joint_stiffness_vjp",
 )  # fmt: skip
 """Those whose signs are tried without waiting: loops over pairs and joints, running sums, statements."""
+LARGE = 1e6
 
 
 @pytest.mark.parametrize(
@@ -473,8 +474,9 @@ PRODUCTS = (
 def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chosen, tmp_path):
     """Every sign and every first term of the products, single calls and batches, against complex steps.
 
-    What is not caught changes no bit of the results: what is zero, since a joint stiffness does not feel where the base
-    is, and conditions, which are true or not.
+    What is not caught has no effect, a million times as large either, apart from rounding: what is zero, since a joint
+    stiffness does not feel where the base is; an inertia about the axis that it is turned about, which no derivative
+    feels; conditions, which are true or not.
     """
     (tmp_path / "skew.urdf").write_text(chain_urdf(types).replace('"0 0 1"', '"0.48 0.6 0.64"'))
     chain = stiffgen.load_chain(tmp_path / "skew.urdf", floating_base=floating)
@@ -511,6 +513,10 @@ def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chos
                 return False
         return True
 
+    def without_effect(found, right):
+        pairs = ((np.abs(a - b).max(), np.abs(b).max()) for a, b in zip(found, right, strict=True))
+        return all(difference <= 1e-14 * LARGE * size for difference, size in pairs)
+
     right = {body: results(body) for body in sorted({place.split(":")[0] for place in places})}
     assert [body for body, found in right.items() if not agrees(bodies[body], found)] == []
     missed, without = [], 0
@@ -519,12 +525,13 @@ def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chos
         flip[k] = -1.0
         found = results(body)
         if agrees(bodies[body], found):
-            if all(map(np.array_equal, found, right[body])):
+            flip[k] = LARGE
+            if without_effect(results(body), right[body]):
                 without += 1
             else:
                 missed.append(place)
         flip[k] = 1.0
     print(f"{types}: {len(places)} places, {len(missed)} missed, {without} without effect")
     assert missed == []
-    assert without <= 0.01 * len(places)
+    assert without <= (0.01 if chosen else 0.06) * len(places)
     assert set(right) == {body for body, name in bodies.items() if not body.endswith("_lanes") or products[name].batch}
