@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the templates read: frozen records, made of the chain, the kernels' records and what was printed for them."""
 
 from __future__ import annotations
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 
 from stiffgen.emit.c import CFunction, Scope, TargetCode, suffix_of
 from stiffgen.emit.expressions import Operations
+from stiffgen.emit.rounding import Stated
 from stiffgen.emit.target import BATCH, SINGLE, Target
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
@@ -223,8 +225,8 @@ def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
     )
 
 
-def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> KernelPage:
-    """A kernel that was printed for one configuration; ``name`` is the robot's."""
+def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction, bounds: Sequence[Stated]) -> KernelPage:
+    """A kernel that was printed for one configuration; ``name`` is the robot's, ``bounds`` those of its errors."""
     parameters = [f"const {SINGLE.number} {_declared(array)}" for array in function.inputs]
     parameters += [f"{SINGLE.number} {_declared(array)}" for array in function.outputs]
     prototype = _fill(f"void {name}_{kernel.qualified_name}(", parameters) + ")"
@@ -247,7 +249,7 @@ def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) ->
         extents=["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
         sizes=[array.size for array in arrays],
         batch=kernel.batch,
-        documentation=_documentation(chain, kernel),
+        documentation=_documentation(chain, kernel, bounds),
         doxygen=_doxygen(chain, kernel),
         docstring=_docstring(chain, kernel),
         operations=function.operations.total,
@@ -502,7 +504,7 @@ def wrapped(text: str, width: int = 104, indent: str = "") -> list[str]:
     return [*lines, current]
 
 
-def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
+def _documentation(chain: Chain, kernel: Kernel, bounds: Sequence[Stated]) -> list[str]:
     """The comment over a C prototype."""
     lines = [kernel.summary, *wrapped(kernel.equation)]
     if kernel.note:
@@ -510,6 +512,8 @@ def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
     lines.append("")
     for argument in (*kernel.arguments, *kernel.results):
         lines += wrapped(_described(chain, argument), indent="    ")
+    if bounds:
+        lines += wrapped(f"Rounding: {', '.join(each.text for each in bounds)}.")
     return lines
 
 
