@@ -87,7 +87,7 @@ FAULTS = (
     Fault("the batch writes beside", "+ 49 * at)", "+ 49 * at + 1)", BATCH, "hybrid_joint_stiffness"),
     Fault("a shift beyond the width", "<< 62)", "<< 64)", "void sine_cosine(", "forward_kinematics"),
     Fault("copies of the torque too many", "copy < 3; ++copy", "copy < 4; ++copy", "void keep(", part="services"),
-    Fault("a loop without end", "k < WORDS; ++k", "k < WORDS; k += 0", "uint64_t checksum(", part="services"),
+    Fault("a loop without end", "sizeof word; ++k", "sizeof word; k += 0", "uint64_t checksum(", part="services"),
     Fault("an invalid configuration is taken", "x <= RULES[r].most", "x <= 2.0 * RULES[r].most", "", part="services"),
     Fault("a delay beyond the memory of torques", "c->delay_samples;", "c->delay_samples + 1;", "", part="step"),
     Fault("an unguarded conversion", "ceil(fmin(most, (double)RECENT))", "ceil(most)", "", part="step"),

@@ -23,7 +23,7 @@ PARTS = ("kernels", "services", "step", "widths")
 _MEMORY = "in bounds, initialised, no undefined behaviour, loops bounded, returns"
 _BITS = "in bounds, loops bounded, arguments not written"
 _FRAME = ", configuration and sample not written"
-_APART = ("cholesky", "pencil", "positive_part", "soften", "design_damping", "blind")
+_APART = ("cholesky", "pencil", "soften", "design_damping", "blind")
 """Functions of the controller whose ways are kept apart: only where one succeeds has it results, or a number room."""
 
 
