@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-import stiffgen
 from stiffgen.check.prove import tools
 from stiffgen.check.prove.run import prove
 from stiffgen.check.prove.verdict import Verdict, read_verdicts
@@ -108,25 +107,6 @@ def faulty(fault: Fault, folder: Path) -> Path:
     return target
 
 
-def random_arm(joints: int) -> str:
-    """A chain of turning joints, each about an axis of its own, with links of any mass and inertia."""
-    draw = np.random.default_rng(joints)
-
-    def three(size: float) -> str:
-        return " ".join(f"{x:.6f}" for x in draw.uniform(-size, size, 3))
-
-    links = ['<link name="l0"/>']
-    for k in range(joints):
-        links.append(
-            f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
-            f'<origin xyz="{three(0.4)}" rpy="{three(3.0)}"/><axis xyz="{three(1.0)}"/>'
-            f'<limit lower="-2.5" upper="2.5" velocity="2" effort="100"/></joint><link name="l{k + 1}"><inertial>'
-            f'<origin xyz="{three(0.1)}"/><mass value="{draw.uniform(0.5, 4.0):.4f}"/>'
-            f'<inertia ixx="0.02" iyy="0.03" izz="0.025" ixy="0.001" ixz="0.002" iyz="0.001"/></inertial></link>'
-        )
-    return '<robot name="other">' + "".join(links) + "</robot>"
-
-
 def outcomes(verdicts: list[Verdict]) -> dict[str, list[Verdict]]:
     found: dict[str, list[Verdict]] = {"proved": [], "FAILED": [], "unproved": []}
     for verdict in verdicts:
@@ -174,29 +154,6 @@ def test_every_fault_is_caught(fault: Fault, tmp_path: Path) -> None:
     only = (fault.only,) if fault.only else ()
     verdicts = prove(faulty(fault, tmp_path), parts=(fault.part,), only=only)
     assert outcomes(verdicts)["FAILED"], [v.detail for v in verdicts if v.outcome != "proved"]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("provers")
-def test_iiwa14_is_proved(tmp_path: Path) -> None:
-    file = tmp_path / "verdicts.json"
-    verdicts = prove(FOLDER, json=file)
-    assert_proved([verdict for verdict in verdicts if verdict.tool != "sanitizers"])
-    assert not outcomes(verdicts)["FAILED"]
-    assert read_verdicts(file).verdicts[0].function == verdicts[0].function
-    functions = {verdict.function for verdict in verdicts}
-    for name in ("iiwa14_impedance_step", "act", "eigen_symmetric", "govern", "validate", "self_check"):
-        assert name in functions, name
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("provers")
-@pytest.mark.parametrize("joints", [6, 12])
-def test_other_robots_are_proved(joints: int, tmp_path: Path) -> None:
-    urdf = tmp_path / "robot.urdf"
-    urdf.write_text(random_arm(joints))
-    folder = stiffgen.generate(urdf, output=tmp_path, name="other", build=False)
-    assert_proved(prove(folder, parts=("kernels", "services", "step")))
 
 
 def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
