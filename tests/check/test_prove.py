@@ -134,26 +134,17 @@ def test_fault_still_applies(fault: Fault, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("provers")
 def test_a_kernel_is_proved() -> None:
-    verdicts = prove(FOLDER, parts=("kernels",), only=("forward_kinematics", "posture_joint_stiffness"))
+    verdicts = prove(FOLDER, parts=("kernels",), only=("forward_kinematics", "hybrid_jacobian"))
     assert_proved(verdicts)
     assert {verdict.tool for verdict in verdicts} == {"Frama-C", "ESBMC"}
-    assert "posture_joint_stiffness_batch" in {verdict.function for verdict in verdicts}
+    assert "hybrid_jacobian_batch" in {verdict.function for verdict in verdicts}
 
 
 @pytest.mark.usefixtures("provers")
-@pytest.mark.parametrize("title", ["an argument read beyond its end", "not mirrored"])
+@pytest.mark.parametrize("title", ["a shift beyond the width"])
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)
     assert outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=(fault.only,)))["FAILED"]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("provers")
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
-def test_every_fault_is_caught(fault: Fault, tmp_path: Path) -> None:
-    only = (fault.only,) if fault.only else ()
-    verdicts = prove(faulty(fault, tmp_path), parts=(fault.part,), only=only)
-    assert outcomes(verdicts)["FAILED"], [v.detail for v in verdicts if v.outcome != "proved"]
 
 
 def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
