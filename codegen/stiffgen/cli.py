@@ -1,4 +1,5 @@
-"""The command line: ``stiffgen generate | inspect | verify | bench | play | analyze``.
+# SPDX-License-Identifier: MIT
+"""The command line: ``stiffgen new | generate | inspect | verify | bench | play | analyze``.
 
 Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage, or output that
 cannot be written. Refusals are one message on standard error.
@@ -17,7 +18,7 @@ import threading
 import warnings
 import webbrowser
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -39,6 +40,8 @@ from stiffgen.emit.rounding import Ranges
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
+from stiffgen.new.project import new_project
+from stiffgen.new.questions import CONTROLLERS, Given
 from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description, JointElement
@@ -237,22 +240,11 @@ def _parser() -> argparse.ArgumentParser:
         f"{', '.join(field.name for field in fields(Ranges))}; repeatable (defaults: docs/accuracy.md)",
     )
     _add_springs(command)
-    tool = command.add_argument_group("tool", "fixed at generation, or a pose that the functions take at run time")
+    tool = _add_tool(command, "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="functions take the tool's pose (4x4, in the tip) after q")
-    tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
-    tool.add_argument("--tool-rpy", type=float, nargs=3, metavar=("R", "P", "Y"), help="its roll, pitch, yaw [rad]")
-    tool.add_argument("--tool-mass", type=float, metavar="KG", help="mass of the tool")
-    tool.add_argument(
-        "--tool-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="its centre of mass in the tip [m]"
-    )
-    tool.add_argument(
-        "--tool-inertia",
-        type=float,
-        nargs=6,
-        metavar=("IXX", "IXY", "IXZ", "IYY", "IYZ", "IZZ"),
-        help="its inertia about the centre of mass in the tip's axes [kg m^2]",
-    )
     command.set_defaults(run=_generate)
+
+    _add_new(commands)
 
     command = commands.add_parser(
         "inspect", help="show a URDF's joints, what a chain to each tip has, and all problems"
@@ -283,6 +275,40 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_analyze(commands)
     return parser
+
+
+def _add_tool(command: argparse.ArgumentParser, meaning: str) -> Any:
+    tool = command.add_argument_group("tool", meaning)
+    tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
+    tool.add_argument("--tool-rpy", type=float, nargs=3, metavar=("R", "P", "Y"), help="its roll, pitch, yaw [rad]")
+    tool.add_argument("--tool-mass", type=float, metavar="KG", help="mass of the tool")
+    tool.add_argument(
+        "--tool-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="its centre of mass in the tip [m]"
+    )
+    tool.add_argument(
+        "--tool-inertia",
+        type=float,
+        nargs=6,
+        metavar=("IXX", "IXY", "IXZ", "IYY", "IYZ", "IZZ"),
+        help="its inertia about the centre of mass in the tip's axes [kg m^2]",
+    )
+    return tool
+
+
+def _add_new(commands: Any) -> None:
+    command = commands.add_parser(
+        "new", help="write a project of your own: a 1 kHz loop, a simulated robot, a test, a script"
+    )
+    command.add_argument("urdf", type=Path, metavar="URDF")
+    command.add_argument("--tip", metavar="LINK", help="link that touches things (needed where there are several)")
+    command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
+    command.add_argument("--controller", choices=list(CONTROLLERS), help="what closes the loop (default: impedance)")
+    command.add_argument("--spring", choices=KINDS, help="of --controller spring (default: trace)")
+    command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
+    command.add_argument("--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control)")
+    command.add_argument("--no-build", action="store_true", help="do not compile the Python module")
+    _add_tool(command, "mounted on the tip link (default: none)")
+    command.set_defaults(run=_new, tool=None, no_masses=False)
 
 
 def _add_springs(command: argparse.ArgumentParser) -> None:
@@ -450,6 +476,38 @@ def _generate(options: argparse.Namespace) -> int:
         )
     print(folder)
     return 0
+
+
+def _new(options: argparse.Namespace) -> int:
+    tool = _tool(options)
+    progress = _Progress(_Console(stderr=True, highlight=False, soft_wrap=True))
+    with ExitStack() as spinner:
+
+        def ready() -> None:  # the questions are answered
+            spinner.enter_context(progress.shown())
+
+        project = new_project(
+            options.urdf,
+            given=Given(options.tip, options.base, tool is not None, options.spring, options.controller),
+            tool=tool,
+            name=options.name,
+            output=options.output,
+            build=not options.no_build,
+            ask=_ask if sys.stdin is not None and sys.stdin.isatty() else None,
+            ready=ready,
+            progress=progress,
+        )
+    print(project)
+    return 0
+
+
+def _ask(question: str) -> str:
+    """On standard error, so that standard output holds the result alone."""
+    print(f"{question} ", end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline()
+    if not answer:
+        raise StiffgenError("standard input ended before the questions did; give --tip, --controller and the like")
+    return answer.rstrip("\n")
 
 
 _MOST_TIPS = 100

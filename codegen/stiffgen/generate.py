@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """URDF -> a robot's folder: render, compile, and swap it into place."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated LBR iiwa 14 with its wiping tool, and the bowl: MuJoCo behind a torque interface.
 
 The arm comes from urdf/iiwa14.urdf through MuJoCo's own URDF reader. So its kinematics and masses are independent of

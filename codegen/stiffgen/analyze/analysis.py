@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stiffness analysis of a recording: ``stiffgen analyze LOG --robot DIR``.
 
 The recording is read as a stream (:mod:`stiffgen.recording`); every partition is summarised by

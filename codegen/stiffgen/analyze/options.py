@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What an analysis is asked for: one record, and the command line and :func:`stiffgen.analyze` derive from it."""
 
 from __future__ import annotations

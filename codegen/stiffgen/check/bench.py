@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How fast a generated robot's compiled kernels are on this machine: ``stiffgen bench DIR``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Nothing is read or written outside of arguments and results: they end, or begin, at memory that cannot be touched.
 
 Each function runs in a process of its own, which ends by a signal where it goes too far, whether it uses what it reads

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller's law again, from its equations, and the compiled controller stepped against it.
 
 The energy of the springs is written with the angle of the error rotation and differentiated by q along the tips' poses;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Oracles for the kernels of a generated robot, independent of the code that generated them.
 
 What the kernels compute in closed form is computed here another way, from the chain's joint poses alone:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compile a robot's folder into its NumPy module, with the system's C compiler alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Kernel table -> C functions, as statements.
 
 Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the templates read: frozen records, made of the chain, the kernels' records and what was printed for them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the templates of a robot's impedance controller need, from the field table."""
 
 from __future__ import annotations

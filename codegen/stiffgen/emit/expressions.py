@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CasADi graph -> C statements.
 
 Nodes that are used more than once or named by a section become ``const double`` locals; the rest is nested into

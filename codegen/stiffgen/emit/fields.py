@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The fields of a robot's impedance controller, its status bits, faults and reasons: the only list of them.
 
 The C structs and enumerations, the error codes and texts, the check of every configuration field, their

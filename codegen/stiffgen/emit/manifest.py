@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The manifest of a robot's folder, manifest.json: what it was generated from and by what. Written and read here."""
 
 from __future__ import annotations

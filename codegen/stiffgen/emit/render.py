@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Chain -> the text of every file of a robot's folder. Nothing is written here."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Certified bounds of rounding errors: a running error analysis of the statements that are printed.
 
 Every number of a function has a bound of its size (what it is at most, in real arithmetic) and of its error (how far

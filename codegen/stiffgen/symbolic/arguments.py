@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What kernels take and give: name, shape, unit and meaning, by which header, docstrings and manifests speak."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CasADi expressions of the joint stiffness of contacts, or springs, at all tips of a tree together, in one pass over
 its joints.
 

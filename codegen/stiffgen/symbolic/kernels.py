@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The Kernel table: the only list of what is computed. Every output of stiffgen is made from it.
 
 Adding a kernel is one record: name, arguments with shapes and units, result, one-line meaning, equation, and the

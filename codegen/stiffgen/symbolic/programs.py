@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How every kernel is computed: the steps of its program, made for one chain.
 
 The table (:mod:`stiffgen.symbolic.kernels`) names these; what one joint and one pair of joints contribute is in
