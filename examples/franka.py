@@ -79,7 +79,7 @@ def connected(address: str, patience: float = 30.0) -> Any:
 
 
 def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
-    """Follow the circle; what was counted."""
+    """Follow the circle; what was counted. The first fault is said when it comes."""
     franka = import_module("pylibfranka")
     start = np.array(robot.read_once().q)
     rest = module.forward_kinematics(start)
@@ -105,6 +105,8 @@ def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
         control.writeOnce(franka.Torques(output.torque.tolist()))
         pose = module.forward_kinematics(q)
         counted["cycles"] += 1
+        if output.fault and not counted["faults"]:
+            print(f"after {elapsed:.1f} s: {module.Fault(output.fault).name}, {module.Reason(output.reason).name}")
         counted["faults"] += output.fault != 0
         counted["step"] = max(counted["step"], time.perf_counter() - begin)
         if elapsed > 2.0:

@@ -21,11 +21,16 @@ PAGE = (ROOT / "docs" / "start.md").read_text()
 
 
 def interpreter(version: str) -> str | None:
-    """A Python of that version: on the path, or one that pyenv keeps."""
-    if version == "{}.{}".format(*sys.version_info):
-        return sys.executable
-    kept = sorted(Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python3"))
-    return shutil.which(f"python{version}") or (str(kept[-1]) if kept else None)
+    """A Python of that version that runs and can make virtual environments: one that pyenv keeps, or on the path."""
+    kept = Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python3")
+    own = [sys.executable] if version == "{}.{}".format(*sys.version_info) else []
+    code = "import ensurepip, sys; print('{}.{}'.format(*sys.version_info))"
+    for candidate in (*own, *sorted(map(str, kept), reverse=True), shutil.which(f"python{version}")):
+        if candidate:  # one on the path may be pyenv's word that it is another's
+            done = subprocess.run([candidate, "-c", code], capture_output=True, text=True, check=False)
+            if done.stdout.strip() == version:
+                return candidate
+    return None
 
 
 def clean_environment() -> dict[str, str]:
