@@ -41,7 +41,9 @@ CONTENTS = {
         "docs/experiment", "docs/stance",
         "docs/analyze", "docs/troubleshooting",
     ),
-    "Evidence": ("docs/performance", "docs/accuracy", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
+    "Evidence": (
+        "docs/performance", "docs/accuracy", "docs/targets", "benchmarks/RESULTS", "docs/robots", "urdf/README",
+    ),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
     ),
