@@ -42,7 +42,8 @@ CONTENTS = {
         "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (
-        "docs/proofs", "docs/performance", "docs/accuracy", "benchmarks/RESULTS", "docs/robots", "urdf/README",
+        "docs/proofs", "docs/performance", "docs/accuracy", "docs/targets", "benchmarks/RESULTS", "docs/robots",
+        "urdf/README",
     ),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
