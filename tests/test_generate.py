@@ -17,8 +17,8 @@ from stiffgen.errors import BuildError, OutputError, StiffgenError
 from support.project import ROOT, URDF
 
 FILES = {
-    "iiwa14.h", "iiwa14.c", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_python.c", "CMakeLists.txt",
-    "__init__.py", "__init__.pyi", "impedance.py", "impedance.pyi", "py.typed", "README.md",
+    "iiwa14.h", "iiwa14.hpp", "iiwa14.c", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_python.c",
+    "CMakeLists.txt", "__init__.py", "__init__.pyi", "impedance.py", "impedance.pyi", "py.typed", "README.md",
     "pyproject.toml", "manifest.json",
 }  # fmt: skip
 

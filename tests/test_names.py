@@ -22,7 +22,7 @@ SLOW = settings(derandomize=True, max_examples=500, deadline=None)
     ("name", "made"),
     [
         ("iiwa14", "iiwa14"), ("LBR iiwa 14 R820", "LBR_iiwa_14_R820"), ("3dof", "robot_3dof"), ("", "robot"),
-        ("---", "robot"),
+        ("---", "robot"), ("std", "robot_std"), ("Eigen", "robot_Eigen"), ("link", "robot_link"),
         ("Käfer", "Kafer"), ("机器人", "robot"), ("double", "robot_double"), ("Class", "robot_Class"),
         ("None", "robot_None"),
         ("match", "robot_match"), ("numpy", "robot_numpy"), ("stddef", "robot_stddef"), ("Turtle", "robot_Turtle"),

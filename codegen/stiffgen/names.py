@@ -1,11 +1,12 @@
 """Names from a robot description, made safe for C, CMake, Python and paths.
 
-A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_]
-become "_" (runs become one, none stay at the ends; nothing left: "robot"), a leading digit, a word that C, C++,
-Python, CMake or Windows (device names) reserve, the name of a Python module or a C header that it would hide, and
-names that start with "stiffgen" get the prefix "robot_", and more than 40 characters are cut. The rule leaves its own
-results as they are. Joint and link names never become identifiers; they stand in string literals and comments,
-escaped by the functions below.
+A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_] become
+"_" (runs become one, none stay at the ends; nothing left: "robot"), a leading digit, a word that C, C++, Python, CMake
+or Windows (device names) reserve, the name of a Python module or a C header that it would hide, a name that a C++
+namespace NAME would meet in every program (functions of the C library, std, Eigen), and names that start with
+"stiffgen" get the prefix "robot_", and more than 40 characters are cut. The rule leaves its own results as they are.
+Joint and link names never become identifiers; they stand in string literals and comments, escaped by the functions
+below.
 """
 
 from __future__ import annotations
@@ -57,9 +58,17 @@ _MODULES = """
     numpy scipy matplotlib casadi sympy mpmath jinja2 dask distributed xarray pandas pytest mujoco pinocchio
     setuptools pip
 """
+# NAME.hpp's namespace NAME stands beside the global functions of C libraries.
+_GLOBALS = """
+    std eigen posix abs div exit free read write open close link unlink pipe dup fork exec index rindex remove rename
+    system access sleep nice getenv putenv gamma lgamma j0 j1 jn y0 y1 yn sin cos tan exp log pow sqrt floor ceil round
+    printf scanf puts gets send recv bind listen accept connect socket kill wait pause alarm brk sbrk swab sync acct
+"""
+CPP_NAMES = ("detail", "map", "assign", "row_major", "self_check", "Array", "Input", "Output", "Matrix", "Impedance")
+"""What NAME.hpp's namespace holds beside the functions; tips and potentials are called otherwise."""
 _HIDDEN = frozenset((_HEADERS + _MODULES).split())
 _PYTHON = {word.lower() for word in (*keyword.kwlist, *keyword.softkwlist)}
-_RESERVED = _HIDDEN | frozenset(_C_AND_CPP.split()) | _PYTHON
+_RESERVED = _HIDDEN | frozenset((_C_AND_CPP + _GLOBALS).split()) | _PYTHON
 
 
 def identifier(name: str) -> str:

@@ -56,6 +56,21 @@ def test_derivatives_where_lanes_do_not_fill_the_rows(flags, tmp_path, monkeypat
     assert [check for check in verify(folder, count=3) if not check.passed] == []
 
 
+@pytest.mark.parametrize(
+    ("flags", "types"),
+    [("no vectors", "rm"), *(pytest.param(flags, "rpm", marks=pytest.mark.slow) for flags in FLAGS)],
+)
+def test_derivatives_on_a_floating_base(flags, types, tmp_path, monkeypatch):
+    """Eight or nine joints, six of them the base's own, seven or eight coordinates."""
+    monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
+    monkeypatch.setenv("CFLAGS", "-O1")
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(chain_urdf(types))
+    name, options = f"floating_{list(FLAGS).index(flags)}_{types}", stiffgen.SpringOptions(derivatives=True)
+    folder = stiffgen.generate(urdf, output=tmp_path, name=name, springs=options, floating_base=True)
+    assert [check for check in verify(folder, count=3) if not check.passed] == []
+
+
 def test_batches_of_every_length(robot, chain):
     """Shared and own wrenches, backwards and spread arguments, and nothing written beyond the end."""
     from stiffgen.check.verify import Samples

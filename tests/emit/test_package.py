@@ -82,17 +82,24 @@ def prefix(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_installed_files_carry_the_name(prefix: Path) -> None:
     installed = {path.relative_to(prefix).as_posix() for path in prefix.rglob("*") if path.is_file()}
-    assert {"include/iiwa14.h", "include/iiwa14_impedance.h", "lib/libiiwa14.a"} <= installed
+    assert {"include/iiwa14.h", "include/iiwa14.hpp", "include/iiwa14_impedance.h", "lib/libiiwa14.a"} <= installed
     assert [path for path in installed if not Path(path).name.removeprefix("lib").startswith("iiwa14")] == []
 
 
-def test_pkg_config_compiles_the_readmes_example(folder: Path, prefix: Path, robot: ModuleType, tmp_path: Path) -> None:
+def test_pkg_config_compiles_the_readmes_examples(
+    folder: Path, prefix: Path, robot: ModuleType, tmp_path: Path
+) -> None:
     (tmp_path / "example.c").write_text(example(folder, "c"))
     path = str(prefix / "lib" / "pkgconfig")
     flags = run("pkg-config", "--cflags", "--libs", "iiwa14", cwd=tmp_path, PKG_CONFIG_PATH=path).split()
     run("cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "example.c", *flags, "-o", "a", cwd=tmp_path)
     expected = robot.hybrid.jacobian([0.1, 0.2, 0.3, 0, 0, 0, 0])[0, 0]
     assert float(run(tmp_path / "a", cwd=tmp_path)) == pytest.approx(expected, abs=1e-6)
+    (tmp_path / "example.cpp").write_text(example(folder, "cpp"))
+    run(
+        "c++", "-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "example.cpp", *flags, "-o", "b", cwd=tmp_path
+    )
+    assert run(tmp_path / "b", cwd=tmp_path) == run(tmp_path / "a", cwd=tmp_path)
     assert run("pkg-config", "--modversion", "iiwa14", cwd=tmp_path, PKG_CONFIG_PATH=path).strip() == "0.1.0"
 
 

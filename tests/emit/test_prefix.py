@@ -54,7 +54,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name, robot, version in (("left", "iiwa14", "0.1.0"), ("right", "iiwa7", "9.9.9")):
             patch.setattr(render_module, "__version__", version)
             for file, text in render(stiffgen.load_chain(URDF.parent / f"{robot}.urdf"), name).items():
-                if file.endswith((".c", ".h")):
+                if file.endswith((".c", ".h", ".hpp")):
                     assert file.startswith(name)
                     (folder / file).write_text(text)
     (folder / "main.c").write_text(MAIN)

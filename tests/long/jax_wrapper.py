@@ -15,7 +15,7 @@ import pytest
 from jax.test_util import check_grads
 
 from stiffgen.opened import open_robot
-from support.wrappers import cases, small_robot, wrapper
+from support.wrappers import cases, floating_robot, small_robot, wrapper
 
 COUNT = 3
 
@@ -26,19 +26,31 @@ def small(tmp_path_factory):
 
 
 @pytest.fixture
-def arm(small):
+def double():
     jax.config.update("jax_enable_x64", True)
-    yield wrapper(small, "jax")
+    yield
     jax.config.update("jax_enable_x64", False)
+
+
+@pytest.fixture
+def arm(small, double):
+    return wrapper(small, "jax")
+
+
+@pytest.fixture(scope="module")
+def walker(tmp_path_factory):
+    return floating_robot(tmp_path_factory.mktemp("walker"))
 
 
 def listed(results):
     return list(results) if isinstance(results, tuple) else [results]
 
 
-def test_values_and_gradients_are_those_of_numpy(small, arm):
+@pytest.mark.parametrize("robot", ["small", "walker"])
+def test_values_and_gradients_are_those_of_numpy(robot, request, double):
     """Every function: a stack, one configuration, vmap over all, and vmap over the first argument alone."""
-    for case in cases(small, arm, COUNT):
+    robot = request.getfixturevalue(robot)
+    for case in cases(robot, wrapper(robot, "jax"), COUNT):
         close = lambda found, expected, path=case.path: np.testing.assert_allclose(  # noqa: E731
             found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(initial=0), err_msg=path
         )
@@ -48,7 +60,7 @@ def test_values_and_gradients_are_those_of_numpy(small, arm):
                 close(each, expected)
         results, back = jax.vjp(case.function, *case.arguments)
         gradients = back(results.__class__(case.cotangents) if isinstance(results, tuple) else case.cotangents[0])
-        for each, expected in zip(gradients, case.symmetric(), strict=True):
+        for each, expected in zip(gradients, case.of_wrapper(), strict=True):
             close(each, expected)
         first, *others = case.arguments
         shared = [each[0] for each in others]
@@ -72,6 +84,27 @@ def test_gradients_are_differences(small, arm):
         alone = jax.grad(loss, (0, 1, 2))(q[k], wrench, stiffness[0, 0])
         for found, expected in zip(one_by_one, alone, strict=True):
             np.testing.assert_allclose(found[k], expected, rtol=1e-11, atol=1e-11)
+
+
+def test_gradients_through_the_bases_pose(walker, double):
+    """A pose that stays a pose, however it is made: against JAX's own differences; stiffnesses of both tips."""
+    random = np.random.default_rng(5)
+    functions, n = wrapper(walker, "jax"), len(walker.chain.coordinates)
+    x, q, equilibria = random.normal(size=(3, 6)), random.uniform(-1, 1, n), np.stack(2 * [np.eye(4)])
+    Kt, Ko = np.stack(2 * [np.diag([300.0, 200, 400])]), np.stack(2 * [np.diag([20.0, 10, 30])])
+
+    def loss(x, q):
+        v, (a, b, c) = x[:3], x[3:]
+        turn = jnp.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
+        pose = jnp.block([[jax.scipy.linalg.expm(turn), v[:, None]], [jnp.array([[0.0, 0, 0, 1]])]])
+        stiffness = functions.spring.joint_stiffness_total(pose, q, equilibria, Kt, Ko)
+        return jnp.sin(stiffness / 100).sum() + jnp.sin(functions.left.hybrid.jacobian(pose, q)).sum()
+
+    for each in x:
+        check_grads(loss, (each, q), order=1, modes=["rev"], atol=1e-6, rtol=1e-6)
+    together = jax.vmap(jax.grad(loss), (0, None))(x, q)
+    for found, each in zip(together, x, strict=True):
+        np.testing.assert_allclose(found, jax.grad(loss)(each, q), rtol=1e-10, atol=1e-10)
 
 
 def test_nested_vmap_shares_what_is_not_mapped(small, arm):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from support.wrappers import cases, small_robot, wrapper
+from support.wrappers import cases, floating_robot, small_robot, wrapper
 
 COUNT = 3
 
@@ -17,6 +17,11 @@ COUNT = 3
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     return small_robot(tmp_path_factory.mktemp("torch"))
+
+
+@pytest.fixture(scope="module")
+def walker(tmp_path_factory):
+    return floating_robot(tmp_path_factory.mktemp("walker"))
 
 
 @pytest.fixture(scope="module")
@@ -34,15 +39,17 @@ def assert_close(found, expected, path):
     np.testing.assert_allclose(found.detach().numpy(), expected, rtol=1e-12, atol=scale, err_msg=path)
 
 
-def test_values_and_gradients_are_those_of_numpy(small, arm):
+@pytest.mark.parametrize("robot", ["small", "walker"])
+def test_values_and_gradients_are_those_of_numpy(robot, request):
     """Every function: a stack, vmap over all, and vmap over the first argument alone."""
-    for case in cases(small, arm, COUNT):
+    robot = request.getfixturevalue(robot)
+    for case in cases(robot, wrapper(robot, "torch"), COUNT):
         given = [torch.tensor(each, requires_grad=True) for each in case.arguments]
         results = listed(case.function(*given))
         for found, expected in zip(results, case.results, strict=True):
             assert_close(found, expected, case.path)
         cotangents = [torch.tensor(each) for each in case.cotangents]
-        for found, expected in zip(torch.autograd.grad(results, given, cotangents), case.symmetric(), strict=True):
+        for found, expected in zip(torch.autograd.grad(results, given, cotangents), case.of_wrapper(), strict=True):
             assert_close(found, expected, case.path)
         for found, expected in zip(listed(torch.vmap(case.function)(*given)), case.results, strict=True):
             assert_close(found, expected, case.path)
@@ -76,6 +83,24 @@ def test_gradcheck(small, arm):
         given = [torch.tensor(each[0], requires_grad=True) for each in case.arguments]
         size = max(float(np.abs(each).max(initial=0)) for each in case.gradients)
         assert torch.autograd.gradcheck(function, given, eps=1e-6, atol=1e-5 * max(1.0, size), rtol=1e-5), case.path
+
+
+def test_gradients_through_the_bases_pose(walker):
+    """A pose that stays a pose, however it is made: against PyTorch's differences."""
+    functions, n = wrapper(walker, "torch"), len(walker.chain.coordinates)
+    random = torch.Generator().manual_seed(2)
+    x = torch.randn((3, 6), generator=random, dtype=torch.float64, requires_grad=True)
+    q = torch.randn(n, generator=random, dtype=torch.float64, requires_grad=True)
+
+    def jacobians(x, q):
+        zero = torch.zeros_like(x[:, 0])
+        a, b, c = x[:, 3], x[:, 4], x[:, 5]
+        turn = torch.stack([zero, -c, b, c, zero, -a, -b, a, zero], -1).reshape(-1, 3, 3)
+        below = torch.tensor([0.0, 0, 0, 1], dtype=torch.float64).expand(len(x), 1, 4)
+        pose = torch.cat([torch.cat([torch.linalg.matrix_exp(turn), x[:, :3, None]], 2), below], 1)
+        return functions.left.hybrid.jacobian(pose, q), functions.right.spatial.jacobian(pose, q)
+
+    assert torch.autograd.gradcheck(jacobians, (x, q))
 
 
 def test_gradient_of_shared_arguments_is_summed(small, arm):

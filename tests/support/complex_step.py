@@ -76,19 +76,34 @@ class ComplexFunction:
         return results
 
 
+TWISTS = np.zeros((6, 4, 4))
+"""Rates of a pose, seen from itself, at unit twists (linear, angular) in its own axes."""
+for _k in range(3):
+    TWISTS[_k, _k, 3] = 1
+    TWISTS[3 + _k, (_k + 2) % 3, (_k + 1) % 3], TWISTS[3 + _k, (_k + 1) % 3, (_k + 2) % 3] = 1, -1
+
+
 def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: list[np.ndarray]) -> list[np.ndarray]:
-    """Gradients of the sum of cotangents times results by every entry of every argument; stacks as in CasADi."""
+    """Gradients of the sum of cotangents times results by every argument; stacks as in CasADi.
+
+    By every entry; by a floating base's pose along its body twists, (count, 6, 1).
+    """
     run = ComplexFunction(function)
     weights = [c.reshape(len(c), c.shape[1], -1).transpose(0, 2, 1).reshape(len(c), -1) for c in cotangents]
     found = []
     for k, argument in enumerate(arguments):
-        gradient = np.zeros(argument.shape)
-        for index in np.ndindex(argument.shape[1:]):
-            moved = [a.astype(complex) if i == k else a for i, a in enumerate(arguments)]
-            moved[k][(slice(None), *index)] += 1j * STEP
+        if function.name_in(k) == "base_pose":
+            rates = [argument @ twist for twist in TWISTS]
+            shape: tuple[int, ...] = (6, 1)
+        else:
+            shape = argument.shape[1:]
+            rates = list(np.eye(argument[0].size).reshape(-1, *shape))
+        gradient = np.zeros((len(argument), len(rates)))
+        for number, rate in enumerate(rates):
+            moved = [a + 1j * STEP * rate if i == k else a for i, a in enumerate(arguments)]
             with np.errstate(all="ignore"):  # in branches that are not chosen
                 results = run(*moved)
-            rates = [(w * r.imag).sum(axis=1) / STEP for w, r in zip(weights, results, strict=True)]
-            gradient[(slice(None), *index)] = np.sum(rates, axis=0)
-        found.append(gradient)
+            changes = [(w * r.imag).sum(axis=1) / STEP for w, r in zip(weights, results, strict=True)]
+            gradient[:, number] = np.sum(changes, axis=0)
+        found.append(gradient.reshape(len(argument), *shape))
     return found

@@ -19,6 +19,7 @@ from stiffgen.check.verify import argument_samples
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
+from support.exact_tree import tree_urdf
 
 Array = npt.NDArray[np.float64]
 DERIVATIVES = SpringOptions(derivatives=True)
@@ -31,6 +32,16 @@ def small_robot(output: Path) -> GeneratedRobot:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CFLAGS", "-O0")  # in a third of the time
         return open_robot(stiffgen.generate(urdf, output=output, name="arm", springs=DERIVATIVES))
+
+
+def floating_robot(output: Path) -> GeneratedRobot:
+    """Four joints with two tips on a floating base, with derivatives."""
+    urdf = output / "tree.urdf"
+    urdf.write_text(tree_urdf(3, joints=4))
+    options: dict[str, Any] = {"tip": ["left", "right"], "floating_base": True, "springs": DERIVATIVES}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CFLAGS", "-O0")
+        return open_robot(stiffgen.generate(urdf, output=output, name="walker", **options))
 
 
 def wrapper(robot: GeneratedRobot, framework: str) -> ModuleType:
@@ -50,12 +61,19 @@ class Case:
     gradients: list[Array]
     triangles: list[bool]
 
-    def symmetric(self) -> list[Array]:
-        """The gradients as a wrapper gives them."""
-        return [
+    def of_wrapper(self) -> list[Array]:
+        """The gradients as a wrapper gives them: by symmetric matrices, and by the entries of the base's pose."""
+        made = [
             (each + each.swapaxes(-1, -2)) / 2 if triangle else each
             for each, triangle in zip(self.gradients, self.triangles, strict=True)
         ]
+        if made[0].shape[1:] != self.arguments[0].shape[1:]:
+            force, moment = made[0][:, :3], made[0][:, 3:]
+            motion = np.zeros((len(force), 4, 4))
+            motion[:, :3, 3] = force
+            motion[:, :3, :3] = np.cross(np.eye(3), moment[:, None, :]) / 2  # [m] / 2
+            made[0] = self.arguments[0] @ motion
+        return made
 
 
 def cases(robot: GeneratedRobot, module: ModuleType, count: int) -> Iterator[Case]:

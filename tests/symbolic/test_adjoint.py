@@ -13,6 +13,7 @@ from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
 from support.complex_step import gradients
+from support.exact_tree import tree_urdf
 from support.project import ROOT, URDF
 
 BOUND = 1e-11
@@ -26,7 +27,17 @@ ROBOTS = {
         ROOT / "tests" / "data" / "dual_arm.urdf", tip=["left hand", "right-hand"]
     ),
     "small": lambda folder: of_types(folder, "rpm"),
+    "floating arm with a tool": lambda folder: of_types(folder, "rpr", runtime_tool=True, floating_base=True),
+    "floating tree": lambda folder: tree(folder, "left", "right"),
+    "small floating": lambda folder: of_types(folder, "rpm", floating_base=True),
 }
+
+
+def tree(folder, *tips):
+    """Twelve joints with two tips, sliding and mimic ones among them, on a floating base."""
+    urdf = folder / "tree.urdf"
+    urdf.write_text(tree_urdf(7))
+    return stiffgen.load_chain(urdf, tip=tips, floating_base=True)
 
 
 def of_types(folder, types, **options):
@@ -67,7 +78,7 @@ def products(chain):
 
 
 @pytest.mark.parametrize(
-    "robot", ["small", *(pytest.param(robot, marks=pytest.mark.slow) for robot in list(ROBOTS)[3:-1])]
+    "robot", [pytest.param(robot, marks=() if "small" in robot else pytest.mark.slow) for robot in list(ROBOTS)[3:]]
 )
 def test_products_are_complex_steps(robot, tmp_path):
     chain = ROBOTS[robot](tmp_path)
@@ -76,7 +87,7 @@ def test_products_are_complex_steps(robot, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", list(ROBOTS)[:3])
+@pytest.mark.parametrize("robot", [*list(ROBOTS)[:3], "small floating"])
 def test_a_thousand_states(robot, tmp_path):
     chain = ROBOTS[robot](tmp_path)
     errors = {k.qualified_name: worst_error(chain, k, p, 1000, seed=6) for k, p in products(chain)}
@@ -104,6 +115,37 @@ def test_both_triangles_of_a_cotangent_count(chain):
         model.hybrid.joint_stiffness_vjp(q, F, K, C), model.hybrid.joint_stiffness_vjp(q, F, K, C.T), strict=True
     ):
         assert relative_error(np.asarray(one)[None], np.asarray(other)[None]) <= 1e-12
+
+
+def test_gradients_of_energies_are_forces(tmp_path):
+    """On a floating base, base_pose_bar and q_bar together are what torque and gravity's gradient are made of."""
+    chain = ROBOTS["small floating"](tmp_path)
+    table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain, OPTIONS)}
+    pool = argument_samples(chain, 3, 8, OPTIONS)
+    for energy, force, sign in (
+        ("spring_energy", "spring_torque", -1),
+        ("spring_rotation_vector_energy", "spring_rotation_vector_torque", -1),
+        ("gravity_energy", "gravity_gradient", 1),
+    ):
+        product, known = (casadi_function(chain, table[name]) for name in (f"{energy}_vjp", force))
+        assert [table[f"{energy}_vjp"].results[k].name for k in (0, 1)] == ["base_pose_bar", "q_bar"]
+        for k in range(3):
+            given = [pool[argument][k] for argument in table[energy].arguments]
+            base, joints, *_ = (np.asarray(each) for each in product(*given, 1.0))
+            expected = sign * np.asarray(known(*given))
+            found = np.concatenate([base, joints])
+            assert found.shape == expected.shape == (chain.dof, 1)
+            assert relative_error(found[None], expected[None]) <= 1e-13
+
+
+def test_what_does_not_depend_on_the_base_has_no_gradient_by_it(tmp_path):
+    chain = ROBOTS["small floating"](tmp_path)
+    for kernel, product in products(chain):
+        takes = any(argument.name == "base_pose" for argument in kernel.arguments)
+        assert takes == ("base_pose_bar" in [result.name for result in product.results])
+        assert takes != (
+            kernel.group in ("body", "posture", "limits") or kernel.name in ("mass_matrix", "connection_correction")
+        )
 
 
 def test_default_table_has_no_products(chain):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen.check.result import BOUND, Array, Check, Kernels, as_results, faultless, relative_error
+from stiffgen.check.rounding import beyond_rounding, rounding_errors
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
@@ -21,7 +22,7 @@ _UNTOUCHED = -7.25
 
 
 def check_stacks(
-    kernels: Kernels, single: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array]
+    kernels: Kernels, single: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
 ) -> list[Check]:
     """Stacks of every length through the Python module: forwards, backwards, spread, with one argument shared.
 
@@ -29,6 +30,7 @@ def check_stacks(
         kernels: functions of the module, which take stacks.
         single: the same, one configuration a call.
         table: their records.
+        chain: the robot.
         pool: at least ``LONG`` values of every argument.
 
     """
@@ -57,7 +59,10 @@ def check_stacks(
             given: list[Any] = list(stacks)
             given[k] = stacks[k][3]
             shared = [stack if i != k else np.broadcast_to(stack[3], stack.shape) for i, stack in enumerate(stacks)]
-            if len(stacks) > 1 and not _agree(as_results(call(*given)), as_results(reference(*shared))):
+            found, alone = as_results(call(*given)), as_results(reference(*shared))
+            if len(stacks) > 1 and not (
+                _agree(found, alone) or _agree_but_for_rounding(chain, kernel, shared, found, alone)
+            ):
                 faults.append(f"{argument.name} shared")
         checks.append(faultless(kernel.qualified_name, "stacks: lengths, order, sharing", faults))
     return checks
@@ -131,6 +136,20 @@ def _laid_out(stack: Array, kind: str) -> tuple[Array, int, int]:
     if kind == "backwards":
         return memory, 16 + max(length - 1, 0) * step, -step
     return memory, 16, step
+
+
+def _agree_but_for_rounding(
+    chain: Chain, kernel: Kernel, stacks: list[Any], values: tuple[Any, ...], expected: tuple[Any, ...]
+) -> bool:
+    """Whether values agree where their contributions do not cancel, and elsewhere up to what rounding explains."""
+    errors = rounding_errors(chain, kernel, stacks)
+    return errors is not None and _agree(
+        tuple(
+            each + beyond_rounding(np.asarray(value) - each, error)
+            for value, each, error in zip(values, map(np.asarray, expected), errors, strict=True)
+        ),
+        expected,
+    )
 
 
 def _agree(values: tuple[Any, ...], expected: list[Any] | tuple[Any, ...]) -> bool:

@@ -41,6 +41,7 @@ from stiffgen.symbolic.program import (
     operand_shape,
     reads,
 )
+from stiffgen.symbolic.programs import BASE
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,7 @@ _RANGES = {
     "i<j": ("j = i + 1", "j < {size}", "i + 1", "{size}"),
     "i>=j": ("j = 0", "j <= i", "0", "i + 1"),
     "i>j": ("j = 0", "j < i", "0", "i"),
-    "i and j of the base": ("j = 0", "j < {base}", "0", "{base}"),
+    BASE: ("j = 0", "j < {base}", "0", "{base}"),
 }
 """Loop over j in row i: start, condition, first, one past the last."""
 
@@ -326,6 +327,7 @@ class _KernelPrinter:
         self.guards: set[str] = set()  # guarded copies of arguments' entries
         self.packed: dict[str, Array] = {}  # what of plain arrays is copied to lanes of joints
         self.weights: dict[str, tuple[str, bool]] = {}  # of weights: the array that has them, and whether transposed
+        self.by_joints: set[str] = set()  # arrays that are read joint by joint
 
     def arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
@@ -335,6 +337,7 @@ class _KernelPrinter:
         """
         whole = [step.whole() if isinstance(step, SparseSum) else step for step in program]
         maps = [step for step in whole if isinstance(step, (Map, Gather, Reduce))]
+        self.by_joints = {operand.array.name for step in maps for operand in step.operands if operand.at}
         pairs = any(isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", "j")) for step in maps)
         guarded = self.target.joint_lanes and not pairs
         read = {
@@ -552,7 +555,8 @@ class _KernelPrinter:
         inputs, wide, results = self._run(step.operands, step.expression, rows=rows or step.over == "j")
         target = step.target
         zeros: set[int] = set()
-        if not self._public(target.array) and target.at in ("", "j"):
+        whole = target.at == "" and target.array.name not in self.by_joints
+        if not self._public(target.array) and (whole or target.at == "j"):
             # Entries, or rows of all joints, that are always zero are neither stored nor read.
             zeros = {k for k, value in enumerate(results) if value.is_zero()}
             self.zero_rows[target.array.name] = zeros
@@ -653,6 +657,7 @@ class _KernelPrinter:
             return [f"for (int j = 0; j < {self._blocks}; ++j) {{", *_indented(printed.lines, 1), "}"]
         target, lines = step.target, printed.lines
         if step.over == "i on the way to j":
+            self.calls.add("parent_of")
             mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
             return [
                 f"for (int j = 0; j < {size}; ++j) {{",
@@ -680,7 +685,7 @@ class _KernelPrinter:
 
     def _rows_of(self, step: Map) -> str:
         """Number of rows i that a map over pairs runs over."""
-        return str(self.scope.chain.base_joints) if step.over == "i and j of the base" else self.scope.size
+        return str(self.scope.chain.base_joints) if step.over == BASE else self.scope.size
 
     def _mirrored(self, step: Map) -> list[str]:
         if not step.mirror:
@@ -786,11 +791,20 @@ class _KernelPrinter:
         into = [f"{array.name}[0]" if self.target.joint_lanes else array.name for array in targets]
         shape = [M, *([depth, self.scope.padded] if self.target.joint_lanes else [])]
         if between:
+            self.calls.add("parent_of")
             self._call("weigh_branches", source, M, f"{self.scope.prefix}parent_of", *shape[2:], *into)
             return
+        if not self.target.joint_lanes:
+            self._call("fold_pairs", source, *shape, *into)
+            return
+        own = self.scope.chain.base_joints
+        if step.over == BASE:
+            self._call("weigh_base", source, *shape, own, *into)
+            return
         name = "weigh_" + {"<": "upper", ">": "lower"}[step.over[1]]
-        flags = [int("=" in step.over), int(step.mirror)] if self.target.joint_lanes else []
-        self._call(name if self.target.joint_lanes else "fold_pairs", source, *shape, *flags, *into)
+        self._call(name, source, *shape, int("=" in step.over), int(step.mirror), *into)
+        if step.but_of_base:
+            self._call("clear_base", *shape[1:], own, *into)
 
     def _weight(self, operand: Operand, k: int) -> str:
         """C text of a weight of the pair (i, j)."""
@@ -834,10 +848,12 @@ class _KernelPrinter:
         self.of_joints.add(target.name)
         self._declare(target, "j")
         opening, printed = self._sums(inputs, wide, results)
-        pairs = sum(1 for _ in indices(self.scope.chain, step.over))
+        pairs = sum(1 for _ in indices(self.scope.chain, step.over, but_of_base=step.but_of_base))
         self.operations = self.operations + printed.operations.times(pairs)
-        start, stop = ("0", size)
+        start, stop = ("0", str(self.scope.chain.base_joints) if step.over == BASE else size)
         if not self.target.joint_lanes:
+            if step.but_of_base or step.over == BASE:
+                raise NotImplementedError("maps over the pairs of a base's own joints go back in lanes of joints only")
             start, stop = {
                 "i<=j": ("0", "j + 1"), "i<j": ("0", "j"), "i>=j": ("j", size), "i>j": ("j + 1", size),
             }.get(step.over, (start, stop))  # fmt: skip
@@ -923,6 +939,8 @@ class _KernelPrinter:
                 scalar = self.target.scalar.name
                 given, into = f"(const {scalar} *){given}", f"({scalar} *){into}"
             self._call(helper, given, len(group), stride, length, into)
+            if step.base:
+                self._call("sums_of_base", given, len(group), stride, step.base, int(step.beyond), into)
 
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
@@ -937,6 +955,8 @@ class _KernelPrinter:
     def _sum_joints(self, step: SumJoints) -> None:
         source, target = step.source, step.target
         m, M, prefix = len(self.scope.chain.joints), self.scope.size, self.scope.prefix
+        if not self._public(target):
+            self._declare_numbers(target, "")
         self._store([target], self.inputs)
         rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", target.name
         self.lines += ["", "/* joints that move together share a coordinate */"]

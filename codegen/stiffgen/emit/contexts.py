@@ -25,6 +25,14 @@ class Definition:
 
 
 @dataclass(frozen=True)
+class Shaped:
+    """An argument or result as C++ declares it: its name, and its extents, none for a number."""
+
+    name: str
+    extents: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class KernelPage:
     """A public function, in C and in Python.
 
@@ -33,12 +41,14 @@ class KernelPage:
         name, group, tip, qualified_name: its names, as in the kernel's record; "" where it belongs to no group or tip.
         summary, equation, signature: in words and signs.
         inputs, outputs: names of arguments and results.
+        arguments, results: the same with their shapes.
         protocol: name of the Python stub of functions with these arguments.
         ranks: numbers of dimensions of arguments and results.
         extents: C initialisers of their shapes.
         sizes: their numbers of entries.
         batch: there is a batch of it.
         documentation: the comment over the C prototype, in lines.
+        doxygen: the same over the C++ one.
         docstring: Python's, in lines.
         operations: how many it costs.
 
@@ -54,12 +64,15 @@ class KernelPage:
     signature: str
     inputs: list[str]
     outputs: list[str]
+    arguments: list[Shaped]
+    results: list[Shaped]
     protocol: str
     ranks: list[int]
     extents: list[str]
     sizes: list[int]
     batch: bool
     documentation: list[str]
+    doxygen: list[str]
     docstring: list[str]
     operations: int
 
@@ -227,12 +240,15 @@ def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) ->
         signature=kernel.signature(chain),
         inputs=[array.name for array in function.inputs],
         outputs=[array.name for array in function.outputs],
+        arguments=[Shaped(array.name, array.shape) for array in function.inputs],
+        results=[Shaped(array.name, array.shape) for array in function.outputs],
         protocol="_".join(["_Of", *(a.name for a in function.inputs), *([str(outputs)] if outputs > 1 else [])]),
         ranks=[len(array.shape) for array in arrays],
         extents=["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
         sizes=[array.size for array in arrays],
         batch=kernel.batch,
         documentation=_documentation(chain, kernel),
+        doxygen=_doxygen(chain, kernel),
         docstring=_docstring(chain, kernel),
         operations=function.operations.total,
     )
@@ -393,6 +409,7 @@ class Example:
 
     posture: tuple[float, ...]
     jacobian: str
+    jacobian_path: tuple[str, ...]
     stiffness: str
     poses: tuple[tuple[str, tuple[float, ...]], ...]
     arguments: tuple[tuple[str, str], ...]
@@ -401,7 +418,7 @@ class Example:
 def example_of(chain: Chain) -> Example:
     """The examples of a chain."""
     several = len(chain.tips) > 1
-    first = f"{chain.tips[0].name}_" if several else ""
+    path = (*([chain.tips[0].name] if several else []), "hybrid", "jacobian")
     identity = tuple(float(k % 5 == 0) for k in range(16))
     wrench, stiffness = "np.array([0, 0, -10, 0, 0, 0])", "np.diag([800, 800, 800, 50, 50, 50])"
     values = {"tool_pose": "np.eye(4)", "wrench": wrench, "task_stiffness": stiffness}
@@ -412,7 +429,8 @@ def example_of(chain: Chain) -> Example:
     given = list(values.items())[0 if chain.runtime_tool else 1 :]
     return Example(
         posture=(0.1, 0.2, 0.3)[: len(chain.coordinates)],
-        jacobian=f"{first}hybrid_jacobian",
+        jacobian="_".join(path),
+        jacobian_path=path,
         stiffness="hybrid.joint_stiffness_total" if several else "hybrid.joint_stiffness",
         poses=tuple((pose, identity) for pose, is_given in asked if is_given),
         arguments=((("base_pose", "np.eye(4)"),) if chain.floating else ()) + tuple(given),
@@ -492,6 +510,18 @@ def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
     lines.append("")
     for argument in (*kernel.arguments, *kernel.results):
         lines += wrapped(_described(chain, argument), indent="    ")
+    return lines
+
+
+def _doxygen(chain: Chain, kernel: Kernel) -> list[str]:
+    """The comment over a C++ function."""
+    lines = [f"@brief {kernel.summary}", "", *wrapped(kernel.equation)]
+    if kernel.note:
+        lines += wrapped(kernel.note)
+    lines.append("")
+    for direction, arguments in (("in", kernel.arguments), ("out", kernel.results)):
+        for argument in arguments:
+            lines += wrapped(f"@param[{direction}] {_described(chain, argument)}", indent="    ")
     return lines
 
 

@@ -51,6 +51,7 @@ def render(
     files = {
         f"{name}.h": "header.h.j2",
         f"{name}.c": "source.c.j2",
+        f"{name}.hpp": "wrapper.hpp.j2",
         f"{name}_python.c": "python.c.j2",
         "CMakeLists.txt": "CMakeLists.txt.j2",
         "__init__.py": "init.py.j2",
@@ -110,7 +111,7 @@ def _environment() -> jinja2.Environment:
 
 
 def _banner(file: str, line: str) -> str:
-    return f"/* {line} */" if file.endswith((".h", ".c", ".cu")) else f"# {line}"
+    return f"/* {line} */" if file.endswith((".h", ".hpp", ".c", ".cu")) else f"# {line}"
 
 
 @dataclass(frozen=True)

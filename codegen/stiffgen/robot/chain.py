@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiffgen.errors import ChainError, DescriptionError, DescriptionWarning, listed, printable
-from stiffgen.names import identifier
+from stiffgen.names import CPP_NAMES, identifier
 from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement, Problem
 from stiffgen.robot.geometry import IDENTITY, Inertia, Matrix, Placement, Real, Vector, exact, mpf, physical_inertia
 from stiffgen.robot.reader import read_description
@@ -487,8 +487,9 @@ def _tips(description: Description, tip: str | Sequence[str] | None) -> list[str
 
 _GROUPS_AND_KERNELS = (
     "body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "mass_matrix", "bias_forces",
+    *CPP_NAMES,
 )  # fmt: skip
-"""What stands beside the tips' names in a module."""
+"""What stands beside the tips' names in a module, and in the namespace of NAME.hpp."""
 
 
 def _tip_names(tips: Sequence[str]) -> list[str]:

@@ -18,6 +18,12 @@ For the last, dJ_i/dq_j is the table's own closed form (:func:`kinematics.jacobi
 J_j: q_bar_j = J_j . sum_i y_i with one y_i for the joints j beyond i and one for those before, so that running sums
 (Scan) do, and no product over pairs is left. The pose moves with the hybrid column of a joint: f is the covector
 (p_bar, sum of R_c x R_bar_c over the columns c of R).
+
+On a floating base the first six joints of these sums are the base's own, columns of its body twist (v, w). It moves as
+one, and every column with it, so that dJ_i/dq_j is for all i what it is for a j before i. The gradient by ``base_pose``
+is the covector of that twist, six numbers: L changes by base_pose_bar . (v, w) t + O(t^2) as the base moves to
+p + R v t, R exp([w] t). Where statements read the pose, its entries' gradient (p_bar, R_bar) is turned into
+(R^T p_bar, sum of r_c x (R^T R_bar)_c), r_c the columns of the identity.
 """
 
 from __future__ import annotations
@@ -29,6 +35,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import kinematics, programs
+from stiffgen.symbolic.arguments import BASE_POSE, Q
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.program import (
     Array,
@@ -55,6 +62,7 @@ from stiffgen.symbolic.program import (
 
 _FLIPPED: dict[Over, Over] = {
     "i<=j": "i>=j", "i>=j": "i<=j", "i<j": "i>j", "i>j": "i<j", "i on the way to j": "all",
+    programs.BASE: programs.BASE,
 }  # fmt: skip
 
 
@@ -66,6 +74,11 @@ def cotangent_name(result: str, count: int) -> str:
 def bar_name(argument: str) -> str:
     """Name of the gradient by an argument."""
     return f"{argument}_bar"
+
+
+def gradient_shape(argument: Array) -> tuple[int, ...]:
+    """Shape of the gradient by an argument: its own, but of a floating base's pose that of a twist."""
+    return (6,) if argument.name == BASE_POSE.name else argument.shape
 
 
 def reverse(
@@ -80,7 +93,8 @@ def reverse(
     Args:
         chain: the robot that the program was made for.
         program: what is differentiated.
-        arguments: what it takes; for each the result writes an array of its shape under its :func:`bar_name`.
+        arguments: what it takes; for each the result writes an array of its :func:`gradient_shape` under its
+            :func:`bar_name`.
         results: what it writes.
         cotangents: arrays of the shapes of the results, in their order.
 
@@ -115,6 +129,9 @@ class _Reverse:
             if isinstance(step, Map) and step.over == "j":
                 self.zeros[step.target.array.name] = _zeros(step, self.zeros)
         self.sparse = {step.target.name: step for step in program if isinstance(step, SparseSum)}
+        self.mirrored = {step.target.array.name for step in program if isinstance(step, Map) and step.mirror}
+        self.of_base: set[str] = set()  # whose pairs of the base's joints a later map has overwritten
+        self.motions: list[Array] = []  # covectors of a floating base's twist and the joints' rates
 
     def steps_of(self, arguments: Sequence[Array], results: Sequence[Array], cotangents: Sequence[Array]) -> Program:
         for result, cotangent in zip(results, cotangents, strict=True):
@@ -167,18 +184,38 @@ class _Reverse:
 
     def _finish(self, argument: Array) -> None:
         """Write the gradient by an argument of the kernel."""
-        result = Array(bar_name(argument.name), argument.shape)
+        result = Array(bar_name(argument.name), gradient_shape(argument))
         contributions = self.bars.get(argument.name, [])
-        if len(contributions) == 1:
+        if argument.name == BASE_POSE.name:
+            self._finish_base(argument, result)
+            return
+        motions = self.motions if argument.name == Q.name else []
+        if len(contributions) == 1 and not motions:
             (only,) = contributions
             self.final = {name: result.name if self._is(name, only) else final for name, final in self.final.items()}
             return
-        operands = tuple(Operand(each, "") for each in contributions)
+        operands = tuple(Operand(each, "") for each in (*motions, *contributions))
 
         def body(*values: ca.SX) -> ca.SX:
-            return sum(values, ca.SX.zeros(*_extents(argument.shape)))
+            joints = [value[self.chain.base_joints :] for value in values[: len(motions)]]
+            return sum((*joints, *values[len(motions) :]), ca.SX.zeros(*_extents(argument.shape)))
 
         self.steps.append(Map(f"{result.name}", "", Operand(result, ""), operands, body))
+
+    def _finish_base(self, pose: Array, result: Array) -> None:
+        """The covector of the base's twist in its own axes, of motions and of gradients by the pose's entries."""
+        entries = self.bars.get(pose.name, [])
+        given = [Operand(each, "") for each in (*self.motions, *((pose, *entries) if entries else ()))]
+
+        def body(*values: ca.SX) -> ca.SX:
+            total = sum((value[: self.chain.base_joints] for value in values[: len(self.motions)]), ca.SX.zeros(6))
+            if entries:
+                place, *gradients = values[len(self.motions) :]
+                bar = place[:3, :3].T @ sum(gradients, ca.SX.zeros(4, 4))[:3, :]
+                total += ca.vertcat(bar[:, 3], _turn(ca.SX.eye(3), bar[:, :3]))
+            return ca.densify(total)
+
+        self.steps.append(Map(f"{result.name}: in the base's axes", "", Operand(result, ""), tuple(given), body))
 
     def _is(self, name: str, array: Array) -> bool:
         return self.names.get(name, name) == array.name
@@ -190,7 +227,7 @@ class _Reverse:
             else:
                 self._pairs(step)
         elif isinstance(step, SparseSum):
-            self._map(step.whole())
+            self._sparse_sum(step)
         elif isinstance(step, SumJoints):
             target = self._new(step.source)
             self.steps.append(Spread(self._only(step.target), target, step.columns))
@@ -205,6 +242,15 @@ class _Reverse:
     def _only(self, array: Array) -> Array:
         (bar,) = self.bars[array.name]
         return bar
+
+    def _sparse_sum(self, step: SparseSum) -> None:
+        """As a map; a start that is symmetric anyway gets what the sum gets, both triangles."""
+        if step.start is None or step.start.name not in self.mirrored:
+            self._map(step.whole())
+            return
+        self.bars.setdefault(step.start.name, []).extend(self.bars[step.target.name])
+        operands = tuple(Operand(each, "") for each in step.operands)
+        self._map(Map(step.comment, "", Operand(step.target, ""), operands, step.expression))
 
     def _map(self, step: Map) -> None:
         """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
@@ -256,10 +302,13 @@ class _Reverse:
         if not step.operands:
             return
         bar = self._only(step.target.array)
+        but_of_base = step.target.array.name in self.of_base
+        if step.over == programs.BASE:
+            self.of_base.add(step.target.array.name)
         m = len(self.chain.joints)
         shape = (m, m, *step.target.array.shape[2:])
         weights, transposed = (self._local(name, shape) for name in ("W", "WT"))
-        self.steps.append(Weights(bar, weights, transposed, step.over, step.mirror))
+        self.steps.append(Weights(bar, weights, transposed, step.over, step.mirror, but_of_base))
         values = self._values(step)
         pair = Operand(weights, "ij")
         seed = _symbols(pair, "c_")
@@ -278,7 +327,7 @@ class _Reverse:
             over = _FLIPPED[step.over] if flip else step.over
             summed = "j" if flip else "i"
             comment = f"gradient by {_shown(operand.array)}_{operand.at}: sum over the joints {summed} of its pairs"
-            self.steps.append(Gather(comment, over, self._new(operand.array), operands, body))
+            self.steps.append(Gather(comment, over, self._new(operand.array), operands, body, but_of_base))
 
     def _values(self, step: Map) -> list[ca.SX]:
         return [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
@@ -326,7 +375,7 @@ class _Reverse:
     def _moving(self, step: Block) -> None:
         """Columns and pose: closed forms of their derivatives by q; a tool's pose by the statements."""
         assert step.moves is not None
-        q, *others = step.arguments
+        others = tuple(each for each in step.arguments if each.name not in (BASE_POSE.name, Q.name))
         J = step.targets[0]
         operands = [Operand(J, "j")]
         if J.name in self.bars:
@@ -334,14 +383,20 @@ class _Reverse:
         for pose in step.targets[1:]:
             if pose.name in self.bars:
                 operands.append(Operand(self._covector(pose), ""))
+        if self.chain.floating:
+            target = self._local("motion_bar", (self.chain.dof,))
+            self.motions.append(target)
+        else:
+            (q,) = (each for each in step.arguments if each.name == Q.name)
+            target = self._new(q)
         coupled = self.chain.coupled
-        of_joints = self._local("q_bar_of_joints", (len(self.chain.joints),)) if coupled else self._new(q)
-        comment = "gradient by q: q_bar_j = J_j . sums"
+        of_joints = self._local("q_bar_of_joints", (len(self.chain.joints),)) if coupled else target
+        comment = "gradient by q: q_bar_j = J_j . sums" + ("; the base's twist first" if self.chain.floating else "")
         self.steps.append(Map(comment, "j", Operand(of_joints, "j"), tuple(operands), _dot_of_sum))
         if coupled:
-            self.steps.append(SumJoints(of_joints, self._new(q)))
+            self.steps.append(SumJoints(of_joints, target))
         if others:
-            self._block(step, tuple(others))
+            self._block(step, others)
 
     def _column_sums(self, step: Block, J: Array) -> list[Array]:
         """For every joint j the sums of y_i, dJ_i/dq_j . J_bar_i = J_j . y_i."""
@@ -363,7 +418,7 @@ class _Reverse:
             comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j by J_j, for the joints j {side} joint i"
             self.steps.append(Map(comment, "j", Operand(y, "j"), operands, body))
             comment = "sums of y_i over i" + (" <= j" if outward else " > j")
-            self.steps.append(Scan(comment, y, total, beyond=not outward))
+            self.steps.append(Scan(comment, y, total, beyond=not outward, base=self.chain.base_joints))
             sums.append(total)
         return sums
 
@@ -375,11 +430,15 @@ class _Reverse:
 
         def body(value: ca.SX, *gradients: ca.SX) -> ca.SX:
             bar = sum(gradients, ca.SX.zeros(4, 4))
-            turn = sum((ca.cross(value[:3, c], bar[:3, c]) for c in range(3)), ca.SX.zeros(3))
-            return ca.densify(ca.vertcat(bar[:3, 3], turn))
+            return ca.densify(ca.vertcat(bar[:3, 3], _turn(value[:3, :3], bar[:3, :3])))
 
         self.steps.append(Map("covector of the pose's gradient", "", Operand(covector, ""), operands, body))
         return covector
+
+
+def _turn(rotation: ca.SX, gradient: ca.SX) -> ca.SX:
+    """Gradient by a small turn w of a rotation R, R + [w] R, from that by its entries."""
+    return sum((ca.cross(rotation[:, c], gradient[:, c]) for c in range(3)), ca.SX.zeros(3))
 
 
 def _dot_of_sum(column: ca.SX, *covectors: ca.SX) -> ca.SX:
@@ -400,7 +459,7 @@ def _sum(step: Sum) -> Sum:
         program = reverse(term.chain, term.program, own, results, inner)
         given = tuple((array, Part(outer, None)) for array, outer in zip(inner, cotangents, strict=True))
         terms.append(Term(f"{term.function}_vjp", term.chain, program, (*term.arguments, *given)))
-    targets = tuple(Array(bar_name(part.array.name), part.array.shape) for _, part in first.arguments)
+    targets = tuple(Array(bar_name(part.array.name), gradient_shape(part.array)) for _, part in first.arguments)
     apart = frozenset(
         target.name for target, (_, part) in zip(targets, first.arguments, strict=True) if part.index is not None
     )

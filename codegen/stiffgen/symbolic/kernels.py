@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from stiffgen.errors import ChainError
 from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import adjoint, arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
@@ -400,10 +399,17 @@ def _cotangent(result: Argument, count: int) -> Argument:
 
 
 def _gradient(argument: Argument) -> Argument:
+    name = adjoint.bar_name(argument.name)
+    if argument.name == arguments.BASE_POSE.name:
+        meaning = (
+            "gradient by the base's motion: covector of the base link's twist (linear, angular) in its own axes; L "
+            "grows by its product with (v, w) as the base moves to p + R v, R exp([w])"
+        )
+        return Argument(name, (6,), "1/m, 1/rad", meaning)
     meaning = f"gradient by {argument.name}"
     if argument.triangle:
         meaning += ": zero below the diagonal, which is not read"
-    return Argument(adjoint.bar_name(argument.name), argument.shape, f"1/({argument.unit})", meaning)
+    return Argument(name, argument.shape, f"1/({argument.unit})", meaning)
 
 
 def _reverse_program(chain: Chain, of: Kernel) -> Program:
@@ -443,8 +449,6 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     if chain.floating:
         kernels = tuple(map(_in_the_world, kernels))
     if options.derivatives:
-        if chain.floating:
-            raise ChainError("--derivatives: a floating base has none yet; leave out --derivatives, or fix the base")
         kernels = (*kernels, *map(vector_jacobian_product, kernels))
     if len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels

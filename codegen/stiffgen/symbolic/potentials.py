@@ -24,14 +24,14 @@ from typing import Any
 import casadi as ca
 
 from stiffgen.errors import PotentialError, listed
-from stiffgen.names import checked_identifier
+from stiffgen.names import CPP_NAMES, checked_identifier
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.springs import KINDS, Placement, Spring, spring
 
 _TAKEN = (
     "body", "spatial", "hybrid", "posture", "limits", "gravity", "q", "tool_pose", "pose", "energy", "wrench", "torque",
     "task_stiffness", "joint_stiffness", "linearization", "forward_kinematics", "mass_matrix",
-    "bias_forces", "impedance",
+    "bias_forces", "impedance", *CPP_NAMES,
 )  # fmt: skip
 _WITHOUT_DERIVATIVES = {
     ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder", ca.OP_SIGN: "sign",

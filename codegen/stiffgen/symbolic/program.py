@@ -92,8 +92,11 @@ class Block:
     moves: Representation | None = None
 
 
-def indices(chain: Chain, over: Over) -> Iterator[tuple[int, int]]:
-    """The (i, j) that satisfy a relation, in the order of the printed loops."""
+def indices(chain: Chain, over: Over, *, but_of_base: bool = False) -> Iterator[tuple[int, int]]:
+    """The (i, j) that satisfy a relation, in the order of the printed loops; those of the base's joints left out."""
+    if but_of_base:
+        yield from ((i, j) for i, j in indices(chain, over) if max(i, j) >= chain.base_joints)
+        return
     m = len(chain.joints)
     if over in ("", "j"):
         yield from ((0, j) for j in range(m if over else 1))
@@ -187,7 +190,8 @@ class Spread:
 class Weights:
     """What a map over pairs hands back of every pair: ``target[i, j] = source[i, j]`` over ``over``, else 0.
 
-    With ``mirror``, source[j, i] is added to it where i is not j. ``transposed`` has the same at [j, i].
+    With ``mirror``, source[j, i] is added to it where i is not j. ``transposed`` has the same at [j, i]. With
+    ``but_of_base``, pairs of a floating base's own joints hand nothing back: a later map has overwritten them.
     """
 
     source: Array
@@ -195,13 +199,14 @@ class Weights:
     transposed: Array
     over: Over
     mirror: bool
+    but_of_base: bool = False
 
 
 @dataclass(frozen=True)
 class Gather:
     """``target[:, j]`` = sum of ``expression(*operands)`` over all joints i with (i, j) in ``over``.
 
-    What is read at "ij" is an array of :class:`Weights`, zero outside of ``over``.
+    What is read at "ij" is an array of :class:`Weights`, zero outside of ``over``, and ``but_of_base`` as there.
     """
 
     comment: str
@@ -209,6 +214,7 @@ class Gather:
     target: Array
     operands: tuple[Operand, ...]
     expression: Callable[..., ca.SX]
+    but_of_base: bool = False
 
 
 @dataclass(frozen=True)
@@ -223,12 +229,17 @@ class Reduce:
 
 @dataclass(frozen=True)
 class Scan:
-    """Running sums of columns: ``target[:, j]`` = sum of ``source[:, i]`` over i <= j, or (``beyond``) over i > j."""
+    """Running sums of columns: ``target[:, j]`` = sum of ``source[:, i]`` over i <= j, or (``beyond``) over i > j.
+
+    The first ``base`` joints are those of a floating base, which moves as one, all columns with it: its joints get the
+    sum over all i, or (not ``beyond``) nothing.
+    """
 
     comment: str
     source: Array
     target: Array
     beyond: bool
+    base: int = 0
 
 
 @dataclass(frozen=True)
@@ -383,7 +394,7 @@ def _weigh(chain: Chain, step: Weights, arrays: dict[str, list[ca.SX]]) -> None:
     source, m = arrays[step.source.name], len(chain.joints)
     depth = step.source.size // (m * m)
     target, transposed = [ca.SX(0)] * step.target.size, [ca.SX(0)] * step.target.size
-    for i, j in indices(chain, step.over):
+    for i, j in indices(chain, step.over, but_of_base=step.but_of_base):
         for k in range(depth):
             here, there = (m * i + j) * depth + k, (m * j + i) * depth + k
             target[here] = transposed[there] = source[here] + (source[there] if step.mirror and i != j else 0)
@@ -392,7 +403,7 @@ def _weigh(chain: Chain, step: Weights, arrays: dict[str, list[ca.SX]]) -> None:
 
 def _gather(chain: Chain, step: Gather, arrays: dict[str, list[ca.SX]]) -> None:
     written, m = [ca.SX(0)] * step.target.size, len(chain.joints)
-    for i, j in indices(chain, step.over):
+    for i, j in indices(chain, step.over, but_of_base=step.but_of_base):
         for k, value in enumerate(_entries(step.expression(*_taken(step.operands, arrays, i, j)))):
             written[m * k + j] += value
     arrays[step.target.name] = written
@@ -414,6 +425,7 @@ def _scan(step: Scan, source: list[ca.SX]) -> list[ca.SX]:
     for row in range(step.source.shape[0]):
         own = source[m * row : m * (row + 1)]
         ranges = [own[j + 1 :] if step.beyond else own[: j + 1] for j in range(m)]
+        ranges[: step.base] = step.base * [own if step.beyond else []]
         target += [sum(reversed(each), ca.SX(0)) if step.beyond else sum(each, ca.SX(0)) for each in ranges]
     return target
 

@@ -1,0 +1,111 @@
+"""The running error analysis that tells rounding from faults."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from mpmath import mp
+
+import stiffgen
+from stiffgen.check.result import Check, as_results
+from stiffgen.check.rounding import rounding_errors
+from stiffgen.check.verify import _against_casadi, argument_samples
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import SpringOptions
+from support.chains import chain_urdf
+
+OPTIONS = SpringOptions(derivatives=True)
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    """Two joints along one axis: its kinematic stiffness and what is made of it are zero, but for rounding."""
+    urdf = tmp_path_factory.mktemp("rounding") / "chain.urdf"
+    urdf.write_text(chain_urdf("rp"))
+    return stiffgen.load_chain(urdf)
+
+
+def kernel_of(chain, name):
+    return next(kernel for kernel in chain_kernels(chain, OPTIONS) if kernel.qualified_name == name)
+
+
+OPERATIONS = {
+    ca.OP_ADD: lambda a, b: a + b, ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_SQ: lambda a: a * a, ca.OP_NEG: lambda a: -a, ca.OP_TWICE: lambda a: 2 * a,
+    ca.OP_SIN: mp.sin, ca.OP_COS: mp.cos,
+}  # fmt: skip
+
+
+def exactly(function, arguments):
+    """Results of a ``casadi.Function`` with sixty digits, each as CasADi's array."""
+    mp.dps = 60
+    given = [np.asarray(a, float).reshape(function.size_in(k)).T.ravel() for k, a in enumerate(arguments)]
+    results = [[mp.mpf(0)] * function.nnz_out(k) for k in range(function.n_out())]
+    work = {}
+    for k in range(function.n_instructions()):
+        operation, taken, into = (
+            function.instruction_id(k), function.instruction_input(k), function.instruction_output(k),
+        )  # fmt: skip
+        if operation == ca.OP_INPUT:
+            work[into[0]] = mp.mpf(float(given[taken[0]][taken[1]]))
+        elif operation == ca.OP_CONST:
+            work[into[0]] = mp.mpf(function.instruction_constant(k))
+        elif operation == ca.OP_OUTPUT:
+            results[into[0]][into[1]] = work[taken[0]]
+        else:
+            work[into[0]] = OPERATIONS[operation](*(work[each] for each in taken))
+    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
+    return [np.array(each, object).reshape(shape).T for each, shape in zip(results, shapes, strict=True)]
+
+
+@pytest.mark.parametrize("name", ["hybrid_joint_stiffness", "body_kinematic_stiffness_vjp", "hybrid_jacobian_vjp"])
+def test_errors_are_those_that_doubles_have(name, chain):
+    """Against sixty digits: no error beyond five times its size, and on the whole not a tenth of it."""
+    kernel, count = kernel_of(chain, name), 40
+    pool = argument_samples(chain, count, 3, OPTIONS)
+    stacks = [pool[argument] for argument in kernel.arguments]
+    sizes, function = rounding_errors(chain, kernel, stacks), casadi_function(chain, kernel)
+    ratios = []
+    for state in range(count):
+        one = [s[state].reshape(folded(s.shape[1:])) for s in stacks]
+        found = as_results(function(*one))
+        for value, right, size in zip(found, exactly(function, one), (each[state] for each in sizes), strict=True):
+            error = np.abs(np.array(np.asarray(value).astype(object) - right, float))
+            assert (error[size == 0] == 0).all()
+            ratios.append(error[size > 0] / size[size > 0])
+    every = np.concatenate(ratios)
+    assert every.max() < 5
+    assert np.sqrt(np.mean(every**2)) > 0.1
+
+
+def checks(chain, name, change):
+    """What ``verify`` says of a function that is CasADi's own, its first result changed, at states it would take."""
+    pool = argument_samples(chain, 20, 0, OPTIONS)
+    functions = {}
+    for kernel in chain_kernels(chain, OPTIONS):
+
+        def call(*stacks, kernel=kernel):
+            function = casadi_function(chain, kernel)
+            rows = [
+                [np.asarray(x) for x in as_results(function(*(a.reshape(folded(a.shape)) for a in one)))]
+                for one in zip(*stacks, strict=True)
+            ]
+            stacked = [
+                np.stack(each).reshape(len(rows), *result.array(chain).shape)
+                for each, result in zip(zip(*rows, strict=True), kernel.results, strict=True)
+            ]
+            if kernel.qualified_name == name:
+                stacked[0] = change(stacked[0])
+            return tuple(stacked) if len(stacked) > 1 else stacked[0]
+
+        functions[kernel.qualified_name] = call
+    found: list[Check] = _against_casadi(functions, chain, pool, OPTIONS)
+    return [check for check in found if not check.passed]
+
+
+def test_what_cancels_may_differ_by_rounding_and_by_no_more(chain):
+    name = "body_kinematic_stiffness_vjp"
+    assert checks(chain, name, lambda q_bar: -q_bar) == []
+    assert [check.kernel for check in checks(chain, name, lambda q_bar: q_bar + 1e-13)] == [f"{name}, q_bar"]
