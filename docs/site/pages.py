@@ -31,12 +31,12 @@ PAGES = (
     "examples/whole_body/results/*.svg", "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
-    "Concepts": ("docs/theory", "docs/derivatives", "docs/identify", "docs/whole_body", "docs/glossary"),
+    "Concepts": ("docs/theory", "docs/derivatives", "docs/casadi", "docs/identify", "docs/whole_body", "docs/glossary"),
     "Use": (
         "docs/playground", "docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/stance",
         "docs/analyze", "docs/troubleshooting",
     ),
-    "Evidence": ("docs/performance", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
+    "Evidence": ("docs/performance", "docs/threads", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
     ),

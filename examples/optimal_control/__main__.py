@@ -3,7 +3,8 @@
     python -m examples.optimal_control [--robot FOLDER] [--knots N] [--figure FILE]
 
 Prints what the optimal stiffnesses give beside the paper's constant one, and what each way of solving costs, in
-processor time. Exit code 1 if the ways find different solutions, or one is not feasible.
+processor time. Exit code 1 if a solution is not feasible, or the graph with the compiled functions' method finds
+another one than these. With exact second derivatives the search may end in another, local minimum.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,24 +41,25 @@ def costs(robot: GeneratedRobot, functions: Mapping[str, Any]) -> dict[str, dict
     random = np.random.default_rng(0)
     many = CONFIGURATIONS
     q = random.uniform(-1, 1, (7, many))
-    wrench, root, cotangent = (random.normal(size=(6, many * k)) for k in (1, 6, 0))
+    wrench, root = random.normal(size=(6, many)), random.normal(size=(6, 6 * many))
     stiffness = np.hstack([block @ block.T for block in np.split(root, many, axis=1)])
     cotangent = random.normal(size=(7, 7 * many))
-    runs: dict[tuple[str, str], Callable[[], Any]] = {}
+    runs: dict[tuple[str, str], tuple[Any, tuple[Array, ...]]] = {}
     for way, namespace in functions.items():
         function = namespace.hybrid.joint_stiffness
         results = np.zeros((7, 7 * many))
-        for what, called, given in (
+        kinds: tuple[tuple[str, Any, tuple[Array, ...]], ...] = (
             ("value", function, (q, wrench, stiffness)),
             ("product", function.reverse(1), (q, wrench, stiffness, results, cotangent)),
             ("all derivatives", function.jacobian(), (q, wrench, stiffness, results)),
-        ):
-            runs[way, what] = lambda mapped=called.map(many), given=given: mapped.call(given)
-    least = {key: np.inf for key in runs}
+        )
+        for what, called, given in kinds:
+            runs[way, what] = called.map(many), given
+    least = dict.fromkeys(runs, np.inf)
     for _ in range(REPEATS):
-        for key, run in runs.items():
+        for key, (mapped, given) in runs.items():
             started = time.process_time()
-            run()
+            mapped.call(given)
             least[key] = min(least[key], time.process_time() - started)
     return {way: {what: 1e6 * least[way, what] / many for w, what in runs if w == way} for way in functions}
 
@@ -117,7 +119,7 @@ def main() -> int:
     """See the text of this module."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--robot", type=Path, default=Path("build/robots/iiwa14_wiping"))
-    parser.add_argument("--knots", type=int, default=20)
+    parser.add_argument("--knots", type=int, default=12)
     parser.add_argument("--figure", type=Path, help="write the figure there, an SVG")
     options = parser.parse_args()
     opened = open_robot(options.robot)
@@ -139,7 +141,7 @@ def main() -> int:
     for title, stiffness in (("the paper's K, recorded postures", constant), ("optimal", found)):
         away, soft = distance(stiffness), softest(stiffness)
         print(
-            f"  {title:34} distance {away.min():7.2f} to {away.max():7.2f}, softest joint direction {soft.min():.2f} N m/rad"
+            f"  {title:34} distance {away.min():7.2f} to {away.max():7.2f}, softest direction {soft.min():.2f} N m/rad"
         )
     print(
         f"  postures differ from the recording by up to {np.degrees(np.abs(best.q - task.recorded).max()):.1f} degrees"
@@ -149,19 +151,18 @@ def main() -> int:
         print(f"  {way:34} {each.iterations:10d} {each.seconds:8.2f} {each.evaluating:22.2f} {each.cost:9.5f}")
     measured = costs(opened, functions)
     print("  one joint stiffness [us]                value   product   all derivatives")
-    for way, each in measured.items():
-        print(
-            f"  {way.partition(',')[0]:34} {each['value']:10.2f} {each['product']:9.2f} {each['all derivatives']:17.2f}"
-        )
-    ratios = {what: measured[GRAPH][what] / measured[COMPILED][what] for what in measured[GRAPH]}
-    print(
-        f"  {'graph to compiled':34} {ratios['value']:10.1f} {ratios['product']:9.1f} {ratios['all derivatives']:17.1f}"
-    )
+    rows = {way.partition(",")[0]: timed for way, timed in measured.items()}
+    rows["graph to compiled"] = {what: measured[GRAPH][what] / least for what, least in measured[COMPILED].items()}
+    for row, values in rows.items():
+        print(f"  {row:34} {values['value']:10.2f} {values['product']:9.2f} {values['all derivatives']:17.2f}")
     if options.figure:
         options.figure.write_text(figure(robot, task, best), encoding="utf-8")
-    same = all(abs(each.cost - best.cost) < 1e-5 * best.cost for each in solutions.values())
+    same = abs(solutions[GRAPH].cost - best.cost) < 1e-4 * best.cost
     good = all(feasible(robot, task, each) for each in solutions.values())
-    for failed, text in ((not same, "the ways differ in cost"), (not good, "a solution is not feasible")):
+    for failed, text in (
+        (not same, "graph and compiled functions lead to different solutions"),
+        (not good, "a solution is not feasible"),
+    ):
         if failed:
             print(f"  {text}")
     return 0 if same and good else 1

@@ -10,13 +10,12 @@ Minimised is the distance to the wanted joint stiffness W, every entry measured 
     sum_k sum_ij (S_k - W)_ij^2 / (W_ii W_jj)  +  what changes of posture and of stiffness from knot to knot cost,
 
 subject to: the tool is where the trajectory has it; S_k - LEAST I is positive definite, which C_k C_k^T = S_k - LEAST I
-with a lower triangular C_k says; K_k = D L_k L_k^T D is positive definite by construction (L_k lower triangular, D the
-usual size of a stiffness), and its diagonal stays below a limit; joints stay within their limits.
+with a lower triangular C_k says; K_k = D (L_k L_k^T + FLOOR I) D is positive definite by construction (L_k lower
+triangular, D the usual size of a stiffness), and its diagonal stays below a limit; joints stay within their limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,9 +37,11 @@ LEAST = 2.0
 """[N m/rad] The smallest eigenvalue of the joint stiffness that is allowed."""
 SCALE: Array = np.sqrt([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
 """D: square roots of the usual entries."""
+FLOOR = 0.05
+"""Part of the usual size below which no direction of a task stiffness falls."""
 LIMIT: Array = np.array([3000.0, 3000.0, 3000.0, 200.0, 200.0, 200.0])
 """Of the diagonal of a task stiffness [N/m, N m/rad]."""
-PRESS, FRICTION = 90.0, 0.3
+PRESS, FRICTION = 80.0, 0.3
 """[N] with which the tool presses, along its z axis, and the friction's part of it, against the direction of travel."""
 SMOOTH_POSTURE, SMOOTH_STIFFNESS = 0.5, 0.02
 """Costs of a change of the posture beyond the recording's [per rad^2] and of L [per 1] from knot to knot."""
@@ -121,7 +122,8 @@ def solve(
     size = np.sqrt(np.diag(WANTED))
     weight = ca.DM(1 / np.outer(size, size))
     cost: Any = 0
-    postures, factors = [], []
+    postures: list[Any] = []
+    factors: list[Any] = []
     stiffnesses = np.linalg.cholesky(
         joint_stiffness(robot, task, task.recorded, np.broadcast_to(3 * PAPER_STIFFNESS, (knots, 6, 6)))
         + 30.0 * np.eye(7)
@@ -133,8 +135,7 @@ def solve(
             factor[int(i), int(j)] = entries[e]
         for e, (i, j) in enumerate(zip(*np.tril_indices(7), strict=True)):
             root[int(i), int(j)] = square[e]
-        scaled = ca.mtimes(ca.DM(np.diag(SCALE)), factor)
-        K = ca.mtimes(scaled, scaled.T)
+        K = ca.DM(np.outer(SCALE, SCALE)) * (ca.mtimes(factor, factor.T) + FLOOR * ca.DM.eye(6))
         S = functions.hybrid.joint_stiffness(q, task.wrenches[k], K) + POSTURE_STIFFNESS * ca.DM.eye(7)
         pose = functions.forward_kinematics(q)
         turn = ca.mtimes(pose[:3, :3].T, ca.DM(task.poses[k, :3, :3]))
@@ -156,18 +157,30 @@ def solve(
         factors.append(entries)
     opti.minimize(cost)
     hessian = {} if exact_hessian else {"ipopt.hessian_approximation": "limited-memory"}
-    quiet = {"print_time": False, "record_time": True, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-    opti.solver("ipopt", {**quiet, **hessian, "ipopt.max_iter": 3000, "ipopt.tol": 1e-6, **(options or {})})
+    quiet: dict[str, Any] = {"print_time": False, "record_time": True, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+    opti.solver(
+        "ipopt",
+        {
+            **quiet,
+            **hessian,
+            "ipopt.max_iter": 3000,
+            "ipopt.limited_memory_max_history": 20,
+            "ipopt.tol": 1e-5,
+            "ipopt.acceptable_tol": 1e-4,
+            "ipopt.acceptable_iter": 10,
+            **(options or {}),
+        },
+    )
     found = opti.solve()
     statistics = opti.stats()
     evaluating = sum(value for name, value in statistics.items() if name.startswith("t_proc_nlp_"))
     L = np.zeros((knots, 6, 6))
     for k, entries in enumerate(factors):
         L[k][LOWER] = found.value(entries)
-    L *= SCALE[:, None]
+    task_stiffness = np.outer(SCALE, SCALE) * (L @ L.swapaxes(-1, -2) + FLOOR * np.eye(6))
     return Solution(
         q=np.array([found.value(q) for q in postures]),
-        task_stiffness=L @ L.swapaxes(-1, -2),
+        task_stiffness=task_stiffness,
         cost=float(found.value(cost)),
         iterations=int(statistics["iter_count"]),
         seconds=float(statistics["t_proc_total"]),

@@ -787,7 +787,7 @@ class _KernelPrinter:
                 self._note(f"{self.target.number} {array.name}[{array.size}];")
             self.weights[array.name] = array.name, False
         if not self.target.joint_lanes:
-            self.weights[step.transposed.name] = step.target.name, False
+            self.weights[step.transposed.name] = step.target.name, between  # folded pairs are symmetric
         into = [f"{array.name}[0]" if self.target.joint_lanes else array.name for array in targets]
         shape = [M, *([depth, self.scope.padded] if self.target.joint_lanes else [])]
         if between:
