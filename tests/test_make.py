@@ -29,6 +29,7 @@ ELSEWHERE = {
     "bench": "tests/test_make.py",
     "bench-cuda": "tests/emit/test_cuda.py",
     "experiment": "tests/examples/test_experiment.py",
+    "adaptive": "tests/examples/test_adaptive.py",
     "optimal-control": "tests/examples/test_optimal_control.py",
     "identify": "tests/examples/test_identify.py",
     "whole-body": "tests/examples/test_whole_body.py",
