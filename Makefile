@@ -37,7 +37,7 @@ COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -160,6 +160,9 @@ bench-cuda: $(VENV)/installed
 
 spring-digits: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/springs_digits.py $(OPTIONS)
+
+rounding-errors: $(VENV)/installed-test generate
+	PYTHONPATH=tests:. $(BIN)/python tests/long/rounding_errors.py $(OPTIONS)
 
 random-warnings: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/compiler_warnings.py

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 import stiffgen
 from stiffgen import open_robot
+from stiffgen.analyze.style import AXES, CORRECTED, THEME
 from stiffgen.check.verify import Samples, joint_poses, product_of_poses
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
@@ -491,18 +492,20 @@ def svg(rows: list[Row], floor: float) -> str:
     height, left, scale = 22, 390, 300 / math.log10(max(r[1] for r in rows) / 10)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="820" height="{height * len(rows) + 70}" '
-        'font-family="sans-serif" font-size="12">',
-        '<rect width="100%" height="100%" fill="white"/>',
+        'font-family="sans-serif" font-size="12" fill="currentColor">',
+        THEME,
         '<text x="10" y="20" font-size="14">iiwa14 joint stiffness, hybrid: ns a configuration (logarithmic)</text>',
     ]
     for tick in (10, 30, 100, 300, 1000, 3000):
         x = left + scale * math.log10(tick / 10)
         if x < 720:
-            lines.append(f'<path d="M{x:.0f} 32V{height * len(rows) + 40}" stroke="#ddd"/>')
+            lines.append(
+                f'<path d="M{x:.0f} 32V{height * len(rows) + 40}" stroke="currentColor" stroke-opacity="0.15"/>'
+            )
             lines.append(f'<text x="{x:.0f}" y="{height * len(rows) + 55}" text-anchor="middle">{tick}</text>')
     for k, (name, median, *_) in enumerate(rows):
         y = 36 + height * k
-        colour = "#2a6" if name.startswith("stiffgen") else "#999" if "sincos" in name else "#47a"
+        colour = CORRECTED if name.startswith("stiffgen") else AXES[2] if "sincos" in name else AXES[1]
         width = max(scale * math.log10(median / 10), 1)
         lines.append(f'<text x="{left - 6}" y="{y + 14}" text-anchor="end">{name}</text>')
         lines.append(f'<rect x="{left}" y="{y + 2}" width="{width:.0f}" height="{height - 6}" fill="{colour}"/>')

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Examples; run them from the repository's root."""

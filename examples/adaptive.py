@@ -145,7 +145,7 @@ def figure(runs: dict[str, Run]) -> str:
             axes.plot(run.time[::10], run.asked[::10], color=INK, linewidth=0.7, label="asked for")
             axes.plot(run.time[::10], run.given[::10], color=colours[name], label="given")
             axes.set(title=f"stiffness in z, {name}", ylabel="[N/m]", ylim=(0, 1.08 * STIFF))
-            axes.legend(fontsize=7, loc="upper right")
+        careful_k.legend(fontsize=7, loc="upper right")
         for name, run in runs.items():
             if run.bound == TANK:
                 tanks.plot(run.time[::10], run.tank[::10], color=colours[name], label=name)

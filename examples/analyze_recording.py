@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Draws docs/analyze_stiffness.svg and docs/analyze_moment.svg: ``python -m examples.analyze_recording``.
 
 The recording is the paper's zero-force trajectory, twice round the bowl in 28 s, with a made-up wrench: pressing with

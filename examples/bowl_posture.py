@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A spring at the tip of the iiwa 14 at a posture of the paper's bowl-wiping trajectory: its torque and its tangent.
 
 Run by ``make generate``. First the spring, from its energy alone: the torque -dU/dq and the joint stiffness d2U/dq2,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The pictures of docs/controller.md: the loop, a jump of q0, and a load of 40 N beside the paper's law.
 
 The arm is simulated with the folder's own kernels (mass matrix, bias forces, Jacobian), gravity compensated.

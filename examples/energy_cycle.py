@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Net work of three laws round closed orbits of the iiwa 14's posture: corrected, conventional, gradient of an energy.
 
 The paper's problem statement, quasi-statically: a spring whose torque field is tau = -K dq gives back what it took

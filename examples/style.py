@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How every figure of the examples looks: as those of ``stiffgen analyze``."""
 
 from stiffgen.analyze.style import AXES, CONVENTIONAL, CORRECTED, INK, POTENTIAL, SHADES, STYLE, themed_svg

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The numbers and pictures of docs/theory.md: turning basis vectors, tangent and secant, what an orbit costs.
 
 Everything here is written out from the definitions in NumPy; of stiffgen it uses one kernel, the conventional stiffness

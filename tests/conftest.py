@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -20,7 +22,7 @@ from examples.bowl_wiping.tool import NAME, tool
 from stiffgen import open_robot
 from stiffgen.emit import build
 from support.fri_session import EXACT
-from support.project import ROOT, URDF
+from support.project import ROOT, URDF, Once
 
 
 class Sample:
@@ -53,14 +55,28 @@ def model(chain: stiffgen.Chain) -> stiffgen.StiffnessModel:
 
 
 @pytest.fixture(scope="session")
-def robot_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """The iiwa 14's folder, generated and compiled once for all workers. Not to be written to."""
+def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
+    """``once(name, make)``: a folder of that name, filled by ``make`` in the first worker that asks for it."""
     base = tmp_path_factory.getbasetemp()
-    output = (base if worker_id == "master" else base.parent) / "generated"
-    with FileLock(str(output) + ".lock"):
-        if not (output / "iiwa14").exists():
-            stiffgen.generate(URDF, output=output)
-    return output / "iiwa14"
+    root = base if worker_id == "master" else base.parent
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder, done = root / name, root / f"{name}.made"
+        with FileLock(f"{folder}.lock"):
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # of one that failed
+                folder.mkdir()
+                make(folder)
+                done.touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def robot_folder(once: Once) -> Path:
+    """The iiwa 14's folder, generated and compiled once for all workers. Not to be written to."""
+    return once("generated", lambda output: stiffgen.generate(URDF, output=output)) / "iiwa14"
 
 
 @pytest.fixture(scope="session")
@@ -72,22 +88,23 @@ def robot(robot_folder: Path) -> ModuleType:
 def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
     """Folders are compiled without optimisation, in a third of the time: for tests that do not look at the compiler."""
     monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
+    monkeypatch.setattr(build, "_LIBRARY_FLAGS", ("-O0",))
 
 
 @pytest.fixture(scope="session")
-def plate_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+def plate_folder(once: Once) -> Path:
     """The arm with the bowl-wiping tool, generated and compiled once for all workers.
 
-    Its products and sums are rounded each: other builds of it compute the same bits (support/fri_session.py, EXACT).
+    Its products and sums are rounded each: other builds of it compute the same bits (support/fri_session.py, EXACT),
+    so that it need not take the time of -O3.
     """
-    base = tmp_path_factory.getbasetemp()
-    output = (base if worker_id == "master" else base.parent) / "robots"
-    with FileLock(str(output) + ".lock"):
-        if not (output / NAME).exists():
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setenv("CC", f"{os.environ.get('CC', 'cc')} {EXACT}")
-                stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
-    return output / NAME
+
+    def make(output: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CFLAGS", f"-O1 {EXACT}")
+            stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
+
+    return once("robots", make) / NAME
 
 
 @pytest.fixture(scope="session")

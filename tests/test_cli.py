@@ -129,7 +129,10 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     assert any(line.startswith(named[0]) for line in failed) and all(line.startswith(named) for line in failed)
 
 
-def test_bench(capsys, robot_folder):
+def test_bench(capsys, robot_folder, monkeypatch):
+    """With fewer rounds and a fast compilation: what the figures are is not looked at."""
+    monkeypatch.setattr("stiffgen.check.bench._ROUNDS", 3)
+    monkeypatch.setattr("stiffgen.check.bench._FLAGS", (("-O1",),))
     code, out, err = run(capsys, "bench", robot_folder)
     assert code == 0
     rows = [line for line in out.splitlines() if "joint_stiffness " in line]

@@ -20,6 +20,7 @@ LAYERS = (
     ("check",),
     ("analyze",),
     ("play",),
+    ("new",),
     ("cli",),
 )
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """stiffgen: symmetric joint-space stiffness of a robot arm, generated from its URDF."""
 
 from stiffgen._version import __version__

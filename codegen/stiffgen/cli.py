@@ -1,4 +1,5 @@
-"""The command line: ``stiffgen generate | inspect | verify | bench | play | analyze``.
+# SPDX-License-Identifier: MIT
+"""The command line: ``stiffgen new | generate | inspect | verify | bench | play | analyze``.
 
 Exit code 0: done; 1: a check failed, or a recording has no row to analyse; 2: refused input or usage, or output that
 cannot be written. Refusals are one message on standard error.
@@ -17,8 +18,8 @@ import threading
 import warnings
 import webbrowser
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import fields
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -28,21 +29,24 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedCo
 from rich.table import Table
 
 import stiffgen
-from stiffgen.analyze.analysis import SUMMARY, AnalysisOptions, checked_stiffness, read_stiffness, run_analysis
+from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_stiffness
+from stiffgen.analyze.options import GROUPS, AnalysisOptions, has_default, told
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.check.bench import bench
 from stiffgen.check.result import Check
 from stiffgen.check.verify import verify
+from stiffgen.emit.rounding import Ranges
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
+from stiffgen.new.project import new_project
+from stiffgen.new.questions import CONTROLLERS, Given
 from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.survey import TipSurvey, survey_tip
-from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.potentials import SpringOptions, read_potential
 from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
@@ -226,23 +230,21 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="hold a joint [rad or m]; repeatable",
     )
+    command.add_argument(
+        "--range",
+        metavar="NAME=VALUE",
+        action="append",
+        type=_range,
+        default=[],
+        help="largest argument for which bounds of the rounding errors are stated; NAME is one of "
+        f"{', '.join(field.name for field in fields(Ranges))}; repeatable (defaults: docs/accuracy.md)",
+    )
     _add_springs(command)
-    tool = command.add_argument_group("tool", "fixed at generation, or a pose that the functions take at run time")
+    tool = _add_tool(command, "fixed at generation, or a pose that the functions take at run time")
     tool.add_argument("--tool", choices=["runtime"], help="functions take the tool's pose (4x4, in the tip) after q")
-    tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
-    tool.add_argument("--tool-rpy", type=float, nargs=3, metavar=("R", "P", "Y"), help="its roll, pitch, yaw [rad]")
-    tool.add_argument("--tool-mass", type=float, metavar="KG", help="mass of the tool")
-    tool.add_argument(
-        "--tool-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="its centre of mass in the tip [m]"
-    )
-    tool.add_argument(
-        "--tool-inertia",
-        type=float,
-        nargs=6,
-        metavar=("IXX", "IXY", "IXZ", "IYY", "IYZ", "IZZ"),
-        help="its inertia about the centre of mass in the tip's axes [kg m^2]",
-    )
     command.set_defaults(run=_generate)
+
+    _add_new(commands)
 
     command = commands.add_parser(
         "inspect", help="show a URDF's joints, what a chain to each tip has, and all problems"
@@ -273,6 +275,40 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_analyze(commands)
     return parser
+
+
+def _add_tool(command: argparse.ArgumentParser, meaning: str) -> Any:
+    tool = command.add_argument_group("tool", meaning)
+    tool.add_argument("--tool-xyz", type=float, nargs=3, metavar=("X", "Y", "Z"), help="tool frame in the tip [m]")
+    tool.add_argument("--tool-rpy", type=float, nargs=3, metavar=("R", "P", "Y"), help="its roll, pitch, yaw [rad]")
+    tool.add_argument("--tool-mass", type=float, metavar="KG", help="mass of the tool")
+    tool.add_argument(
+        "--tool-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="its centre of mass in the tip [m]"
+    )
+    tool.add_argument(
+        "--tool-inertia",
+        type=float,
+        nargs=6,
+        metavar=("IXX", "IXY", "IXZ", "IYY", "IYZ", "IZZ"),
+        help="its inertia about the centre of mass in the tip's axes [kg m^2]",
+    )
+    return tool
+
+
+def _add_new(commands: Any) -> None:
+    command = commands.add_parser(
+        "new", help="write a project of your own: a 1 kHz loop, a simulated robot, a test, a script"
+    )
+    command.add_argument("urdf", type=Path, metavar="URDF")
+    command.add_argument("--tip", metavar="LINK", help="link that touches things (needed where there are several)")
+    command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
+    command.add_argument("--controller", choices=list(CONTROLLERS), help="what closes the loop (default: impedance)")
+    command.add_argument("--spring", choices=KINDS, help="of --controller spring (default: trace)")
+    command.add_argument("--name", help="prefix of all C names and name of the module (default: the robot's name)")
+    command.add_argument("--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control)")
+    command.add_argument("--no-build", action="store_true", help="do not compile the Python module")
+    _add_tool(command, "mounted on the tip link (default: none)")
+    command.set_defaults(run=_new, tool=None, no_masses=False)
 
 
 def _add_springs(command: argparse.ArgumentParser) -> None:
@@ -313,56 +349,26 @@ def _springs(options: argparse.Namespace) -> SpringOptions:
 
 
 def _add_analyze(commands: Any) -> None:
+    """The fields of :class:`AnalysisOptions` as options; the recording is what stands without one."""
     command = commands.add_parser("analyze", help="joint stiffness along a recording, corrected and conventional")
-    command.add_argument("log", type=Path, metavar="LOG", help="recording: CSV, NPZ, Parquet or MCAP (ROS 2)")
-    command.add_argument(
-        "--robot", type=Path, metavar="DIR", required=True, help="a folder that 'stiffgen generate' wrote"
-    )
-    command.add_argument(
-        "--task-stiffness",
-        nargs="+",
-        required=True,
-        metavar="K",
-        help="six diagonal values, linear first [N/m, N m/rad], or a CSV file with a symmetric 6x6 matrix",
-    )
-    command.add_argument(
-        "--representation",
-        choices=REPRESENTATIONS,
-        default=AnalysisOptions.representation,
-        help="in which wrenches and task stiffness are given (default: %(default)s)",
-    )
-    command.add_argument(
-        "--negate-wrench", action="store_true", help="the wrenches are those that the robot applies to the environment"
-    )
-    command.add_argument("--tip", metavar="LINK", help="which tip, of a robot with several")
-    command.add_argument(
-        "--output", type=Path, metavar="DIR", help="folder to write (default: analysis/ and LOG's name)"
-    )
-    command.add_argument(
-        "--no-figures", dest="figures", action="store_false", help="write the numbers only (summary.json)"
-    )
-    command.add_argument("--dask", metavar="ADDRESS", help="compute on a Dask scheduler's workers; 'local' starts some")
-    columns = command.add_argument_group(
-        "columns", "default: time [s] (optional), q_0 ... [rad], wrench_0 ... wrench_5"
-    )
-    columns.add_argument("--q-columns", type=_names, metavar="A,B,...", help="joint positions (MCAP: joints by name)")
-    columns.add_argument("--wrench-columns", type=_names, metavar="FX,...", help="force [N], then moment [N m]")
-    columns.add_argument("--time-column", metavar="NAME", help="time [s]; '' for none")
-    topics = command.add_argument_group("MCAP", "topics are needed where there are several of their type")
-    topics.add_argument("--q-topic", metavar="TOPIC", help="of sensor_msgs/msg/JointState")
-    topics.add_argument("--wrench-topic", metavar="TOPIC", help="of geometry_msgs/msg/WrenchStamped")
-    topics.add_argument(
-        "--tolerance",
-        type=float,
-        default=AnalysisOptions.tolerance,
-        metavar="S",
-        help="between positions and wrench [s] (default: %(default)s)",
-    )
+    groups = {"": command} | {title: command.add_argument_group(title, text) for title, text in GROUPS.items()}
+    for option in fields(AnalysisOptions):
+        said = told(option)
+        if said.command is None:
+            continue
+        more = dict(said.command)
+        name, text = option.name.replace("_", "-"), said.meaning.replace("%", "%%")
+        if isinstance(option.default, bool):
+            names = [f"--no-{name}" if option.default else f"--{name}"]
+            more |= {"dest": option.name, "action": "store_false" if option.default else "store_true"}
+        elif option.name == "log":
+            names = ["log"]
+        else:
+            names = [f"--{name}"]
+            more |= {"default": option.default} if has_default(option) else {"required": True}
+            text += "" if more.get("default") is None else " (default: %(default)s)"
+        groups[said.group].add_argument(*names, help=text, **more)
     command.set_defaults(run=_analyze)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))
 
 
 def _natural(text: str) -> int:
@@ -384,6 +390,20 @@ def _lock(text: str) -> tuple[str, float]:
     if not separator or not joint:
         raise argparse.ArgumentTypeError(f"'{text}' is not JOINT=VALUE")
     return joint, float(value)
+
+
+def _range(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    known = [field.name for field in fields(Ranges)]
+    if name not in known:
+        raise argparse.ArgumentTypeError(f"'{text}' is none of the ranges {', '.join(known)}; write NAME=VALUE")
+    try:
+        size = float(value)
+    except ValueError:
+        size = math.nan
+    if not 0 < size < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}': the largest {name} has to be a positive number")
+    return name, size
 
 
 def _locks(options: argparse.Namespace) -> dict[str, float]:
@@ -450,11 +470,44 @@ def _generate(options: argparse.Namespace) -> int:
             cuda=options.cuda,
             springs=_springs(options),
             floating_base=options.floating_base,
+            ranges=replace(Ranges(), **dict(options.range)),
             force=options.force,
             progress=progress,
         )
     print(folder)
     return 0
+
+
+def _new(options: argparse.Namespace) -> int:
+    tool = _tool(options)
+    progress = _Progress(_Console(stderr=True, highlight=False, soft_wrap=True))
+    with ExitStack() as spinner:
+
+        def ready() -> None:  # the questions are answered
+            spinner.enter_context(progress.shown())
+
+        project = new_project(
+            options.urdf,
+            given=Given(options.tip, options.base, tool is not None, options.spring, options.controller),
+            tool=tool,
+            name=options.name,
+            output=options.output,
+            build=not options.no_build,
+            ask=_ask if sys.stdin is not None and sys.stdin.isatty() else None,
+            ready=ready,
+            progress=progress,
+        )
+    print(project)
+    return 0
+
+
+def _ask(question: str) -> str:
+    """On standard error, so that standard output holds the result alone."""
+    print(f"{question} ", end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline()
+    if not answer:
+        raise StiffgenError("standard input ended before the questions did; give --tip, --controller and the like")
+    return answer.rstrip("\n")
 
 
 _MOST_TIPS = 100
@@ -619,11 +672,10 @@ def _analyze(options: argparse.Namespace) -> int:
     # Six numbers, or one name of a file; anything else is refused with the reason.
     stiffness = options.task_stiffness
     K = read_stiffness(stiffness[0]) if len(stiffness) == 1 else checked_stiffness(stiffness)
-    names = (field.name for field in fields(AnalysisOptions))
-    chosen = AnalysisOptions(**{name: getattr(options, name) for name in names if name in options})
+    chosen = {each.name: getattr(options, each.name) for each in fields(AnalysisOptions) if each.name in options}
     with _Bar(_Console(stderr=True, highlight=False, soft_wrap=True)).shown() as progress:
         try:
-            analysis = run_analysis(options.log, options.robot, K, chosen, progress)
+            analysis = analyze(**chosen | {"task_stiffness": K, "progress": progress})
         except EmptyRecordingError as error:
             print(f"stiffgen: {error}", file=sys.stderr)
             return 1

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What stiffgen refuses, and how it says so.
 
 Every message names the thing at fault (file, element, option) and the remedy. The command line prints the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Folders of results that appear whole or not at all."""
 
 from __future__ import annotations

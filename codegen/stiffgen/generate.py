@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """URDF -> a robot's folder: render, compile, and swap it into place."""
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from pathlib import Path
 from stiffgen.emit.build import build_module
 from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
 from stiffgen.emit.render import render
+from stiffgen.emit.rounding import Ranges
 from stiffgen.emit.target import CUDA
 from stiffgen.errors import OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
@@ -33,6 +35,7 @@ def generate(
     force: bool = False,
     springs: SpringOptions | None = None,
     floating_base: bool = False,
+    ranges: Ranges | None = None,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -55,6 +58,7 @@ def generate(
         force: replace a folder although what its users call changes: joints, base, tips, or the arguments of functions.
         springs: springs beyond the default one, their axes and centre, and potentials of your own.
         floating_base: the base link is free: its pose is an argument, its body twist comes before the joints' rates.
+        ranges: of the arguments for which the header states bounds of the rounding errors.
         progress: called with a few words before each step.
 
     Returns:
@@ -82,7 +86,7 @@ def generate(
     if not force:
         refuse_another_robot(target, chain)
     progress(f"deriving and printing the kernels of {name}")
-    texts = render(chain, name, cuda=CUDA if cuda else None, options=springs)
+    texts = render(chain, name, cuda=CUDA if cuda else None, options=springs, ranges=ranges)
     with swapped_in(target) as staging:
         for file, text in texts.items():
             (staging / file).write_text(text, encoding="utf-8", newline="\n")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Names from a robot description, made safe for C, CMake, Python and paths.
 
 A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_] become

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot's folder as one object: the chain it was generated from, its compiled module, its functions by name."""
 
 from __future__ import annotations

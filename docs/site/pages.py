@@ -26,17 +26,25 @@ from stiffgen.symbolic.springs import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
-    "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*.svg", "docs/*.png", "urdf/README.md",
+    "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "docs/*.md", "docs/*.svg", "docs/*.png", "urdf/README.md",
     "benchmarks/RESULTS.md", "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg",
     "examples/whole_body/results/*.svg", "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
-    "Concepts": ("docs/theory", "docs/derivatives", "docs/casadi", "docs/identify", "docs/whole_body", "docs/glossary"),
+    "Start": ("docs/start", "docs/playground", "docs/install"),
+    "Concepts": (
+        "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/casadi", "docs/identify",
+        "docs/whole_body",
+        "docs/glossary",
+    ),
     "Use": (
-        "docs/playground", "docs/controller", "docs/fri", "docs/fri_robot", "docs/experiment", "docs/stance",
+        "docs/embedding", "docs/controller", "docs/conventions", "docs/ros2", "docs/fri", "docs/fri_robot",
+        "docs/experiment", "docs/stance",
         "docs/analyze", "docs/troubleshooting",
     ),
-    "Evidence": ("docs/performance", "docs/threads", "benchmarks/RESULTS", "docs/robots", "urdf/README"),
+    "Evidence": (
+        "docs/performance", "docs/threads", "docs/accuracy", "benchmarks/RESULTS", "docs/robots", "urdf/README",
+    ),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
     ),

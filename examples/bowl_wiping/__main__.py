@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Run the bowl-wiping experiment, paper's law corrected and conventional and the potential law.
 
 ``python -m examples.bowl_wiping`` in the repository's root, or ``make experiment``.

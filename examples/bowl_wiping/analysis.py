@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the trials show, as numbers: the bars that must hold, and the paper's statements beside what was measured."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The figures, as SVG that follows the page: ink is the text colour, so one file reads on light and dark pages."""
 
 from __future__ import annotations

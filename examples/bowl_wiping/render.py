@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The arm as overlaid postures, rendered offscreen by MuJoCo in a process of its own.
 
 A graphics driver that is missing or broken may end the process, and MuJoCo chooses its renderer when it is imported;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The report: one HTML page with the summary, the figures and what they show; light and dark as the reader's system."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The experiment's wiping tool, and the arm with it: ``python -m examples.bowl_wiping.tool`` generates the robot.
 
 The paper has the tool's mass and the length to its tip. The shape is chosen here; centre of mass and inertia follow.

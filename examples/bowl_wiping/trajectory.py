@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The zero-force trajectory: as recorded for the paper, and made anew by inverse kinematics from its geometry.
 
 The tip moves on a half circle in a horizontal plane and back, the tool's x axis along the direction of travel, its z

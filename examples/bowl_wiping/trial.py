@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One trial: the plant under the C controller with the paper's gains, recorded step by step.
 
 Three laws: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and ``potential``, the gradient

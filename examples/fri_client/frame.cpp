@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /* Datagrams, looked through before the FRI library's decoder sees them. */
 #include "frame.h"
 

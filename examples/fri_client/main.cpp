@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /* fri_wiping: wipes along a zero-force trajectory with a KUKA LBR through the FRI, in torque mode. docs/fri.md. */
 #include "log.h"
 #include "options.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 #ifndef FRI_CLIENT_OPTIONS_H
 #define FRI_CLIENT_OPTIONS_H
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 #include "wiping_client.h"
 
 #include <friException.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 #include "wrench.h"
 
 #include "filters.h"

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Wipes the bowl once through FRI: python -m examples.fri_robot.demo, or make fri-demo.
 
 Builds the C++ client, starts it and the simulated robot in lockstep, waits for both, holds what the robot received

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's side of a session: messages out, commands in, one plant step a cycle.
 
 In lockstep a cycle ends with the client's answer, whenever that is; the client cannot tell, and equal sessions are

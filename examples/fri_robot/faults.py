@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Faults of connection and robot, put in on purpose: what to do to which datagram, from a short text, seeded.
 
 A specification is a list of faults separated by commas::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """FRI messages of the versions 1.15, 2.5 and 2.7, from one table.
 
 The schema is not compiled from a file: :data:`SCHEMA` lists every field once, and :class:`Protocol` builds the messages

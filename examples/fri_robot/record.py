@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Log of a session: what was sent and received in each cycle, as arrays in one NPZ file."""
 
 from __future__ import annotations

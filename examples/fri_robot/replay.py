@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What went over the wire against the same controller stepped in Python on the inputs in the client's log."""
 
 from __future__ import annotations

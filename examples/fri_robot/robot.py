@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller of the robot: what moves the simulated arm while FRI talks to it.
 
 While nothing is commanded the arm is held in position. In COMMANDING_ACTIVE of a joint overlay it is under joint

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """States of an FRI session, as the robot decides them.
 
 The client cannot ask for a state: it answers, and the robot draws its conclusions. States and their order are known;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Find the task stiffness and the tool in a simulated recording: ``make identify``, or ``make identify-torch``.
 
     python -m examples.identify {jax,torch} [--robot FOLDER] [--figure FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loss and its gradient, in PyTorch."""
 
 from __future__ import annotations

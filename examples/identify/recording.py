@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A recording of pushes against an arm whose task stiffness and tool are to be found, simulated with noise.
 
 The arm holds still under a load (the wrench F) and is pushed a little further by dF. Its joints give way by dq:

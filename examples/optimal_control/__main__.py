@@ -86,7 +86,7 @@ def figure(robot: Any, task: Task, solution: Solution) -> str:
     mpl.use("svg")
     import matplotlib.pyplot as plt
 
-    from examples.style import AXES, CONVENTIONAL, CORRECTED, STYLE, themed_svg
+    from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, STYLE, themed_svg
 
     way = np.linspace(0, 100, len(task.recorded))
     constant = joint_stiffness(robot, task, task.recorded, PAPER_STIFFNESS)
@@ -100,7 +100,8 @@ def figure(robot: Any, task: Task, solution: Solution) -> str:
             soft.plot(way, softest(stiffness), color=colour, label=label)
         near.set(title="distance to the wanted joint stiffness", ylabel="sum of squares, weighted [1]")
         soft.axhline(LEAST, color=CORRECTED, linestyle=":", linewidth=1)
-        soft.set(title="softest direction of the joints", ylabel="smallest eigenvalue [N m/rad]", ylim=(0, None))
+        soft.set(title="softest direction of the joints", ylabel="smallest eigenvalue [N m/rad]")
+        soft.axhline(0, color=INK, linewidth=0.8)
         soft.legend(fontsize=7)
         translation = np.linalg.eigvalsh(solution.task_stiffness[:, :3, :3])
         rotation = np.linalg.eigvalsh(solution.task_stiffness[:, 3:, 3:])

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The example's pictures: softest modes, frequency over load, what the contacts were asked for and what they gave."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The example's numbers: predictions beside what the simulation shows, and the report's tables."""
 
 from __future__ import annotations

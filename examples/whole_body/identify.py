@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Frequencies and mode shapes from recorded free motion, by the eigensystem realization algorithm.
 
 Juang and Pappa 1985: the responses y_k to several kicks, side by side, are C A^k B of some linear system. Block Hankel

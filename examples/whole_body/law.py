@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The law of a potential on a robot whose base has no motor: what the joints play, what the contacts must supply.
 
 The potential U of springs at several tips has a gradient of 6 + n entries. The last n, with a minus, are torques: the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated quadruped on its contact springs: MuJoCo reads the URDF, nothing of it comes from stiffgen.
 
 The contacts are springs, not MuJoCo's soft constraints: a force K (p0 - p) on every foot, taken from its place in

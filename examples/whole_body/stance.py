@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stance stability on the generated kernels alone: where a robot comes to rest on its contacts, and how it sways there.
 
 What is elastic, as energies of the configuration (base_pose, q):

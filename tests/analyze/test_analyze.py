@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import json
 import shutil
 import tracemalloc
+from dataclasses import fields
 from types import SimpleNamespace
 
 import distributed
@@ -18,6 +20,7 @@ from stiffgen.analyze import analysis, recording
 from stiffgen.analyze import measures as ms
 from stiffgen.analyze.analysis import _tip, checked_stiffness
 from stiffgen.analyze.measures import late_rows, stiffness_unit
+from stiffgen.analyze.options import AnalysisOptions, told
 from stiffgen.analyze.recording import Request, csv_file, npz_file, open_recording, parquet_file
 from stiffgen.check.verify import References
 from stiffgen.cli import main
@@ -665,3 +668,22 @@ def test_options_of_another_format_are_refused(here, capsys, robot_folder):
         code, out, err = run(capsys, *command(robot_folder, "log.csv", *option))
         assert (code, out) == (2, "")
         assert "MCAP" in err
+
+
+def test_one_record_makes_the_command_line_and_the_function(capsys):
+    """Every field is an argument of :func:`stiffgen.analyze` that its help explains, and an option with that help."""
+    described = fields(AnalysisOptions)
+    assert list(inspect.signature(stiffgen.analyze).parameters) == [each.name for each in described]
+    in_python = " ".join(stiffgen.analyze.__doc__.split())
+    with pytest.raises(SystemExit):
+        main(["analyze", "--help"])
+    on_the_command_line = " ".join(capsys.readouterr().out.split())
+    for each in described:
+        said = told(each)
+        assert f"{each.name}: " in in_python
+        assert said.meaning in in_python
+        if said.command is not None:
+            assert "".join(said.meaning.split()) in "".join(on_the_command_line.split())
+    assert [each.name for each in described if told(each).command is None] == ["block_rows", "progress"]
+    with pytest.raises(TypeError, match="figure"):
+        stiffgen.analyze("log.csv", "folder", K, figure=False)

@@ -15,7 +15,7 @@ import pytest
 
 import stiffgen
 from stiffgen.check.result import as_results, relative_error
-from stiffgen.check.verify import Samples
+from stiffgen.check.verify import Samples, argument_samples
 from stiffgen.cli import main
 from stiffgen.emit.render import render
 from stiffgen.emit.target import CUDA, FLOAT
@@ -34,7 +34,7 @@ DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 
 def shared(argument):
     """Whether all configurations of a launch take the same: matrices, numbers; vectors and base poses are stacks."""
-    return len(argument.shape) != 1 and argument.name != "base_pose"
+    return len(argument.shape) != 1 and argument.name != "base_pose" and not argument.own
 
 
 @pytest.fixture(scope="module")
@@ -135,13 +135,14 @@ def test_other_chains(case, compiler, tmp_path):
     folder = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True, **options)
     chain = stiffgen.load_chain(urdf, **options)
     host = HostCuda(folder / "arm.cu", "arm", chain, tmp_path, {"gcc": "g++", "clang": "clang++"}[compiler])
-    samples = Samples.draw(chain, 5, seed=9)
+    pool = argument_samples(chain, 5, seed=9)
     of_joints = 3 * len(JOINT_POTENTIALS)  # energy, torque, joint stiffness
-    assert len(host.kernels) == 5 + of_joints + 12 * len(chain.tips)  # 5: of masses
+    totals = 7 if len(chain.tips) > 1 else 0  # three of contacts, four of springs
+    assert len(host.kernels) == 5 + of_joints + 12 * len(chain.tips) + totals  # 5: of masses
     for kernel in chain_kernels(chain):
         if not kernel.batch:
             continue
-        given = arguments(kernel, samples)
+        given = [np.array(pool[a][0]) if shared(a) else pool[a] for a in kernel.arguments]
         function = casadi_function(chain, kernel)
         found = as_results(host(kernel.qualified_name, *given, spare=2))
         for c in range(5):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -17,15 +18,24 @@ from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
+from support.exact_tree import tree_urdf
 
 OPTIONS = SpringOptions(derivatives=True)
 
 
+CASES = {"arm": {}, "walker": {"tip": ["left", "right"], "floating_base": True}}
+"""Three joints, one sliding and one that mimics; and four joints with two tips on a floating base."""
+
+
+def urdf_of(case, folder):
+    file = folder / "robot.urdf"
+    file.write_text(chain_urdf("rpm") if case == "arm" else tree_urdf(3, joints=4))
+    return file
+
+
 @pytest.fixture
 def urdf(tmp_path):
-    file = tmp_path / "chain.urdf"
-    file.write_text(chain_urdf("rpm"))
-    return file
+    return urdf_of("arm", tmp_path)
 
 
 def expected(chain, kernel, pool, count):
@@ -46,19 +56,32 @@ def test_default_folder_knows_nothing_of_it(urdf):
 
 
 @pytest.mark.slow
-def test_folder_is_verified(urdf, tmp_path):
+@pytest.mark.parametrize("case", CASES)
+def test_folder_is_verified(case, tmp_path, monkeypatch):
     """Against differences and CasADi, with NaN, stacks of every length and the bounds of memory; reopened as it was."""
-    folder = stiffgen.generate(urdf, output=tmp_path, name="arm", springs=OPTIONS)
+    monkeypatch.setenv("CFLAGS", "-O1")
+    folder = stiffgen.generate(urdf_of(case, tmp_path), output=tmp_path, name=case, springs=OPTIONS, **CASES[case])
     robot = open_robot(folder)
     assert robot.springs.derivatives
     assert sum(kernel.name.endswith("_vjp") for kernel in robot.table) * 2 == len(robot.table)
     assert [check for check in verify(folder, count=20) if not check.passed] == []
 
 
+def test_copies_of_entries_have_names_of_their_own(tmp_path):
+    """In a matrix of eleven columns entries 1, 11 and 11, 1 are two."""
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(chain_urdf("r" * 12))
+    source = render(stiffgen.load_chain(urdf), "arm", options=OPTIONS)["arm.c"]
+    for body in re.split(r"\n}\n", source):
+        outermost = re.findall(r"^    const \w+ (\w+) = ", body, re.MULTILINE)
+        assert len(outermost) == len(set(outermost))
+
+
 @pytest.mark.slow
-def test_cuda_on_the_host(urdf, tmp_path):
+@pytest.mark.parametrize("case", CASES)
+def test_cuda_on_the_host(case, tmp_path):
     """Cotangents lie with each configuration; gradients come back whole."""
-    chain = stiffgen.load_chain(urdf)
+    chain = stiffgen.load_chain(urdf_of(case, tmp_path), **CASES[case])
     texts = render(chain, "arm", cuda=CUDA, options=OPTIONS)
     for name in ("arm.cu", "arm_cuda.h"):
         (tmp_path / name).write_text(texts[name])

@@ -49,6 +49,7 @@ RIGHT = [
     ("gcc", "-O2 -frounding-math -fsignaling-nans"),
     ("gcc", "-O3 -march=native -ffp-contract=fast -freciprocal-math -fno-trapping-math -fno-math-errno"),
     ("gcc", "-O3 -march=native -mno-fma"),
+    ("gcc", f"-O3 {REORDERED} {BLIND}"),  # the barriers hold
     ("clang", "-O2 -m32"),
     ("clang", f"-O2 {REORDERED}"),
     ("clang", "-O3 -funsafe-math-optimizations"),

@@ -44,11 +44,11 @@ def check_every_oracle(types, flags, name, tmp_path, monkeypatch):
     assert [check for check in verify(folder, count=11) if not check.passed] == []
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("flags", ["no vectors", pytest.param("SSE2", marks=pytest.mark.slow)])
 def test_derivatives_where_lanes_do_not_fill_the_rows(flags, tmp_path, monkeypatch):
     """Five joints: the rows have places beyond the last block, which nothing writes and no sum may read."""
     monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
-    monkeypatch.setenv("CFLAGS", "-O1")
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf("rrrrr"))
     name = f"narrow_{list(FLAGS).index(flags)}"
@@ -56,6 +56,7 @@ def test_derivatives_where_lanes_do_not_fill_the_rows(flags, tmp_path, monkeypat
     assert [check for check in verify(folder, count=3) if not check.passed] == []
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize(
     ("flags", "types"),
     [("no vectors", "rm"), *(pytest.param(flags, "rpm", marks=pytest.mark.slow) for flags in FLAGS)],
@@ -63,7 +64,6 @@ def test_derivatives_where_lanes_do_not_fill_the_rows(flags, tmp_path, monkeypat
 def test_derivatives_on_a_floating_base(flags, types, tmp_path, monkeypatch):
     """Eight or nine joints, six of them the base's own, seven or eight coordinates."""
     monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
-    monkeypatch.setenv("CFLAGS", "-O1")
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf(types))
     name, options = f"floating_{list(FLAGS).index(flags)}_{types}", stiffgen.SpringOptions(derivatives=True)

@@ -19,16 +19,25 @@ from mpmath import mp
 import stiffgen
 from stiffgen.check.result import BOUND, as_results, relative_error
 from stiffgen.check.springs import by_hand
-from stiffgen.check.verify import References, check_kernels, dynamics_references, gamma_F, joint_potential_arguments
+from stiffgen.check.verify import (
+    References,
+    argument_samples,
+    check_kernels,
+    dynamics_references,
+    gamma_F,
+    joint_potential_arguments,
+)
 from stiffgen.emit.render import render
 from stiffgen.emit.target import CUDA
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS, Placement
 from stiffgen.symbolic.springs import spring as spring_of_kind
 from support import exact_c
 from support.chains import chain_urdf
+from support.complex_step import columns, gradients
 from support.cuda_host import HostCuda
 from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
 from support.project import kernels_of
@@ -123,12 +132,14 @@ def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
 
 SIGN = re.compile(r" [-+] |(?<== )-|(?<=, )-|(?<=\()-")  # between two terms, or before one
 FUNCTION = re.compile(r"(?:static |DEVICE )?void (\w+)\(")
+FIRST = r"(?<=[\]\w] = )(?![-({&]|.*\{|0\.0;|same\(0\.0\))|(?<= \+= )(?!-)"  # before the first term, of sums, too
+SIGN_OR_FIRST = re.compile(f"{SIGN.pattern}|{FIRST}")
 SPRING_KERNELS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness", "linearization")
 SPRING_BOUND = 5e-14
 WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
 
 
-def with_switches(source, chosen=lambda function: True):
+def with_switches(source, chosen=lambda function: True, signs=SIGN):
     """The source with ``flip[k]``, 1 or -1, at the k-th sign of every chosen body, and the lines they are in."""
     lines, places, body, section = [], [], "", ""
     poison = closed = False
@@ -137,6 +148,8 @@ def with_switches(source, chosen=lambda function: True):
         before = match.string[: match.start()]
         if before.count("[") > before.count("]"):
             return match[0]  # of an index
+        if "*const" in before:
+            return match[0]  # a pointer
         if match.string.startswith("poison", match.end()):
             return match[0]  # 0 or NaN whatever its sign
         places.append(f"{body}: {section} {match.string.strip()}")
@@ -155,7 +168,7 @@ def with_switches(source, chosen=lambda function: True):
             poison = " poison = 0.0 * (" in line or (poison and not closed)
             closed = line.endswith(";")
             if not poison:
-                line = SIGN.sub(switch, line)
+                line = signs.sub(switch, line)
         lines.append(line)
     return "\n".join([f"double flip[{len(places)}];", *lines, ""]), places
 
@@ -365,8 +378,8 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
             assert difference < 1e-55 or difference > 1e-14
 
 
-def turned_states(library, chain):
-    """Turns of the tip that take every branch there is: (q, equilibrium, stiffness, exact values by kind and kernel).
+def turned_states(library, chain, kind):
+    """Turns of the tip that take every branch there is: (q, equilibrium, stiffness, exact values by kernel).
 
     Each component of the quaternion is the largest in turn, with both signs, alone and with all others; near the
     equilibrium, where a series stands for the angle, the tip's origin is at rest, so that nothing hides the turn.
@@ -389,17 +402,14 @@ def turned_states(library, chain):
         K[:, :3] *= 0.1
         R, R0 = ((exact if near else orthonormal)(each[:3, :3]) for each in (pose, H))
         energies = Energies(*moved(exact(pose[:3, 3]), R), (exact(H[:3, 3]), R0), K)
-        values = {}
-        for kind in KINDS:
-            U = energies(kind, Placement())
-            energy, wrench, hessian = floats([U.value]), floats(U.first), floats(U.second)[None]
-            torque, tangent = -wrench @ J, np.empty((1, chain.dof, chain.dof))
-            library.robot_hybrid_joint_stiffness(*map(pointer, (q, wrench, hessian, tangent)))
-            values[kind] = {
-                "energy": [energy], "wrench": [wrench], "task_stiffness": [hessian],
-                "torque": [torque], "joint_stiffness": [tangent], "linearization": [energy, torque, tangent],
-            }  # fmt: skip
-        yield q, H, K, values
+        U = energies(kind, Placement())
+        energy, wrench, hessian = floats([U.value]), floats(U.first), floats(U.second)[None]
+        torque, tangent = -wrench @ J, np.empty((1, chain.dof, chain.dof))
+        library.robot_hybrid_joint_stiffness(*map(pointer, (q, wrench, hessian, tangent)))
+        yield q, H, K, {
+            "energy": [energy], "wrench": [wrench], "task_stiffness": [hessian],
+            "torque": [torque], "joint_stiffness": [tangent], "linearization": [energy, torque, tangent],
+        }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])
@@ -410,18 +420,18 @@ def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__)
     library = compiled_with_switches(texts, tmp_path)
     flip = switches(library, len(places))
-    states = list(turned_states(library, chain))
+    states = list(turned_states(library, chain, kind))
 
     def results(body):
         found = []
         for q, H, K, values in states:
-            found.append([np.empty_like(each) for each in values[kind][bodies[body]]])
+            found.append([np.empty_like(each) for each in values[bodies[body]]])
             given = [q, *(np.ascontiguousarray(each[0]) for each in parameters(kind, H[None], K[None]))]
             library[body](*map(pointer, given), *map(pointer, found[-1]))
         return found
 
     def agrees(body, found):
-        expected = [values[kind][bodies[body]] for *_, values in states]
+        expected = [values[bodies[body]] for *_, values in states]
         pairs = zip(itertools.chain(*found), itertools.chain(*expected), strict=True)
         return all(relative_error(*pair) <= SPRING_BOUND for pair in pairs)
 
@@ -444,3 +454,84 @@ def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
     assert len(even) <= (0 if kind == "coupled" else 4)
     assert run.keys() == bodies.keys()
     assert min(run.values()) > 20
+
+
+PRODUCTS = (
+    "hybrid_joint_stiffness_vjp", "body_kinematic_stiffness_vjp", "spring_torque_vjp", "gravity_joint_stiffness_vjp",
+)  # fmt: skip
+"""Those whose signs are tried without waiting: loops over pairs and joints, running sums, statements."""
+LARGE = 1e6
+
+
+@pytest.mark.parametrize(
+    ("types", "floating", "chosen"),
+    [
+        ("rpr", True, PRODUCTS),
+        pytest.param("rrpmr", False, None, marks=pytest.mark.slow),
+        pytest.param("rpm", True, None, marks=pytest.mark.slow),
+    ],
+)
+def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chosen, tmp_path):
+    """Every sign and every first term of the products, single calls and batches, against complex steps.
+
+    What is not caught has no effect, a million times as large either, apart from rounding: what is zero, since a joint
+    stiffness does not feel where the base is; an inertia about the axis that it is turned about, which no derivative
+    feels; conditions, which are true or not.
+    """
+    (tmp_path / "skew.urdf").write_text(chain_urdf(types).replace('"0 0 1"', '"0.48 0.6 0.64"'))
+    chain = stiffgen.load_chain(tmp_path / "skew.urdf", floating_base=floating)
+    options = SpringOptions(derivatives=True)
+    table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain, options)}
+    products = {name: kernel for name, kernel in table.items() if name in (chosen or table) and name.endswith("_vjp")}
+    bodies = {f"robot_{name}": name for name in products} | {f"{name}_lanes": name for name in products}
+    texts = render(chain, "robot", options=options)
+    texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__, SIGN_OR_FIRST)
+    library = compiled_with_switches(texts, tmp_path)
+    flip = switches(library, len(places))
+    pool = argument_samples(chain, 4, 12, options)
+
+    wanted = {}
+    for name, kernel in products.items():
+        of = table[name.removesuffix("_vjp")]
+        stacks = [columns(pool[a], a.array(chain).shape) for a in kernel.arguments]
+        given, cotangents = stacks[: len(of.arguments)], stacks[len(of.arguments) :]
+        wanted[name] = [each.reshape(4, -1) for each in gradients(casadi_function(chain, of), given, cotangents)]
+
+    def results(body):
+        name = bodies[body]
+        given = [np.ascontiguousarray(pool[argument]) for argument in products[name].arguments]
+        outs = [np.zeros_like(each) for each in wanted[name]]
+        run = batch_call(library[f"robot_{name}_batch"]) if body.endswith("_lanes") else single_call(library[body])
+        run(given, outs)
+        return outs
+
+    def agrees(name, found):
+        for value, right in zip(found, wanted[name], strict=True):
+            size = np.abs(right).max(axis=0)  # of every entry; rounding is that of the result
+            bound = np.maximum(1e-10 * size, 1e-13 * np.abs(right).max())
+            if not (np.abs(value - right).max(axis=0) <= bound).all():
+                return False
+        return True
+
+    def without_effect(found, right):
+        pairs = ((np.abs(a - b).max(), np.abs(b).max()) for a, b in zip(found, right, strict=True))
+        return all(difference <= 1e-14 * LARGE * size for difference, size in pairs)
+
+    right = {body: results(body) for body in sorted({place.split(":")[0] for place in places})}
+    assert [body for body, found in right.items() if not agrees(bodies[body], found)] == []
+    missed, without = [], 0
+    for k, place in enumerate(places):
+        body = place.split(":")[0]
+        flip[k] = -1.0
+        found = results(body)
+        if agrees(bodies[body], found):
+            flip[k] = LARGE
+            if without_effect(results(body), right[body]):
+                without += 1
+            else:
+                missed.append(place)
+        flip[k] = 1.0
+    print(f"{types}: {len(places)} places, {len(missed)} missed, {without} without effect")
+    assert missed == []
+    assert without <= (0.01 if chosen else 0.06) * len(places)
+    assert set(right) == {body for body, name in bodies.items() if not body.endswith("_lanes") or products[name].batch}

@@ -100,11 +100,13 @@ def test_pkg_config_compiles_the_readmes_examples(
         "c++", "-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "example.cpp", *flags, "-o", "b", cwd=tmp_path
     )
     assert run(tmp_path / "b", cwd=tmp_path) == run(tmp_path / "a", cwd=tmp_path)
-    assert run("pkg-config", "--modversion", "iiwa14", cwd=tmp_path, PKG_CONFIG_PATH=path).strip() == "0.1.0"
+    assert (
+        run("pkg-config", "--modversion", "iiwa14", cwd=tmp_path, PKG_CONFIG_PATH=path).strip() == stiffgen.__version__
+    )
 
 
 @pytest.mark.parametrize(
-    ("asked", "found"), [("", True), ("0.1", True), ("0.1.0", True), ("0.2", False), ("1.0", False)]
+    ("asked", "found"), [("", True), ("0.2", True), ("0.2.0", True), ("0.1", False), ("0.3", False), ("1.0", False)]
 )
 def test_find_package_knows_its_version(folder: Path, prefix: Path, asked: str, found: bool, tmp_path: Path) -> None:
     (tmp_path / "example.c").write_text(example(folder, "c"))
@@ -115,7 +117,7 @@ def test_find_package_knows_its_version(folder: Path, prefix: Path, asked: str, 
     command = ["cmake", "-S", ".", "-B", "build", f"-DCMAKE_PREFIX_PATH={prefix}"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode == 0) == found, done.stderr
-    if found and asked == "0.1":
+    if found and asked == "0.2":
         run("cmake", "--build", "build", cwd=tmp_path)
         assert float(run(tmp_path / "build" / "app", cwd=tmp_path))
 

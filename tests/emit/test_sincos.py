@@ -41,6 +41,8 @@ BUILDS = [
     ("clang", "-O2 -m32"),
     ("clang", "-O2 -fassociative-math -fno-signed-zeros -fno-trapping-math"),
     ("clang", "-O3 -march=native -fassociative-math -freciprocal-math -fno-signed-zeros -fno-trapping-math"),
+    ("clang", "-O3 -mavx2 -mfma -fassociative-math -fno-signed-zeros -fno-trapping-math"),
+    ("clang", "-O3 -DSTIFFGEN_NO_VECTORS -fassociative-math -fno-signed-zeros -fno-trapping-math"),
 ]
 
 # 8 angles at a time from standard input, their sines and cosines to standard output.

@@ -128,6 +128,8 @@ def test_help_is_for_a_reader(robot):
         assert line in text
     assert "joint_stiffness(q, wrench, task_stiffness)\n" in pydoc.plain(pydoc.render_doc(robot.hybrid))
     assert "SimpleNamespace" not in text
+    assert "ndarray(shape" not in text and "__abs__" not in text  # the pages of arrays and of integers
+    assert len(text.splitlines()) < 400
     assert repr(robot.hybrid).startswith("<iiwa14.hybrid: jacobian, ")
     assert set(vars(robot.hybrid)) == {kernel.name for kernel in KERNELS if kernel.group == "hybrid"}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import re
@@ -12,7 +13,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
-from filelock import FileLock
 
 from examples.fri_robot.emulator import Emulator
 from examples.fri_robot.replay import read_client_log
@@ -30,42 +30,40 @@ from support.fri_session import (
     run_cmake,
     sdk_options,
 )
-from support.project import ROOT
+from support.project import ROOT, Once
 
 CLIENT = ROOT / "examples" / "fri_client"
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _heap_is_left_alone() -> None:
+    """The simulated robot collects garbage before a session; what the modules keep need not be looked through again."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="session")
-def robot_library(
-    tmp_path_factory: pytest.TempPathFactory, worker_id: str, plate_folder: Path
-) -> Callable[[str, str], list[str]]:
+def robot_library(once: Once, plate_folder: Path) -> Callable[[str, str], list[str]]:
     """The library of the robot with the plate, of a compiler with flags, built once for all workers; CMake options.
 
     It computes the same bits as the NumPy module of ``plate_folder``.
     """
-    base = tmp_path_factory.getbasetemp()
-    output = (base if worker_id == "master" else base.parent) / "fri-robot"
 
     def library(compiler: str, flags: str) -> list[str]:
-        folder = output / re.sub(r"\W+", "_", compiler + flags)
-        output.mkdir(exist_ok=True)
-        with FileLock(f"{folder}.lock"):
-            options = folder / "options.json"
-            if not options.exists():
-                options.write_text(json.dumps(build_robot(plate_folder, folder, compiler=compiler, flags=flags)))
-        return list(json.loads(options.read_text()))
+        def make(folder: Path) -> None:
+            options = build_robot(plate_folder, folder, compiler=compiler, flags=flags)
+            (folder / "options.json").write_text(json.dumps(options))
+
+        folder = once("fri-robot" + re.sub(r"\W+", "_", compiler + flags), make)
+        return list(json.loads((folder / "options.json").read_text()))
 
     return library
 
 
 @pytest.fixture(scope="session")
-def make_programs(
-    tmp_path_factory: pytest.TempPathFactory, worker_id: str, robot_library: Callable[[str, str], list[str]]
-) -> Callable[[str], Programs]:
+def make_programs(once: Once, robot_library: Callable[[str, str], list[str]]) -> Callable[[str], Programs]:
     """Builds the test programs by name, once for all workers: a version, standin-VERSION, sdk, or sanitized."""
-    base = tmp_path_factory.getbasetemp()
-    output = base if worker_id == "master" else base.parent
 
     def make(name: str) -> Programs:
         missing = require_tools()
@@ -73,20 +71,20 @@ def make_programs(
             if os.environ.get("CI"):
                 pytest.fail(missing)
             pytest.skip(missing)
-        folder = output / f"fri_{name}"
         compiler, flags = ("clang", SANITIZERS.replace("-O2", "-O1")) if name == "sanitized" else ("gcc", "-O1")
         version = "2.7" if name == "sanitized" else name.removeprefix("standin-")
-        with FileLock(f"{folder}.lock"):
-            if not (folder / "built").exists():
-                if name == "sdk":
-                    options = sdk_options() or []
-                elif name.startswith("standin"):
-                    options = build_standin(Path(f"{folder}_library"), version)
-                else:
-                    options = [f"-DOPEN_FRI_VERSION={version}"]
-                options += robot_library(compiler, flags)
-                build(folder, options, compiler=compiler, flags=flags, fuzzer=name == "sanitized")
-                (folder / "built").touch()
+
+        def filled(folder: Path) -> None:
+            if name == "sdk":
+                options = sdk_options() or []
+            elif name.startswith("standin"):
+                options = build_standin(Path(f"{folder}_library"), version)
+            else:
+                options = [f"-DOPEN_FRI_VERSION={version}"]
+            options += robot_library(compiler, flags)
+            build(folder, options, compiler=compiler, flags=flags, fuzzer=name == "sanitized")
+
+        folder = once(f"fri_{name}", filled)
         if name == "sdk":
             said = subprocess.run([folder / "harness", "version"], capture_output=True, text=True, check=True).stdout
             version = said.split()[-1]
@@ -97,26 +95,20 @@ def make_programs(
 
 @pytest.fixture(scope="session")
 def client_program(
-    tmp_path_factory: pytest.TempPathFactory,
-    worker_id: str,
-    make_programs: Callable[[str], Programs],
-    robot_library: Callable[[str, str], list[str]],
+    once: Once, make_programs: Callable[[str], Programs], robot_library: Callable[[str, str], list[str]]
 ) -> Callable[[str], Path]:
     """The client of an FRI version, built once for all workers. Those of 1.15 and 2.5 are built with sanitizers."""
-    base = tmp_path_factory.getbasetemp()
-    output = (base if worker_id == "master" else base.parent) / "fri-client"
 
     def program(version: str) -> Path:
         if version == "2.7":  # the others are those of the slow tests
             return make_programs(version).client
-        folder = output / version
-        output.mkdir(exist_ok=True)
-        with FileLock(str(folder) + ".lock"):
-            if not (folder / "fri_wiping").exists():
-                options = [f"-DOPEN_FRI_VERSION={version}", *robot_library("gcc", SANITIZERS)]
-                options += compilers("gcc", SANITIZERS)
-                run_cmake(["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"])
-        return folder / "fri_wiping"
+
+        def make(folder: Path) -> None:
+            options = [f"-DOPEN_FRI_VERSION={version}", *robot_library("gcc", SANITIZERS)]
+            options += compilers("gcc", SANITIZERS)
+            run_cmake(["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"])
+
+        return once(f"fri-client-{version}", make) / "fri_wiping"
 
     return program
 

@@ -63,8 +63,8 @@ def robot(plate: ModuleType) -> ModuleType:
 
 
 def some(*names: str) -> list[Any]:
-    """Names of programs; those beside 2.7 and the library in the place of KUKA's 1.15 are for the slow tests."""
-    quick = ("2.7", "standin-1.15", "sdk")
+    """Names of programs; those beside 2.7 are for the slow tests."""
+    quick = ("2.7", "sdk")
     return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
 
 

@@ -22,10 +22,13 @@ SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recove
 
 
 def build(folder: Path, robot: Path, compiler: str, flags: tuple[str, ...] = SANITIZERS) -> Path:
-    program = folder / f"hostile-{compiler}"
-    sources = [PROGRAM, robot / "iiwa14.c", robot / "iiwa14_impedance.c"]
-    command = [compiler, "-std=c99", *flags, f"-I{robot}", *map(str, sources), "-lm", "-o", str(program)]
-    subprocess.run(command, check=True)
+    """The program; the kernels, which nothing hostile reaches unseen, without optimisation, in a tenth of the time."""
+    program, objects = folder / f"hostile-{compiler}", []
+    for source, more in ((PROGRAM, ()), (robot / "iiwa14.c", ("-O0",)), (robot / "iiwa14_impedance.c", ())):
+        objects.append(str(folder / f"{source.stem}-{compiler}.o"))
+        command = [compiler, "-std=c99", *flags, *more, f"-I{robot}", "-c", str(source), "-o", objects[-1]]
+        subprocess.run(command, check=True)
+    subprocess.run([compiler, *flags, *objects, "-lm", "-o", str(program)], check=True)
     return program
 
 

@@ -5,6 +5,7 @@ tests/emit/test_jax.py runs this in a process of its own: JAX's threads and the 
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 
@@ -169,3 +170,26 @@ def test_not_compiled_is_said(small, tmp_path):
             (folder / file.name).write_bytes(file.read_bytes())
     with pytest.raises(ImportError, match=r"install jax .* 'stiffgen generate --derivatives'"):
         wrapper(open_robot(folder), "jax")
+
+
+def test_a_second_copy_in_the_process(small, arm, tmp_path):
+    """XLA takes a name once a process; both copies compute the same."""
+    copy = tmp_path / "elsewhere" / "arm"
+    shutil.copytree(small.folder, copy)
+    q = np.linspace(-1, 1, 2 * small.chain.dof).reshape(2, -1)
+    expected = small.module.hybrid.jacobian(q)
+    for module in (arm, wrapper(open_robot(copy), "jax"), arm):
+        np.testing.assert_allclose(module.hybrid.jacobian(q), expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_two_robots_of_one_name_in_the_process(small, arm, tmp_path):
+    """Each calls its own functions."""
+    other = small_robot(tmp_path, "rp")
+    second = wrapper(other, "jax")
+    for robot, module in ((small, arm), (other, second), (small, arm)):
+        q = np.linspace(-1, 1, robot.chain.dof)
+        np.testing.assert_allclose(module.hybrid.jacobian(q), robot.module.hybrid.jacobian(q), rtol=1e-12, atol=1e-12)
+        pulled = jax.vjp(module.forward_kinematics, q)[1](np.eye(4))[0]
+        expected = robot.kernels["forward_kinematics_vjp"](q, np.eye(4))
+        np.testing.assert_allclose(pulled, np.ravel(expected), rtol=1e-12, atol=1e-12)

@@ -275,7 +275,7 @@ def test_contrast(page: Page, scheme: str) -> None:
     texts, lines, count = page.js(CONTRAST)
     assert count > 60
     assert texts >= 4.5
-    assert lines >= 2.9
+    assert lines >= 3.0
     assert (
         page.js("getComputedStyle(document.body).backgroundColor")
         == {"light": "rgb(255, 255, 255)", "dark": "rgb(13, 17, 23)"}[scheme]

@@ -5,15 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
 
 from support.plant.loop import Loop
+from support.project import Once
 
 
 @pytest.fixture(scope="session")
-def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Loop:
-    base = tmp_path_factory.getbasetemp()
-    folder = (base if worker_id == "master" else base.parent) / "loop"
-    with FileLock(str(folder) + ".lock"):
-        folder.mkdir(exist_ok=True)
-        return Loop(folder, robot_folder)
+def loop(robot_folder: Path, once: Once) -> Loop:
+    return Loop(once("loop", lambda folder: Loop(folder, robot_folder)), robot_folder)

@@ -14,9 +14,11 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.check.controller import elastic_torque, joint_hessian, modal_damping
+from stiffgen.check.controller import check_controller, elastic_torque, joint_hessian, modal_damping
 from stiffgen.check.controller import wrench as spring_wrench
 from stiffgen.emit.fields import CONFIG, FAULTS, INPUT, OUTPUT, REASONS, STATUS
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import Placement
 from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
 from support.project import ROOT
 from support.runtime import WARNINGS, compile_c
@@ -225,6 +227,24 @@ def test_poses_as_command(robot: ModuleType) -> None:
         arm.step(out.torque)
     np.testing.assert_allclose(out.equilibrium, start, atol=1e-9)
     np.testing.assert_allclose(arm.q, Q, atol=0.02)
+
+
+def test_a_refused_command_on_the_way_from_poses_to_positions(robot: ModuleType) -> None:
+    """The equilibrium goes on from where it is: it must not be taken for having arrived, and jump."""
+    controller, zero = robot.Impedance(motor_inertia=0.1, ramp_time=0.1), np.zeros(7)
+    goal = robot.forward_kinematics(Q)
+    goal[0, 3] += 0.1
+    for _ in range(800):
+        out = controller.step(q=Q, dq=zero, equilibrium=goal, posture=Q, **SPRING)
+    np.testing.assert_allclose(out.equilibrium, goal, atol=1e-9)
+    for k in range(1500):
+        last = out.equilibrium
+        q0 = Q if k % 10 != 5 else np.full(7, np.nan)
+        out = controller.step(q=Q, dq=zero, q0=q0, **SPRING)
+        assert bool(out.status & robot.Status.COMMAND_REFUSED) == (q0 is not Q)
+        assert np.linalg.norm(out.equilibrium[:3, 3] - last[:3, 3]) <= 0.5e-3 * (1 + 1e-9)
+    assert not out.fault
+    np.testing.assert_allclose(out.equilibrium, robot.forward_kinematics(Q), atol=1e-9)
 
 
 def test_refused_commands_hold_what_there_is(robot: ModuleType) -> None:
@@ -800,6 +820,16 @@ def test_several_tips_and_tools(tmp_path: Path, runtime_tool: bool) -> None:
         np.testing.assert_allclose(out.spring_wrench[t], out.scale * F, atol=1e-6)
         expected = expected - kernels.hybrid.jacobian(out.position, *given).T @ F
     np.testing.assert_allclose(out.elastic_torque, out.scale * expected, atol=1e-6)
+    D = np.diag([3.0, 2, 1, 0.3, 0.2, 0.1]) + 0.05
+    controller.config.update({"damping_design": "task", "task_damping": D})
+    out = controller.step(q=q0 + way, dq=np.zeros(n), q0=q0, **springs)
+    B = controller.config.joint_damping * np.eye(n)
+    for t, name in enumerate(("left_hand", "right_hand")):
+        J = getattr(arm, name).hybrid.jacobian(q0 + way, *((tools[t],) if runtime_tool else ()))
+        B = B + J.T @ D @ J
+    assert not out.status & arm.Status.DAMPING_CAPPED
+    np.testing.assert_allclose(out.damping, B, atol=1e-12)
+    controller.config.update({"damping_design": "modal"})
     if runtime_tool:
         tools[1, 0, 3] += 0.01
         for _ in range(200):
@@ -809,3 +839,26 @@ def test_several_tips_and_tools(tmp_path: Path, runtime_tool: bool) -> None:
         for _ in range(200):
             out = controller.step(q=q0 + way, dq=np.zeros(n), q0=q0, **springs)
         assert not out.fault
+
+
+@pytest.mark.slow
+def test_the_spring_lies_where_the_kernels_have_it(tmp_path: Path) -> None:
+    """Centre of stiffness and axes are the robot's: --spring-centre and --spring-...-axes hold for the controller."""
+    where = Placement("tip", "base", (0.05, -0.1, 0.2))
+    robot = open_robot(
+        stiffgen.generate(ROOT / "urdf" / "iiwa14.urdf", output=tmp_path, springs=SpringOptions(placement=where))
+    )
+    arm = robot.module
+    controller = arm.Impedance(**FAST, motor_inertia=0.1, energy_limit=1e4)
+    Kt = KT + 100 * np.ones((3, 3))
+    for k in range(1500):
+        share = min(1, k / 1000)
+        out = controller.step(
+            q=Q + 0.2 * share, dq=np.full(7, 0.2 * (k < 1000)), q0=Q, translation_stiffness=Kt, rotation_stiffness=KO
+        )
+    assert not out.fault, repr(out)
+    given = (arm.forward_kinematics, Q + 0.2, arm.forward_kinematics(Q), Q, Kt, KO, 1.0)
+    assert np.abs(elastic_torque(*given) - elastic_torque(*given, where)).max() > 1.0
+    np.testing.assert_allclose(out.elastic_torque, elastic_torque(*given, where), atol=1e-6)
+    np.testing.assert_allclose(out.joint_stiffness, joint_hessian(*given, where), atol=1e-3)
+    assert not [check for check in check_controller(robot, 1) if not check.passed]

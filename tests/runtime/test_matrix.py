@@ -62,23 +62,38 @@ def test_the_symmetric_part_counts(matrices: Matrices) -> None:
     np.testing.assert_allclose(values, scipy.linalg.eigvalsh((K + K.T) / 2, M), rtol=0, atol=1e-11)
 
 
-def test_positive_part_splits_a_change_of_stiffness(matrices: Matrices) -> None:
+def test_a_change_of_stiffness_is_split(matrices: Matrices) -> None:
     """K' - K into what costs and what releases, in the basis that makes both diagonal: K + the rest stays positive."""
     random = np.random.default_rng(3)
     worst = np.inf
     for _ in range(500):
         K, wanted = (symmetric(random, 10 ** random.uniform(0, 4, 3)) for _ in range(2))
-        code, cost = matrices.positive_part(wanted - K, wanted + K)
-        assert code == 0
-        rest = K + (wanted - K - cost)
+        changed, rest, cost = matrices.soften(wanted, 1.0, K)
+        assert changed == 1
+        np.testing.assert_allclose(rest + cost, wanted, rtol=0, atol=1e-9)
+        _, part, part_of_cost = matrices.soften(wanted, 0.3, K)
+        np.testing.assert_allclose(part_of_cost, 0.3 * cost, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(part, K + 0.3 * (rest - K), rtol=0, atol=1e-9)
         values, W = scipy.linalg.eigh(wanted, K)  # W^T K W = I, W^T K' W = diag(values)
         inverse = np.linalg.inv(W)
-        np.testing.assert_allclose(rest, inverse.T @ np.diag(np.minimum(values, 1)) @ inverse, rtol=0, atol=1e-8)
+        trace = np.trace(K + wanted)
+        np.testing.assert_allclose(
+            rest, inverse.T @ np.diag(np.minimum(values, 1)) @ inverse, rtol=0, atol=1e-7 * trace
+        )
+        S = K + wanted + 1e-10 * trace * np.eye(3)  # the metric, where no direction is without stiffness
+        values, W = scipy.linalg.eigh(wanted - K, S)
+        np.testing.assert_allclose(cost, S @ W @ np.diag(np.maximum(values, 0)) @ W.T @ S, rtol=0, atol=1e-12 * trace)
         worst = min(worst, np.linalg.eigvalsh(rest).min() / np.linalg.eigvalsh(K).min())
         assert np.linalg.eigvalsh(cost).min() >= -1e-9
         assert np.linalg.eigvalsh(wanted - rest).min() >= -1e-8
         assert np.linalg.eigvalsh(K - rest).min() >= -1e-8  # rest <= K: it only releases
     assert worst > 0
+    assert matrices.soften(wanted, 0.3, wanted)[0] == 0
+    # nearly there: the last bit of the way at once, whatever the share, and a wanted one that is not quite symmetric
+    close = wanted * (1 + 1e-11) + 1e-9 * np.triu(np.ones((3, 3)), 1)
+    changed, rest, cost = matrices.soften(close, 0.3, wanted)
+    assert changed == 1
+    np.testing.assert_allclose(rest + cost, close, rtol=1e-14, atol=0)
 
 
 def test_semidefinite(matrices: Matrices) -> None:

@@ -12,6 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from stiffgen.symbolic.model import folded
+
 STEP = 1e-100
 
 
@@ -81,6 +83,12 @@ TWISTS = np.zeros((6, 4, 4))
 for _k in range(3):
     TWISTS[_k, _k, 3] = 1
     TWISTS[3 + _k, (_k + 2) % 3, (_k + 1) % 3], TWISTS[3 + _k, (_k + 1) % 3, (_k + 2) % 3] = 1, -1
+
+
+def columns(stack: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A stack of arguments of a kernel in the shapes that CasADi has."""
+    rows = folded(shape) if shape else (1,)
+    return stack.reshape(len(stack), *rows, *[1] * (2 - len(rows)))
 
 
 def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: list[np.ndarray]) -> list[np.ndarray]:

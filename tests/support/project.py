@@ -22,6 +22,10 @@ ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf" / "iiwa14.urdf"
 
 
+Once = Callable[[str, Callable[[Path], object]], Path]
+"""The fixture ``once``: a folder of that name, filled by the function in the first worker that asks for it."""
+
+
 def assert_close(value: Any, expected: Any) -> None:
     """Two arrays agree to 1e-12 of the largest entry expected."""
     error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])

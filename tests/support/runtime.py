@@ -22,7 +22,7 @@ OUT = ndpointer(np.float64, flags=("C_CONTIGUOUS", "WRITEABLE"))
 SIGNATURES = {
     "eigen_symmetric": (ctypes.c_int, OUT, OUT, OUT),
     "pencil": (ctypes.c_int, IN, IN, OUT, OUT, OUT, OUT, OUT),
-    "positive_part": (ctypes.c_int, IN, IN, OUT, OUT),
+    "soften": (IN, ctypes.c_double, OUT, OUT),
     "is_positive_semidefinite": (ctypes.c_int, IN),
 }
 
@@ -62,10 +62,10 @@ class Matrices:
         V = np.linalg.solve(np.tril(L).T, rows.T) / np.sqrt(scale) if code == 0 else rows
         return code, values, V
 
-    def positive_part(self, D: np.ndarray, S: np.ndarray) -> tuple[int, np.ndarray]:
-        n = len(D)
-        result = np.empty((n, n))
-        return self.library.positive_part(n, D, S, result, np.empty(3 * n * n)), result
+    def soften(self, wanted: np.ndarray, share: float, K: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+        """Whether K had a way to go, K after what is done at once, and the cost."""
+        rest, cost = K.copy(), np.empty((3, 3))
+        return self.library.soften(wanted, share, rest, cost), rest, cost
 
     def is_positive_semidefinite(self, A: np.ndarray) -> bool:
         return bool(self.library.is_positive_semidefinite(len(A), A))

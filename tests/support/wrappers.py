@@ -25,10 +25,10 @@ Array = npt.NDArray[np.float64]
 DERIVATIVES = SpringOptions(derivatives=True)
 
 
-def small_robot(output: Path) -> GeneratedRobot:
-    """Three joints, one sliding and one that mimics, with derivatives."""
+def small_robot(output: Path, types: str = "rpm") -> GeneratedRobot:
+    """Three joints, one sliding and one that mimics (or others), with derivatives; named "arm"."""
     urdf = output / "chain.urdf"
-    urdf.write_text(chain_urdf("rpm"))
+    urdf.write_text(chain_urdf(types))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CFLAGS", "-O0")  # in a third of the time
         return open_robot(stiffgen.generate(urdf, output=output, name="arm", springs=DERIVATIVES))

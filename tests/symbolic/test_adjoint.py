@@ -9,10 +9,10 @@ import stiffgen
 from stiffgen.check.result import relative_error
 from stiffgen.check.verify import argument_samples
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
-from support.complex_step import gradients
+from support.complex_step import columns, gradients
 from support.exact_tree import tree_urdf
 from support.project import ROOT, URDF
 
@@ -46,17 +46,11 @@ def of_types(folder, types, **options):
     return stiffgen.load_chain(urdf, **options)
 
 
-def columns(function, stack, shape):
-    """A stack of arguments in the shapes that CasADi has."""
-    rows = folded(shape) if shape else (1,)
-    return stack.reshape(len(stack), *rows, *[1] * (2 - len(rows)))
-
-
 def worst_error(chain, kernel, product, count, seed):
     """Of a kernel's products at random states: the largest difference over the largest entry of the gradient."""
     pool = argument_samples(chain, count, seed, OPTIONS)
     forward, backward = casadi_function(chain, kernel), casadi_function(chain, product)
-    stacks = [columns(backward, pool[a], a.array(chain).shape) for a in product.arguments]
+    stacks = [columns(pool[a], a.array(chain).shape) for a in product.arguments]
     given, cotangents = stacks[: len(kernel.arguments)], stacks[len(kernel.arguments) :]
     expected = gradients(forward, given, cotangents)
     found = backward.map(count)(*(np.concatenate(list(stack), axis=1) for stack in stacks))

@@ -1,4 +1,4 @@
-"""Contacts at all tips in one pass over the tree, against the sum of the tips' own functions."""
+"""Contacts and springs at all tips in one pass over the tree, against the sum of the tips' own functions."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 
 import stiffgen
+from stiffgen.check.result import as_results
 from stiffgen.symbolic import contacts
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function
+from stiffgen.symbolic.potentials import SpringOptions
 from support.exact_tree import as_array, exponential, mp, tree_urdf
 from support.project import ROOT, assert_close
 
+SPRINGS = SpringOptions(("coupled", "quaternion"))
 DATA = ROOT / "tests" / "data"
 ROBOTS = {
     "tree": ("left", "right"),
@@ -48,7 +51,7 @@ def setting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     if kind == "floats" and robot == "dual_arm":
         options = {"floating_base": True, "runtime_tool": True}
     chain = stiffgen.load_chain(file, tip=ROBOTS[robot], **options)
-    kernels = {(k.group, k.name): k for k in chain_kernels(chain) if k.by_tips}
+    kernels = {(k.group, k.name): k for k in chain_kernels(chain, SPRINGS) if k.by_tips}
     return SimpleNamespace(chain=chain, kernels=kernels)
 
 
@@ -58,7 +61,7 @@ def arguments(chain: stiffgen.Chain, kernel: Kernel, random: np.random.Generator
         shape = argument.array(chain).shape
         if argument.name == "base_pose":
             given.append(random_pose(random))
-        elif argument.name == "tool_poses":
+        elif argument.name in ("tool_poses", "equilibria"):
             given.append(np.vstack([random_pose(random) for _ in range(shape[0])]))
         else:
             values = random.normal(size=shape) * (1 if argument.name == "q" else 100)
@@ -66,18 +69,26 @@ def arguments(chain: stiffgen.Chain, kernel: Kernel, random: np.random.Generator
     return given
 
 
-@pytest.mark.parametrize("rep", REPRESENTATIONS)
-def test_one_pass_is_the_sum_over_the_tips(setting: SimpleNamespace, rep: str) -> None:
+OF_SPRINGS = (
+    ("spring", "energy"), ("spring", "torque"), ("spring", "joint_stiffness"), ("spring", "linearization"),
+    ("spring_coupled", "joint_stiffness"), ("spring_quaternion", "linearization"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("group", "name"), [*((rep, "joint_stiffness") for rep in REPRESENTATIONS), *OF_SPRINGS])
+def test_one_pass_is_the_sum_over_the_tips(setting: SimpleNamespace, group: str, name: str) -> None:
     """Each tip's own function is held against differentiation and closed forms elsewhere."""
-    chain, kernel = setting.chain, setting.kernels[rep, "joint_stiffness_total"]
+    chain, kernel = setting.chain, setting.kernels[group, f"{name}_total"]
     assert kernel.by_tips is not None
     one_pass, by_tips = (casadi_function(chain, each) for each in (kernel, replace(kernel, program=kernel.by_tips)))
     random = np.random.default_rng(3)
     for _ in range(20):
         given = arguments(chain, kernel, random)
-        found = np.asarray(one_pass(*given))
-        assert_close(found, np.asarray(by_tips(*given)))
-        assert np.array_equal(found, found.T)
+        for value, expected in zip(as_results(one_pass(*given)), as_results(by_tips(*given)), strict=True):
+            found = np.asarray(value)
+            assert_close(found, np.asarray(expected))
+            if found.shape[0] == found.shape[1]:
+                assert np.array_equal(found, found.T)
 
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)

@@ -69,8 +69,10 @@ def test_joint_hessian_of_the_golden_potential(golden, model, robot):
 
 
 @pytest.mark.parametrize("compiler", compilers())
-@pytest.mark.parametrize("language", ["c99", "c++11"])
-@pytest.mark.parametrize("optimisation", ["-O0", "-O3"])
+@pytest.mark.parametrize(
+    ("language", "optimisation"),
+    [("c99", "-O0"), ("c++11", "-O0"), ("c99", "-O3"), pytest.param("c++11", "-O3", marks=pytest.mark.slow)],
+)
 def test_c_program(compiler, language, optimisation, golden, robot_folder, tmp_path):
     calls, expected = [], []
     for sample in golden:

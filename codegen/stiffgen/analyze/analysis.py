@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stiffness analysis of a recording: ``stiffgen analyze LOG --robot DIR``.
 
 The recording is read as a stream (:mod:`stiffgen.recording`); every partition is summarised by
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike
 
 import stiffgen.analyze.measures as ms
 from stiffgen.analyze.measures import MEASURES, Summary, Task, bad_rows, units
+from stiffgen.analyze.options import AnalysisOptions, Progress, taking
 from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording
 from stiffgen.analyze.report import write_report
 from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed
@@ -35,30 +37,8 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 
 GENERATOR = "stiffgen analyze"
 SUMMARY = "summary.json"
-BLOCK_ROWS = 8192
 _MOST_THREADS = 8
 _AHEAD = 2  # partitions a worker has in hand besides the one at work
-
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class AnalysisOptions:
-    """What is read of a recording, and how it is taken; :func:`analyze` says what each means."""
-
-    representation: Representation = "hybrid"
-    negate_wrench: bool = False
-    tip: str | None = None
-    q_columns: Sequence[str] | None = None
-    wrench_columns: Sequence[str] | None = None
-    time_column: str | None = None
-    q_topic: str | None = None
-    wrench_topic: str | None = None
-    tolerance: float = 0.01
-    output: str | Path | None = None
-    figures: bool = True
-    dask: str | None = None
-    block_rows: int = BLOCK_ROWS
 
 
 @dataclass(frozen=True)
@@ -79,50 +59,13 @@ class Analysis:
     recording: Recording
 
 
-def analyze(
-    log: str | Path,
-    robot: str | Path,
-    task_stiffness: ArrayLike,
-    *,
-    representation: Representation = "hybrid",
-    negate_wrench: bool = False,
-    tip: str | None = None,
-    q_columns: Sequence[str] | None = None,
-    wrench_columns: Sequence[str] | None = None,
-    time_column: str | None = None,
-    q_topic: str | None = None,
-    wrench_topic: str | None = None,
-    tolerance: float = 0.01,
-    output: str | Path | None = None,
-    figures: bool = True,
-    dask: str | None = None,
-    block_rows: int = BLOCK_ROWS,
-    progress: Progress = lambda step, done: None,
-) -> Analysis:
+@taking(AnalysisOptions)
+def analyze(options: AnalysisOptions) -> Analysis:
     """Analyse the joint stiffness along a recording, corrected and conventional, and write a report.
 
     Memory does not grow with the recording. Bad rows are left out, counted, and the first ones named.
 
-    Args:
-        log: recording with q and wrench: ``.csv``, ``.tsv``, ``.txt``, ``.npz``, ``.parquet`` or ``.mcap``.
-        robot: folder that ``stiffgen generate`` wrote.
-        task_stiffness: (6,) diagonal or (6, 6) symmetric matrix, linear first [N/m, N, N m/rad].
-        representation: in which the wrenches and the task stiffness are given (README, "Frames").
-        negate_wrench: the wrenches are those that the robot applies to the environment.
-        tip: which tip, of a robot with several.
-        q_columns: names of the columns with joint positions [rad or m] (default ``q_0`` ...; NPZ: one array ``q``;
-            MCAP: names of the joints in the messages, default those of the robot).
-        wrench_columns: names of the six columns, force first [N, N m] (default ``wrench_0`` ...; NPZ: ``wrench``).
-        time_column: name of the column with time [s]; default ``time`` if there is one, "" for none.
-        q_topic: MCAP: topic of the joint positions, needed if there are several of that type.
-        wrench_topic: MCAP: topic of the wrenches, likewise.
-        tolerance: MCAP: largest time between joint positions and their wrench [s].
-        output: folder to write (default: ``analysis/`` and the log's name without its ending).
-        figures: False leaves out figures and report.html; only the numbers are written.
-        dask: address of a Dask scheduler, or "local" for a cluster of processes on this machine (which import the
-            calling script: it must guard its own calls with ``if __name__ == "__main__"``).
-        block_rows: rows that a thread or worker computes at a time.
-        progress: called with a few words and the share done (0 ... 1).
+    {arguments}
 
     Returns:
         What was found and where it was written.
@@ -134,36 +77,14 @@ def analyze(
         MissingExtraError: a package is not installed.
 
     """
-    options = AnalysisOptions(
-        representation=representation,
-        negate_wrench=negate_wrench,
-        tip=tip,
-        q_columns=q_columns,
-        wrench_columns=wrench_columns,
-        time_column=time_column,
-        q_topic=q_topic,
-        wrench_topic=wrench_topic,
-        tolerance=tolerance,
-        output=output,
-        figures=figures,
-        dask=dask,
-        block_rows=block_rows,
-    )
-    return run_analysis(log, robot, task_stiffness, options, progress)
-
-
-def run_analysis(
-    log: str | Path, robot: str | Path, task_stiffness: ArrayLike, options: AnalysisOptions, progress: Progress
-) -> Analysis:
-    """:func:`analyze` with its options in one."""
-    log, robot = Path(log), Path(robot)
+    log, robot, progress = Path(options.log), Path(options.robot), options.progress
     target = Path("analysis") / log.stem if options.output is None else Path(options.output)
     _refuse_foreign(target)
     chain = _chain(robot)
     _robot_module(robot.absolute())
     task = Task(
         _one_of(options.representation),
-        checked_stiffness(task_stiffness),
+        checked_stiffness(options.task_stiffness),
         options.negate_wrench,
         np.array([c.lower for c in chain.coordinates]),
         np.array([c.upper for c in chain.coordinates]),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is measured of the joint stiffness at every row of a recording, and the summary of many rows.
 
 A :class:`Summary` is of bounded size whatever the number of rows: counts, extremes, sums, histograms on fixed grids,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Figures and the HTML report of an analysis, for light and for dark pages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How every figure looks: one style, one colour for one meaning, ink in the colour of the page."""
 
 from __future__ import annotations

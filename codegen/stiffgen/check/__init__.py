@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """A robot's folder is held against what did not make it."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Many configurations a call: every length of the last block of lanes, every kind of step, nothing else touched."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How fast a generated robot's compiled kernels are on this machine: ``stiffgen bench DIR``."""
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from stiffgen.opened import GeneratedRobot, open_robot
 _BATCH = 4096
 _SECONDS = 0.01
 _ROUNDS = 7
+_FLAGS = (("-O3", "-march=native"), ("-O3",))
+"""Of the plain C calls: the first that the compiler takes."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ def _c_loops(robot: GeneratedRobot, build: Path) -> ctypes.CDLL | None:
         ]
     driver = build / "loops.c"
     driver.write_text("\n".join(lines) + "\n")
-    for flags in (("-O3", "-march=native"), ("-O3",)):
+    for flags in _FLAGS:
         try:
             return ctypes.CDLL(str(build_library(robot.folder, robot.name, build, flags, more=[driver])))
         except BuildError:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller's law again, from its equations, and the compiled controller stepped against it.
 
 The energy of the springs is written with the angle of the error rotation and differentiated by q along the tips' poses;
@@ -15,21 +16,31 @@ import numpy as np
 
 from stiffgen.check.result import Array, Check, faultless
 from stiffgen.opened import GeneratedRobot
+from stiffgen.symbolic.springs import Placement
 
 Poses = Callable[[Array], Any]
 """Poses of the tips at q, (4, 4) or (tips, 4, 4)."""
 
+DEFAULT = Placement()
 PERIOD = 1e-3
 _LARGEST_DAMPING = 0.25 / PERIOD
 _BOUND = 1e-8
 """Of values that differences of the energy are held against; they lose some digits."""
 
 
-def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> float:
-    """U = (p - p0)^T Kt (p - p0) / 2 + (1 - cos a) u^T Ko u, u and a the axis and angle of R0^T R [J]; of one tip."""
-    e = pose[:3, 3] - equilibrium[:3, 3]
+def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT) -> float:
+    """U = e^T Kt e / 2 + (1 - cos a) u^T Ko u [J] of one tip.
+
+    e is the displacement of the centre of stiffness, u and a are the axis and angle of R0^T R; e and u are seen in the
+    placement's axes.
+    """
+    centre = np.array(placement.centre)
+    axes = {"base": np.eye(3), "tip": pose[:3, :3], "equilibrium": equilibrium[:3, :3]}
+    e = (pose[:3, 3] + pose[:3, :3] @ centre) - (equilibrium[:3, 3] + equilibrium[:3, :3] @ centre)
+    e = axes[placement.translation_axes or "base"].T @ e
     R = equilibrium[:3, :3].T @ pose[:3, :3]
     w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    w = axes[placement.rotation_axes].T @ equilibrium[:3, :3] @ w
     cosine = (np.trace(R) - 1) / 2
     # (1 - cos a) u^T Ko u = w^T Ko w / (1 + cos a), without dividing by a small sine
     return float(e @ Kt @ e / 2 + w @ Ko @ w / (1 + cosine))
@@ -55,11 +66,13 @@ def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> Array:
     return result
 
 
-def potential(poses: Poses, q: Array, equilibrium: Any, posture: Any, Kt: Any, Ko: Any, k: Any) -> float:
+def potential(
+    poses: Poses, q: Array, equilibrium: Any, posture: Any, Kt: Any, Ko: Any, k: Any, placement: Placement = DEFAULT
+) -> float:
     """Energy [J] of the springs of all tips and of the posture potential k (q - posture)^2 / 2."""
     tips = (np.reshape(poses(q), (-1, 4, 4)), np.reshape(equilibrium, (-1, 4, 4)))
     stiffness = (np.reshape(Kt, (-1, 3, 3)), np.reshape(Ko, (-1, 3, 3)))
-    springs = sum(energy(*each) for each in zip(*tips, *stiffness, strict=True))
+    springs = sum(energy(*each, placement) for each in zip(*tips, *stiffness, strict=True))
     return springs + float(np.sum(k * (q - posture) ** 2) / 2)
 
 
@@ -199,7 +212,7 @@ def _law(bench: _Bench) -> list[Check]:
 
     q, n, reach = bench.q, len(bench.q), bench.reach
     way, aim = (bench.random.choice([-1.0, 1.0], n) * reach for _ in range(2))
-    stiff, k = np.linspace(20.0, 200.0, n), 2.5
+    stiff, k, placement = np.linspace(20.0, 200.0, n), 2.5, bench.robot.springs.placement
     for delay in (0, 1):
         controller = bench.controller(
             limit_stiffness=stiff, lower_limit=q - 1.5 * reach, upper_limit=q + 1.5 * reach, effort_limit=1e4,
@@ -212,7 +225,7 @@ def _law(bench: _Bench) -> list[Check]:
             out = controller.step(q=at, dq=rate, q0=q + 0.5 * aim * min(1.0, step / 200), **bench.given)
             if step % 40:
                 continue
-            spring = (out.equilibrium, out.reference, out.translation_stiffness, out.rotation_stiffness, k)
+            spring = (out.equilibrium, out.reference, out.translation_stiffness, out.rotation_stiffness, k, placement)
             pushed = limit_torque(
                 at, config.lower_limit, config.upper_limit, config.limit_zone, stiff, config.effort_limit
             )

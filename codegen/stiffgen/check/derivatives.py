@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Vector-Jacobian products held against differences of the compiled functions that they belong to.
 
 No symbolic differentiation enters: L(x) = sum of cotangents times results is evaluated along a random direction in all

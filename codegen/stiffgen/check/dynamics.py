@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Oracles for what a robot's masses make: kinetic and potential energy along its joints' poses, differentiated.
 
 A body with mass m, first moment h and inertia tensor I in a frame whose pose is H (4x4) has

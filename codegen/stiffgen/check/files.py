@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A folder against its manifest, its tables against its chain, and its chain against the URDF."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NaN or infinity in: NaN in every entry that depends on it, the clean number or NaN elsewhere, and never infinity.
 
 Nor does infinity come of numbers so large that a result overflows.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a check says, and how far two arrays are apart."""
 
 from __future__ import annotations

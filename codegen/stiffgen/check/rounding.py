@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What rounding does to the results of a kernel: a running error analysis of its CasADi function.
 
 Every operation is followed with its value and the size of the error that it carries, in units of 2^-53: its own, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Oracles for the kernels of springs: each energy written down another way, and differentiated along the pose.
 
 The kernels have closed forms of gradient and Hessian; here CasADi differentiates the energy along a plain product of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Oracles for the kernels of a generated robot, independent of the code that generated them.
 
 What the kernels compute in closed form is computed here another way, from the chain's joint poses alone:
@@ -21,7 +22,7 @@ import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -577,7 +578,7 @@ def argument_samples(
                 pool[argument.of_all_tips(names)] = np.stack(each, axis=1)
     for kernel in chain_kernels(chain, options):
         for argument in kernel.arguments:
-            if argument.own:  # cotangents, of what is summed over the tips, too
+            if argument.own and argument not in pool:  # cotangents, of what is summed over the tips, too
                 pool[argument] = drawn[0].of(argument, seed)
     return pool
 
@@ -612,13 +613,18 @@ def check_against_casadi(
     return _against_casadi(kernels, chain, pool, options)
 
 
+@lru_cache(maxsize=1)
+def _formulas(chain: Chain, options: SpringOptions | None) -> list[tuple[Kernel, ca.Function]]:
+    """Every kernel with its CasADi function, which takes as long to make as all that is compared with it."""
+    return [(kernel, casadi_function(chain, kernel)) for kernel in chain_kernels(chain, options)]
+
+
 def _against_casadi(
     kernels: Kernels, chain: Chain, pool: dict[Argument, Array], options: SpringOptions | None
 ) -> list[Check]:
     checks = []
-    for kernel in chain_kernels(chain, options):
+    for kernel, function in _formulas(chain, options):
         arguments = [pool[argument] for argument in kernel.arguments]
-        function = casadi_function(chain, kernel)
         folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
         each = [
             as_results(function(*(a.reshape(f) for a, f in zip(one, folds, strict=True))))

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compile a robot's folder into its NumPy module, with the system's C compiler alone."""
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from stiffgen.errors import BuildError
 _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
 """As CMake's release build of the folder's CMakeLists.txt has them. The user's own come after them: CFLAGS."""
+_LIBRARY_FLAGS = ("-O1",)
 
 
 def build_module(folder: Path, name: str) -> None:
@@ -75,9 +77,11 @@ def build_module(folder: Path, name: str) -> None:
 
 
 def build_library(
-    folder: Path, name: str, build: Path, flags: Sequence[str] = ("-O1",), *, more: Sequence[Path] = ()
+    folder: Path, name: str, build: Path, flags: Sequence[str] | None = None, *, more: Sequence[Path] = ()
 ) -> Path:
     """Compile the kernels of a generated folder, NAME.c and what ``more`` names, into a shared library in ``build``.
+
+    Without ``flags`` it is made to be compiled fast, not to be fast.
 
     Raises:
         BuildError: no compiler, or it failed; with its last lines.
@@ -85,7 +89,8 @@ def build_library(
     """
     compiler = _compiler()
     library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
-    command = [*compiler, "-std=gnu99", *flags, "-fPIC", "-shared", f"-I{folder.resolve()}"]
+    chosen = _LIBRARY_FLAGS if flags is None else flags
+    command = [*compiler, "-std=gnu99", *chosen, "-fPIC", "-shared", f"-I{folder.resolve()}"]
     command += [str(folder.resolve() / f"{name}.c"), *map(str, more)]
     _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
     return library

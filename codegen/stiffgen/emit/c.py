@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Kernel table -> C functions, as statements.
 
 Every kernel is printed for one configuration; what runs over joints runs over lanes of joints there
@@ -197,7 +198,8 @@ class _TargetPrinter:
                     continue
                 text = local[array.name][k] if array.name in local else f"{array.name}[{k}]"
                 if array.name not in local and (array.name != "q" or k in sliding):
-                    local_name = array.symbol + "".join(map(str, _indices(array, k)))
+                    between = "_" if max(array.shape, default=0) > 10 else ""  # 1, 11 and 11, 1
+                    local_name = array.symbol + between.join(map(str, _indices(array, k)))
                     guards[len(inputs)] = local_name, text
                     text = local_name
                 inputs.append((symbol, text))
@@ -265,6 +267,11 @@ def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
     for k in range(count):
         lines += _indented(wrap_list("{" + ", ".join(eights(texts[m * k : m * (k + 1)])) + "},"), 1)
     return [*lines, "};", f"put_rows(rows_of_{target.name}[0], {count}, {scope.padded}, {target.name}[0]);"]
+
+
+def suffix_of(target: Target) -> str:
+    """What the name of a kernel's function has behind it: nothing where it is public."""
+    return (target.suffix or "_thread") if target.batches else ""
 
 
 def element(array: Array, k: int) -> str:
@@ -991,7 +998,8 @@ class _KernelPrinter:
                     given.append(f"&{target.name}[{target.size // len(step.terms) * index}]")
                 else:
                     given.append((target if index == 0 else part).name)
-            self.lines.append(f"{self.printer.name}_{term.function}({', '.join(given)});")
+            prefix = "" if self.target.batches else f"{self.printer.name}_"
+            self.lines.append(f"{prefix}{term.function}{suffix_of(self.target)}({', '.join(given)});")
             self.operations = self.operations + self.printer.finished[term.function]
             for target, part in zip(step.targets, parts, strict=True) if index > 0 else ():
                 if target.name in step.apart:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the templates read: frozen records, made of the chain, the kernels' records and what was printed for them."""
 
 from __future__ import annotations
@@ -5,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from stiffgen.emit.c import CFunction, Scope, TargetCode
+from stiffgen.emit.c import CFunction, Scope, TargetCode, suffix_of
 from stiffgen.emit.expressions import Operations
+from stiffgen.emit.rounding import Stated
 from stiffgen.emit.target import BATCH, SINGLE, Target
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
@@ -223,8 +225,8 @@ def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
     )
 
 
-def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) -> KernelPage:
-    """A kernel that was printed for one configuration; ``name`` is the robot's."""
+def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction, bounds: Sequence[Stated]) -> KernelPage:
+    """A kernel that was printed for one configuration; ``name`` is the robot's, ``bounds`` those of its errors."""
     parameters = [f"const {SINGLE.number} {_declared(array)}" for array in function.inputs]
     parameters += [f"{SINGLE.number} {_declared(array)}" for array in function.outputs]
     prototype = _fill(f"void {name}_{kernel.qualified_name}(", parameters) + ")"
@@ -247,7 +249,7 @@ def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction) ->
         extents=["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
         sizes=[array.size for array in arrays],
         batch=kernel.batch,
-        documentation=_documentation(chain, kernel),
+        documentation=_documentation(chain, kernel, bounds),
         doxygen=_doxygen(chain, kernel),
         docstring=_docstring(chain, kernel),
         operations=function.operations.total,
@@ -262,7 +264,7 @@ def batch_page(name: str, kernel: Kernel, function: CFunction) -> BatchPage:
     parameters += [f"{number} *{array.name}" for array in function.outputs]
     within = [f"const {BATCH.number} {_declared(array)}" for array in function.inputs]
     within += [f"{BATCH.number} {_declared(array)}" for array in function.outputs]
-    one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{BATCH.suffix}(", within) + ")"
+    one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{suffix_of(BATCH)}(", within) + ")"
     return BatchPage(
         definition=Definition(_explained(kernel, function), one_vector, function.lines),
         prototype=_fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
@@ -283,7 +285,7 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
     varying = [array for argument, array in taken if argument.varying]
     declared = [f"const {number} {_declared(array)}" for array in function.inputs]
     declared += [f"{number} {_declared(array)}" for array in function.outputs]
-    one = _fill(f"{target.qualifier} void {kernel.qualified_name}_thread(", declared) + ")"
+    one = _fill(f"{target.qualifier} void {kernel.qualified_name}{suffix_of(target)}(", declared) + ")"
     given, arrays = [], []
     for array in function.inputs:
         given.append(f"const {number} *{array.name}")
@@ -502,7 +504,7 @@ def wrapped(text: str, width: int = 104, indent: str = "") -> list[str]:
     return [*lines, current]
 
 
-def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
+def _documentation(chain: Chain, kernel: Kernel, bounds: Sequence[Stated]) -> list[str]:
     """The comment over a C prototype."""
     lines = [kernel.summary, *wrapped(kernel.equation)]
     if kernel.note:
@@ -510,6 +512,8 @@ def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
     lines.append("")
     for argument in (*kernel.arguments, *kernel.results):
         lines += wrapped(_described(chain, argument), indent="    ")
+    if bounds:
+        lines += wrapped(f"Rounding: {', '.join(each.text for each in bounds)}.")
     return lines
 
 

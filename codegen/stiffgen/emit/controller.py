@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the templates of a robot's impedance controller need, from the field table."""
 
 from __future__ import annotations
@@ -99,6 +100,7 @@ class ControllerPage:
         errors: name, code and text.
         rules: of the configuration's fields.
         structs: config, input and output.
+        remembered: of the output, what is a member of the state's memory: name, that member's, whether it is an array.
         choice_fields: name and words of the fields that are choices.
         defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
 
@@ -116,6 +118,7 @@ class ControllerPage:
     errors: list[tuple[str, int, str]]
     rules: list[Rule]
     structs: list[Struct]
+    remembered: list[tuple[str, str, bool]]
     choice_fields: list[tuple[str, tuple[str, ...]]]
     defaults: list[str]
     joint_defaults: list[str]
@@ -139,6 +142,7 @@ def controller_page(name: str, chain: Chain) -> ControllerPage | None:
         errors=_errors(name),
         rules=[_rule(index, field) for index, field in enumerate(CONFIG)],
         structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
+        remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
         defaults=[f"config->{f.name} = {_default(f, prefix)};" for f in CONFIG if not f.shape],
         joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)],

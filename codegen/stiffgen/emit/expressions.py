@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CasADi graph -> C statements.
 
 Nodes that are used more than once or named by a section become ``const double`` locals; the rest is nested into
@@ -81,13 +82,14 @@ class Printed:
 
 
 @dataclass
-class _Graph:
+class Graph:
     """Operations numbered in order of first use; equal operations share a number."""
 
     keys: list[Key] = field(default_factory=list)
     numbers: dict[Key, int] = field(default_factory=dict)
 
     def add(self, kind: str, a: int | float = 0, b: int = 0) -> int:
+        """The number of an operation, a new one if there is none like it."""
         key = self._canonical(kind, a, b)
         if isinstance(key, int):
             return key
@@ -127,6 +129,7 @@ class _Graph:
         return self.keys[number][0] != "const", number
 
     def operands(self, number: int) -> tuple[int, ...]:
+        """The numbers of what an operation takes."""
         kind, a, b = self.keys[number]
         if kind in ("const", "input"):
             return ()
@@ -162,8 +165,9 @@ OWN = ("less", "at_most", "equal", "unequal", "both", "either", "where", "sign",
 """Functions that templates/choices.c defines: comparisons (1 or 0), and choices by them."""
 
 
-def _build(function: ca.Function) -> tuple[_Graph, list[int]]:
-    graph = _Graph()
+def build_graph(function: ca.Function) -> tuple[Graph, list[int]]:
+    """The operations of a function of one vector, and the numbers of those that give its outputs."""
+    graph = Graph()
     registers: dict[int, int] = {}
     outputs = [graph.add("const", 0.0)] * function.nnz_out(0)
     for k in range(function.n_instructions()):
@@ -230,7 +234,7 @@ def print_statements(
     symbols = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
     named_values = [(name, value) for group in named for name, value in group.values]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
-    graph, numbers = _build(ca.Function("f", [symbols], [everything]))
+    graph, numbers = build_graph(ca.Function("f", [symbols], [everything]))
     writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, target)
     writer.temporaries = temporaries
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
@@ -258,7 +262,7 @@ def print_statements(
 
 class _Writer:
     def __init__(
-        self, graph: _Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], target: Target
+        self, graph: Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], target: Target
     ) -> None:
         self.graph = graph
         self.target = target

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The fields of a robot's impedance controller, its status bits, faults and reasons: the only list of them.
 
 The C structs and enumerations, the error codes and texts, the check of every configuration field, their
@@ -37,6 +38,8 @@ class Field:
     choices: tuple[str, ...] = ()
     when: str = ""
     """Present only in controllers that have it: "tool", a tool given at run time."""
+    memory: str = ""
+    """Output only: the member of the state's memory that is reported; "=" if it has the same name."""
 
     @property
     def rule(self) -> str:
@@ -247,8 +250,18 @@ INPUT: tuple[Field, ...] = (
     ),
     Field("equilibrium", _POSE, "m", "command equilibrium: pose [R p; 0 1] of the tip where its spring is at rest"),
     Field("tool_pose", _POSE, "m", "pose of the tool in the tip's frame; constant while engaged", when="tool"),
-    Field("translation_stiffness", _SPRING, "N/m", "Kt, base axes; symmetric, positive semidefinite"),
-    Field("rotation_stiffness", _SPRING, "N m/rad", "Ko, axes of the equilibrium; symmetric, positive semidefinite"),
+    Field(
+        "translation_stiffness",
+        _SPRING,
+        "N/m",
+        "Kt of the spring kernels, in their axes (the base's by default); symmetric, positive semidefinite",
+    ),
+    Field(
+        "rotation_stiffness",
+        _SPRING,
+        "N m/rad",
+        "Ko of the spring kernels, in their axes (the equilibrium's by default); symmetric, positive semidefinite",
+    ),
     Field(
         "wrench",
         _WRENCH,
@@ -263,24 +276,30 @@ OUTPUT: tuple[Field, ...] = (
     Field("torque", _N, "N m or N", "command, without gravity: elastic + damping + limit torque, within all limits"),
     Field("status", _SCALAR, "", "NAME_STATUS_ bits", type="uint32_t"),
     Field("mode", _SCALAR, "", "NAME_MODE_ of the step", type="int"),
-    Field("fault", _SCALAR, "", "NAME_FAULT_, the class of the latched fault", type="int"),
-    Field("reason", _SCALAR, "", "NAME_REASON_ for it", type="int"),
-    Field("missed", _SCALAR, "samples", "since the last believed one", type="int"),
-    Field("unaccounted", _SCALAR, "", "times the energy account had to begin anew", type="uint32_t"),
-    Field("fault_time", _SCALAR, "s", "since the fault was latched"),
-    Field("position", _N, "rad or m", "last believed q"),
+    Field("fault", _SCALAR, "", "NAME_FAULT_, the class of the latched fault", type="int", memory="="),
+    Field("reason", _SCALAR, "", "NAME_REASON_ for it", type="int", memory="="),
+    Field("missed", _SCALAR, "samples", "since the last believed one", type="int", memory="="),
+    Field("unaccounted", _SCALAR, "", "times the energy account had to begin anew", type="uint32_t", memory="="),
+    Field("fault_time", _SCALAR, "s", "since the fault was latched", memory="="),
+    Field("position", _N, "rad or m", "last believed q", memory="q"),
     Field(
         "velocity",
         _N,
         "rad/s or m/s",
         "that the damping used: dq, its mean, or what is credible of it; 0 without a sample",
     ),
-    Field("reference", _N, "rad or m", "posture that the springs pull to, the governor's r"),
+    Field("reference", _N, "rad or m", "posture that the springs pull to, the governor's r", memory="posture"),
     Field("reference_velocity", _N, "rad/s or m/s", "dr, that the damping is relative to"),
-    Field("equilibrium", _POSE, "m", "pose where the spring is at rest"),
-    Field("translation_stiffness", _SPRING, "N/m", "as applied, before the scale"),
-    Field("rotation_stiffness", _SPRING, "N m/rad", "as applied, before the scale"),
-    Field("scale", _SCALAR, "1", "l, that multiplies the elastic energy: 1 in normal operation, 0 after a fault"),
+    Field("equilibrium", _POSE, "m", "pose where the spring is at rest", memory="="),
+    Field("translation_stiffness", _SPRING, "N/m", "as applied, before the scale", memory="="),
+    Field("rotation_stiffness", _SPRING, "N m/rad", "as applied, before the scale", memory="="),
+    Field(
+        "scale",
+        _SCALAR,
+        "1",
+        "l, that multiplies the elastic energy: 1 in normal operation, 0 after a fault",
+        memory="=",
+    ),
     Field("elastic_torque", _N, "N m or N", "- l dU/dq; paper: l Kq (r - q)"),
     Field(
         "damping_torque",
@@ -295,16 +314,28 @@ OUTPUT: tuple[Field, ...] = (
     Field("damping", _NN, "N m s/rad", "B, symmetric positive semidefinite"),
     Field("mass_matrix", _NN, "kg m^2", "M(q) + motor inertia"),
     Field("eigenvalues", _N, "1/s^2", "of the tangent against the mass matrix, ascending"),
-    Field("elastic_energy", _SCALAR, "J", "l U"),
-    Field("limit_energy", _SCALAR, "J", "of the joint limit avoidance"),
-    Field("tank_energy", _SCALAR, "J", "left for sampling and stiffness"),
-    Field("tank_reserve", _SCALAR, "J", "what the torques on their way can put out; tank and stored energy cover it"),
-    Field("engagement", _SCALAR, "J", "reference work left to this engagement"),
-    Field("port_total", _SCALAR, "J", "work put out at the robot's port, the sum of torque . change of q"),
-    Field("sampling_total", _SCALAR, "J", "s: put in by holding and cutting the torque; damping counts against it"),
-    Field("reference_total", _SCALAR, "J", "p: put in by moving the equilibrium"),
-    Field("stiffness_total", _SCALAR, "J", "v: put in by changing stiffness or scale"),
-    Field("start_total", _SCALAR, "J", "energy of the limit avoidance where the account began"),
+    Field("elastic_energy", _SCALAR, "J", "l U", memory="="),
+    Field("limit_energy", _SCALAR, "J", "of the joint limit avoidance", memory="="),
+    Field("tank_energy", _SCALAR, "J", "left for sampling and stiffness", memory="tank"),
+    Field(
+        "tank_reserve",
+        _SCALAR,
+        "J",
+        "what the torques on their way can put out; tank and stored energy cover it",
+        memory="reserve",
+    ),
+    Field("engagement", _SCALAR, "J", "reference work left to this engagement", memory="="),
+    Field("port_total", _SCALAR, "J", "work put out at the robot's port, the sum of torque . change of q", memory="="),
+    Field(
+        "sampling_total",
+        _SCALAR,
+        "J",
+        "s: put in by holding and cutting the torque; damping counts against it",
+        memory="=",
+    ),
+    Field("reference_total", _SCALAR, "J", "p: put in by moving the equilibrium", memory="="),
+    Field("stiffness_total", _SCALAR, "J", "v: put in by changing stiffness or scale", memory="="),
+    Field("start_total", _SCALAR, "J", "energy of the limit avoidance where the account began", memory="="),
 )
 
 STATUS: tuple[tuple[str, str], ...] = (

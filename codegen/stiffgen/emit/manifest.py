@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The manifest of a robot's folder, manifest.json: what it was generated from and by what. Written and read here."""
 
 from __future__ import annotations
@@ -5,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 from stiffgen._version import __version__
 from stiffgen.emit.expressions import Operations
+from stiffgen.emit.rounding import Ranges, Stated
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.symbolic.potentials import SpringOptions
 
@@ -26,6 +28,8 @@ def manifest_text(
     kernels: Mapping[str, tuple[str, Operations]],
     texts: Mapping[str, str],
     options: SpringOptions,
+    bounds: Mapping[str, Sequence[Stated]],
+    ranges: Ranges,
 ) -> str:
     """The manifest of a robot's folder.
 
@@ -35,6 +39,8 @@ def manifest_text(
         kernels: signature and operation count of every function, by qualified name.
         texts: the other files by name; the manifest has their SHA-256.
         options: what was asked of springs.
+        bounds: of the functions' rounding errors, by qualified name.
+        ranges: what the functions' arguments are at most for these.
 
     """
     content = {
@@ -45,6 +51,10 @@ def manifest_text(
         "kernels": {
             kernel: {"signature": signature, "operations": asdict(operations) | {"total": operations.total}}
             for kernel, (signature, operations) in kernels.items()
+        },
+        "rounding": {
+            "ranges": asdict(ranges),
+            "bounds": {kernel: [asdict(each) for each in stated] for kernel, stated in bounds.items() if stated},
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
         "springs": options.to_manifest(),

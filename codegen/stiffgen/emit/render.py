@@ -1,9 +1,11 @@
+# SPDX-License-Identifier: MIT
 """Chain -> the text of every file of a robot's folder. Nothing is written here."""
 
 from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,6 +17,7 @@ from stiffgen.emit.c import Scope, TargetCode, print_kernels
 from stiffgen.emit.controller import ControllerPage, controller_files, controller_page
 from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.emit.manifest import MANIFEST, manifest_text
+from stiffgen.emit.rounding import ErrorBounds, Ranges, Stated
 from stiffgen.emit.target import BATCH, DOUBLE, SINGLE, Target
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
@@ -26,7 +29,12 @@ _SOURCES = "@digest of the C sources@"
 
 
 def render(
-    chain: Chain, name: str, *, cuda: Target | None = None, options: SpringOptions | None = None
+    chain: Chain,
+    name: str,
+    *,
+    cuda: Target | None = None,
+    options: SpringOptions | None = None,
+    ranges: Ranges | None = None,
 ) -> dict[str, str]:
     """The files of a robot's folder by name.
 
@@ -35,6 +43,7 @@ def render(
         name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
         cuda: also NAME.cu and NAME_cuda.h for this target, with the kernels that have a batch.
         options: springs beyond the default one, their axes and centre.
+        ranges: of the arguments for which bounds of the rounding errors are stated.
 
     Returns:
         Text by file name; the same on every machine.
@@ -43,10 +52,12 @@ def render(
         ChainError: ``cuda`` for a chain too long for batches.
 
     """
-    options = options or SpringOptions()
+    options, ranges = options or SpringOptions(), ranges or Ranges()
     single, batch = (print_kernels(chain, name, target, options) for target in (SINGLE, BATCH))
     threads = contexts.cuda_pages(chain, name, _threads(chain, name, cuda, options)) if cuda else None
-    pages = _pages(chain, name, single, batch, threads)
+    error_bounds = ErrorBounds(chain, ranges)
+    bounds = {kernel.qualified_name: error_bounds.stated(kernel) for kernel, _ in single.kernels}
+    pages = _pages(chain, name, single, batch, threads, bounds, ranges)
     environment = _environment()
     files = {
         f"{name}.h": "header.h.j2",
@@ -78,7 +89,7 @@ def render(
     texts["py.typed"] = ""
     texts = _with_sources(texts)
     signed = {k.qualified_name: (k.signature(chain), f.operations) for k, f in single.kernels}
-    texts[MANIFEST] = manifest_text(chain, name, signed, texts, options)
+    texts[MANIFEST] = manifest_text(chain, name, signed, texts, options, bounds, ranges)
     return texts
 
 
@@ -138,6 +149,7 @@ class _RobotPages:
         called: these and their vector-Jacobian products, as they are printed.
         cuda: if it was asked for.
         targets, calls, sections: of NAME.c: how it is printed, the helpers that it calls, and its parts.
+        rounding: the ranges of arguments for which bounds of errors are stated, in lines.
         libm, libm_of_two, own: functions that lanes are given.
 
     """
@@ -170,15 +182,25 @@ class _RobotPages:
     targets: dict[str, Target]
     calls: frozenset[str]
     sections: dict[str, contexts.Section]
+    rounding: list[str]
     libm: tuple[str, ...] = LIBM
     libm_of_two: tuple[str, ...] = LIBM_OF_TWO
     own: tuple[str, ...] = OWN
 
 
 def _pages(
-    chain: Chain, name: str, single: TargetCode, batch: TargetCode, cuda: contexts.CudaPages | None
+    chain: Chain,
+    name: str,
+    single: TargetCode,
+    batch: TargetCode,
+    cuda: contexts.CudaPages | None,
+    bounds: Mapping[str, Sequence[Stated]],
+    ranges: Ranges,
 ) -> _RobotPages:
-    kernels = [contexts.kernel_page(chain, name, kernel, function) for kernel, function in single.kernels]
+    kernels = [
+        contexts.kernel_page(chain, name, kernel, function, bounds[kernel.qualified_name])
+        for kernel, function in single.kernels
+    ]
     groups = contexts.groups_of(kernels)
     functions = contexts.differentiable_pages(chain, [kernel for kernel, _ in single.kernels])
     differentiable = {name for function in functions for name in (function.name, f"{function.name}_vjp")}
@@ -215,6 +237,7 @@ def _pages(
         targets={"single": SINGLE, "batch": BATCH},
         calls=single.calls | batch.calls,
         sections=contexts.sections_of(single, batch),
+        rounding=ranges.lines,
     )
 
 

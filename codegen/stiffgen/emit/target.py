@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Backends: a target is one record, of how numbers are spelt and what runs side by side. See README.md."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The playground's page: a robot's folder becomes one HTML file that needs no server and no network."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The kernels of a generated folder as WebAssembly: its C, as it is, compiled by clang and linked by lld."""
 
 from __future__ import annotations

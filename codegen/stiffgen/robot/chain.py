@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """URDF -> :class:`Chain`: the moving joints between a base and its tip links, ready for the symbolic modules.
 
 :func:`select` finds the joints that are meant and refuses what cannot be; then frames are placed, what rides on each

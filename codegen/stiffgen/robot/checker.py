@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is wrong with a URDF file, said before anything is made of it.
 
 Every problem names the element, the fault and the remedy. Numbers that pass are kept for the reader.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a URDF file says: :class:`Description`, links and joints with checked numbers, and every problem of the file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rigid placements in high precision, rounded once.
 
 URDF gives orientations as decimal roll-pitch-yaw. The generated code holds rotation matrices, and its bytes

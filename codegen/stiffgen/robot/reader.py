@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """URDF file -> :class:`Description`.
 
 The file is untrusted input. It is parsed once by lxml without entities, DTDs or network; what a chain needs

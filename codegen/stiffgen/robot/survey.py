@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a chain to a tip would have, and what it leaves out: for those who meet a description for the first time."""
 
 from __future__ import annotations

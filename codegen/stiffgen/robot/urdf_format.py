@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which elements and attributes a URDF has, and which name was meant by one that it has not.
 
 Readers of URDF ignore what they do not know, so that a misspelt ``<orgin>`` leaves a joint at its parent, without a

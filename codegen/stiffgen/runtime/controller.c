@@ -9,7 +9,8 @@
  */
 typedef struct {
     const config_t *c;
-    state_t *state;
+    memory_t *m;
+    double *scratch;
     const input_t *input;
     output_t *out;
     uint32_t status;
@@ -18,14 +19,13 @@ typedef struct {
     int jumped;    /* and not where the position known last can have led */
     int commanded; /* the command is accepted */
     double budget; /* of the tank, for what costs */
-    double pose[16 * TIPS];
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* of the limit avoidance, where it acts */
     double brake[N];       /* [N m s/rad] that may still be added to the damping of one joint */
 } frame;
 
-enum { READY = 0x51f7, RECENT = 8, SAMPLING = 0, REFERENCE, STIFFNESS, PORT, START };
+enum { READY = 0x51f7, RECENT = 8 };
 
 /* Bounds on B and on the stiffness, against M, at the sample time: a double integrator with differenced velocity is
  * unstable from M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
@@ -55,6 +55,14 @@ static double dot(int count, const double *a, const double *b)
 static double norm(int count, const double *x)
 {
     return sqrt(dot(count, x, x));
+}
+
+/* y += a x. */
+static void add(int count, double a, const double *x, double *y)
+{
+    for (int i = 0; i < count; ++i) {
+        y[i] += a * x[i];
+    }
 }
 
 static void multiply(const double *A, const double *x, double *result)
@@ -110,19 +118,12 @@ static int validate(const config_t *c)
 
 static uint64_t checksum(const state_t *state)
 {
-    enum { WORDS = sizeof state->memory / sizeof(uint64_t) };
-    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u};
-    const char *const at = (const char *)&state->memory;
-    for (size_t k = 0; k < WORDS; ++k) {
-        uint64_t word;
-        memcpy(&word, at + k * sizeof word, sizeof word);
+    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
+    for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
+        memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
         sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
     }
-    uint64_t sum = 0;
-    for (int lane = 0; lane < 4; ++lane) {
-        sum = (sum ^ sums[lane] ^ (sums[lane] >> 29)) * 0x9e3779b97f4a7c15u;
-    }
-    return sum;
+    return (sums[0] ^ sums[1] >> 29) + (sums[2] ^ sums[3] << 17) + sums[1] + sums[3];
 }
 
 /* What two of three copies say, bit by bit. */
@@ -156,14 +157,15 @@ static void fall(const double *last, const double *rate, double *torque)
 
 static void begin(const config_t *c, state_t *state)
 {
-    memset(&state->memory, 0, sizeof state->memory);
+    memory_t *const m = &state->memory;
+    memset(m, 0, sizeof *m);
     for (int i = 0; i < N; ++i) {
-        state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
+        m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
-    keep(state->rate, state->memory.rate);
-    memcpy(state->memory.velocity_limit, c->velocity_limit, sizeof state->memory.velocity_limit);
-    state->memory.tank = c->tank_initial;
-    state->memory.ready = READY;
+    keep(state->rate, m->rate);
+    memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
+    m->tank = c->tank_initial;
+    m->ready = READY;
 }
 
 static int initialise(const config_t *c, state_t *state, const double *torque)
@@ -203,97 +205,34 @@ static int reset(state_t *state)
 }
 
 /* Latch a fault; the first one stays. */
-static void latch(frame *f, int reason)
+static void latch(memory_t *m, int reason)
 {
-    if (f->state->memory.fault == ID(FAULT_NONE)) {
-        f->state->memory.fault = CLASS[reason];
-        f->state->memory.reason = reason;
-        f->state->memory.fault_time = 0.0;
-        f->state->memory.reset = 0;
+    if (m->fault == ID(FAULT_NONE)) {
+        m->fault = CLASS[reason];
+        m->reason = reason;
+        m->fault_time = 0.0;
+        m->reset = 0;
     }
-    f->state->memory.good_time = 0.0;
+    m->good_time = 0.0;
 }
 
 /* ---- springs at poses ---- */
 
-/* U = (p - p0)^T Kt (p - p0) / 2 + tr(G (I - R0^T R)), G = tr(Ko) / 2 I - Ko; its gradient and Hessian where asked for. */
-static double tip_spring(const double *pose, const double *equilibrium, const double *Kt, const double *Ko,
-                         double *wrench, double *hessian)
+/* U at q of the springs of all tips and of the posture, unscaled; the paper's law has none. */
+static double energy_at(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
 {
-    double e[3], force[3], G[9], C[9], A[9], energy = 0.0;
-    const double half = (Ko[0] + Ko[4] + Ko[8]) / 2.0;
-    for (int i = 0; i < 3; ++i) {
-        e[i] = pose[4 * i + 3] - equilibrium[4 * i + 3];
-        for (int j = 0; j < 3; ++j) {
-            G[3 * i + j] = (i == j ? half : 0.0) - Ko[3 * i + j];
-        }
-    }
-    multiply3(equilibrium, 4, 1, pose, 4, C);
-    for (int i = 0; i < 3; ++i) {
-        force[i] = dot(3, Kt + 3 * i, e);
-        energy += 0.5 * e[i] * force[i];
-        for (int j = 0; j < 3; ++j) {
-            energy += G[3 * i + j] * ((i == j ? 1.0 : 0.0) - C[3 * j + i]);
-        }
-    }
-    if (wrench == NULL) {
-        return energy;
-    }
-    multiply3(pose, 4, 0, G, 3, C);
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            A[3 * i + j] = dot(3, C + 3 * i, equilibrium + 4 * j);
-        }
-        wrench[i] = force[i];
-    }
-    wrench[3] = A[7] - A[5];
-    wrench[4] = A[2] - A[6];
-    wrench[5] = A[3] - A[1];
-    if (hessian != NULL) {
-        const double trace = A[0] + A[4] + A[8];
-        memset(hessian, 0, 36 * sizeof(double));
-        for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) {
-                hessian[6 * i + j] = Kt[3 * i + j];
-                hessian[6 * i + j + 21] = (i == j ? trace : 0.0) - (A[3 * i + j] + A[3 * j + i]) / 2.0;
-            }
-        }
-    }
-    return energy;
-}
-
-/* U of all springs; the wrenches and Hessians of the tips where asked for. */
-static double springs(const frame *f, const double *q, const double *equilibrium, const double *posture, double *wrench,
-                      double *hessian)
-{
-    const int paper = f->state->memory.law == ID(LAW_PAPER);
-    double energy = 0.0;
-    for (int t = 0; t < TIPS; ++t) {
-        energy += tip_spring(f->pose + 16 * t, equilibrium + 16 * t, f->state->memory.translation_stiffness + 9 * t,
-                             f->state->memory.rotation_stiffness + 9 * t, wrench != NULL ? wrench + 6 * t : NULL,
-                             hessian != NULL ? hessian + 36 * t : NULL);
-    }
+    double energy = robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness);
     for (int i = 0; i < N; ++i) {
         const double e = q[i] - posture[i];
-        energy += 0.5 * f->state->memory.posture_stiffness[i] * e * e;
+        energy += 0.5 * m->posture_stiffness[i] * e * e;
     }
-    return paper ? 0.0 : energy; /* the paper's law has none */
+    return m->law == ID(LAW_PAPER) ? 0.0 : energy;
 }
 
 /* What is stored at q. */
-static double stored(const frame *f, const double *q)
+static double stored(const memory_t *m, const double *q)
 {
-    return f->state->memory.scale * springs(f, q, f->state->memory.equilibrium, f->state->memory.posture, NULL, NULL);
-}
-
-/* result += J^T wrench of all tips. */
-static void add_joint_torque(const double *J, const double *wrench, double *result)
-{
-    for (int k = 0; k < 6 * TIPS; ++k) {
-        for (int i = 0; i < N; ++i) {
-            result[i] += J[k * N + i] * wrench[k];
-        }
-    }
+    return m->scale * energy_at(m, q, m->equilibrium, m->posture);
 }
 
 /*
@@ -313,7 +252,7 @@ static double avoid_limits(frame *f, const double *q)
 {
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double *const a = f->state->memory.avoidance + 4 * i;
+        const double *const a = f->m->avoidance + 4 * i;
         double pull;
         energy += avoidance(a, q[i], &pull, &f->limit_slope[i]);
         f->out->limit_torque[i] = 0.0 - pull;
@@ -327,20 +266,20 @@ static double avoid_limits(frame *f, const double *q)
 /* Into the tank; what a full one cannot hold goes to the engagement: their sum is what bounds the work put out. */
 static void tank_income(frame *f, double income)
 {
-    state_t *const s = f->state;
-    const double most = fmax(f->c->tank_maximum, s->memory.reserve);
-    const double lost = s->memory.tank + income - most;
-    s->memory.tank += income;
+    memory_t *const m = f->m;
+    const double most = fmax(f->c->tank_maximum, m->reserve);
+    const double lost = m->tank + income - most;
+    m->tank += income;
     if (lost > 0.0) {
-        s->memory.tank = most;
-        s->memory.engagement = fmin(s->memory.engagement + lost, f->c->engagement_limit);
+        m->tank = most;
+        m->engagement = fmin(m->engagement + lost, f->c->engagement_limit);
     }
 }
 
-static void book_stiffness(frame *f, double v)
+static void book_stiffness(frame *f, double *energy, double v)
 {
-    f->state->memory.totals[STIFFNESS] += v;
-    f->state->memory.elastic_energy += v;
+    f->m->stiffness_total += v;
+    *energy += v;
     f->budget -= v;
     tank_income(f, -v);
 }
@@ -348,54 +287,57 @@ static void book_stiffness(frame *f, double v)
 /* What moving the equilibrium costs is the engagement's; what it gives back, the tank's. */
 static void book_reference(frame *f, double p)
 {
-    f->state->memory.totals[REFERENCE] += p;
-    f->state->memory.engagement -= fmax(p, 0.0);
+    f->m->reference_total += p;
+    f->m->engagement -= fmax(p, 0.0);
     tank_income(f, fmax(-p, 0.0));
 }
 
 /* The torque that acted in the interval that ends now. */
-static const double *acting(const state_t *s, const double *last)
+static const double *acting(const memory_t *m, const double *last)
 {
-    return s->memory.delay == 0 ? last : s->memory.older + (s->memory.delay - 1) * N;
+    return m->delay == 0 ? last : m->older + (m->delay - 1) * N;
 }
 
 /* Another interval begins: last is on its way, and the share of the reference in the torque that follows it. */
-static void pass(state_t *s, const double *last, const double *feed)
+static void pass(memory_t *m, const double *last, const double *feed)
 {
-    memmove(s->memory.older + N, s->memory.older, N * sizeof(double));
-    memcpy(s->memory.older, last, N * sizeof(double));
-    memmove(s->memory.feed + N, s->memory.feed, 2 * N * sizeof(double));
-    memmove(s->memory.feed, feed, N * sizeof(double));
+    memmove(m->older + N, m->older, N * sizeof(double));
+    memcpy(m->older, last, N * sizeof(double));
+    memmove(m->feed + N, m->feed, 2 * N * sizeof(double));
+    memmove(m->feed, feed, N * sizeof(double));
 }
 
 /* Farthest that a joint is taken to move in a sample time. */
-static double farthest(const state_t *s, int i)
+static double farthest(const memory_t *m, int i)
 {
-    return fmax(s->memory.velocity_limit[i], fabs(s->memory.dq[i])) * s->memory.sample_time;
+    return fmax(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
 }
 
 /*
  * What the torques on their way can put out, whatever the environment does, until the last of them has gone to zero at the
- * rate limit: no joint faster than its limit, and only one of m = missed_limit calls made. The torque is held for m such
- * calls without a sample, and, in a fault, for one.
+ * rate limit: no joint faster than its limit, and only one of missed_limit calls made. The torque is held for missed_limit
+ * such calls without a sample, and, in a fault, for one. With l times the torque it is all - (1 - l) parts[0] -
+ * (1 - l^2) parts[1].
  */
-static double reserve(const frame *f, const double *last, const double *torque)
+static double reserve(const frame *f, const double *last, const double *torque, double *parts)
 {
-    const state_t *const s = f->state;
-    const double m = f->c->missed_limit, held = s->memory.fault != ID(FAULT_NONE) ? 1.0 : m;
-    double sum = 0.0;
+    const memory_t *const m = f->m;
+    const double calls = f->c->missed_limit, held = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
+    double way = 0.0;
+    parts[0] = parts[1] = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double size = fabs(torque[i]);
-        const double way = (s->memory.delay > 0 ? fabs(last[i]) : 0.0) + (s->memory.delay > 1 ? fabs(s->memory.older[i]) : 0.0);
-        sum += farthest(s, i) * (m * (held * size + 0.5 * size * (size / s->memory.rate[i])) + way);
+        const double size = fabs(torque[i]), far = farthest(m, i);
+        parts[0] += far * calls * held * size;
+        parts[1] += far * calls * 0.5 * size * (size / m->rate[i]);
+        way += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
     }
-    return sum;
+    return way + parts[0] + parts[1];
 }
 
 /* What there is for it. */
-static double cover(const state_t *s)
+static double cover(const memory_t *m)
 {
-    return s->memory.tank + s->memory.elastic_energy + s->memory.limit_energy;
+    return m->tank + m->elastic_energy + m->limit_energy;
 }
 
 /*
@@ -405,25 +347,22 @@ static double cover(const state_t *s)
 static void adopt_limits(frame *f, const double *q)
 {
     const config_t *const c = f->c;
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     for (int i = 0; i < N; ++i) {
-        double *const a = s->memory.avoidance + 4 * i;
+        double *const a = m->avoidance + 4 * i;
         const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
                                   c->limit_stiffness[i], c->effort_limit[i]};
         if (memcmp(a, wanted, sizeof wanted) == 0) {
             continue;
         }
-        if (s->memory.known) {
+        if (m->known) {
             double pull, slope;
             const double v = avoidance(wanted, q[i], &pull, &slope) - avoidance(a, q[i], &pull, &slope);
             if (!(v <= fmax(f->budget, 0.0))) {
                 f->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
             }
-            s->memory.totals[STIFFNESS] += v;
-            s->memory.limit_energy += v;
-            f->budget -= v;
-            tank_income(f, -v);
+            book_stiffness(f, &m->limit_energy, v);
         }
         memcpy(a, wanted, sizeof wanted);
     }
@@ -434,20 +373,19 @@ static void adopt_limits(frame *f, const double *q)
  * Intervals without a believed position. Two bounds on their work: that of the last one's torque over the whole way and,
  * at every change of torque, the change over the way that can have been gone before it; or every torque over its own way.
  */
-static void bridge(state_t *s, const double *last, int periods)
+static void bridge(memory_t *m, const double *last, int periods)
 {
-    const double *const torque = acting(s, last);
-    if (s->memory.gap == 0) {
-        s->memory.gap_work = 0.0;
-        s->memory.gap_most = 0.0;
-        memcpy(s->memory.gap_torque, torque, N * sizeof(double));
+    const double *const torque = acting(m, last);
+    if (m->gap == 0) {
+        m->gap_work = m->gap_most = 0.0;
+        memcpy(m->gap_torque, torque, N * sizeof(double));
     }
     for (int i = 0; i < N; ++i) {
-        s->memory.gap_work += fabs(torque[i] - s->memory.gap_torque[i]) * farthest(s, i) * s->memory.gap;
-        s->memory.gap_most += fabs(torque[i]) * farthest(s, i) * periods;
+        m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest(m, i) * m->gap;
+        m->gap_most += fabs(torque[i]) * farthest(m, i) * periods;
     }
-    memcpy(s->memory.gap_torque, torque, N * sizeof(double));
-    s->memory.gap = s->memory.gap < 1000000 - periods ? s->memory.gap + periods : 1000000;
+    memcpy(m->gap_torque, torque, N * sizeof(double));
+    m->gap = m->gap < 1000000 - periods ? m->gap + periods : 1000000;
 }
 
 /*
@@ -457,30 +395,29 @@ static void bridge(state_t *s, const double *last, int periods)
  */
 static void account(frame *f, const double *last, const double *q)
 {
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     double work = 0.0, feed = 0.0, way[N];
-    const double elastic = stored(f, q), limit = avoid_limits(f, q);
-    const double rise = elastic - s->memory.elastic_energy + limit - s->memory.limit_energy;
-    s->memory.elastic_energy = elastic;
-    s->memory.limit_energy = limit;
-    if (!s->memory.known || f->jumped) {
-        s->memory.totals[START] += rise;
-        s->memory.unaccounted += (uint32_t)s->memory.known;
-        s->memory.known = 1;
+    const double elastic = stored(m, q), limit = avoid_limits(f, q);
+    const double rise = elastic - m->elastic_energy + limit - m->limit_energy;
+    m->elastic_energy = elastic;
+    m->limit_energy = limit;
+    if (!m->known || f->jumped) {
+        m->start_total += rise;
+        m->unaccounted += (uint32_t)m->known;
+        m->known = 1;
         return;
     }
-    for (int i = 0; i < N; ++i) {
-        way[i] = q[i] - s->memory.q[i];
-    }
-    if (s->memory.gap > 0) {
-        bridge(s, last, 1);
-        work = fmin(s->memory.gap_work + dot(N, s->memory.gap_torque, way), s->memory.gap_most);
+    memcpy(way, q, sizeof way);
+    add(N, -1.0, m->q, way);
+    if (m->gap > 0) {
+        bridge(m, last, 1);
+        work = fmin(m->gap_work + dot(N, m->gap_torque, way), m->gap_most);
     } else {
-        work = dot(N, acting(s, last), way);
-        feed = fmax(dot(N, s->memory.feed + s->memory.delay * N, way), 0.0);
+        work = dot(N, acting(m, last), way);
+        feed = fmax(dot(N, m->feed + m->delay * N, way), 0.0);
     }
-    s->memory.totals[PORT] += work;
-    s->memory.totals[SAMPLING] += rise + work - feed;
+    m->port_total += work;
+    m->sampling_total += rise + work - feed;
     tank_income(f, feed - work - rise);
     book_reference(f, feed);
 }
@@ -493,39 +430,35 @@ static void account(frame *f, const double *last, const double *q)
  */
 static void absent(frame *f, int periods, int reason)
 {
-    state_t *const s = f->state;
-    const int count = s->memory.absent + (periods > 0 ? 2 * periods : -1), limit = 2 * f->c->missed_limit;
-    s->memory.absent = count < 0 ? 0 : count < limit ? count : limit;
-    if (count >= limit && s->memory.known) {
-        latch(f, reason);
+    memory_t *const m = f->m;
+    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * f->c->missed_limit;
+    m->absent = count < 0 ? 0 : count < limit ? count : limit;
+    if (count >= limit && m->known) {
+        latch(m, reason);
     }
+}
+
+/* Samples for which a value has stood still; q's prediction goes on from the last change with the velocity dq. */
+static double still(int first, double value, double q, double way, double *seen, double *age, double *predicted)
+{
+    const int changed = first || value != *seen;
+    *seen = value;
+    *predicted = changed ? q : *predicted + way;
+    *age = changed ? 0.0 : *age + 1.0;
+    return *age;
 }
 
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 
-/* Whether q or dq of a joint stands still while the other moves, over a window; and what they are compared with next. */
-static int frozen(const config_t *c, state_t *s, const double *q, const double *dq, int i)
+/* Whether q or dq of a joint stands still while the other moves, over a window. */
+static int frozen(const config_t *c, memory_t *m, double q, double dq, int i)
 {
-    const int first = !s->memory.known;
-    const double window = c->frozen_window, T = c->sample_time, elapsed = T * (1 + s->memory.gap);
-    const double way = fmax(4.0 * c->position_quantum, 0.02 * s->memory.velocity_limit[i] * window * T);
-    if (first || q[i] != s->memory.still_q[i]) {
-        s->memory.still_q[i] = q[i];
-        s->memory.travelled[i] = s->memory.q_age[i] = 0.0;
-    } else {
-        s->memory.travelled[i] += dq[i] * elapsed;
-        s->memory.q_age[i] += 1.0;
-    }
-    if (first || dq[i] != s->memory.still_dq[i]) {
-        s->memory.still_dq[i] = dq[i];
-        s->memory.start_q[i] = q[i];
-        s->memory.dq_age[i] = 0.0;
-    } else {
-        s->memory.start_q[i] += dq[i] * elapsed;
-        s->memory.dq_age[i] += 1.0;
-    }
-    return (s->memory.q_age[i] >= window && fabs(s->memory.travelled[i]) > way ? FROZEN_POSITION : 0) |
-           (s->memory.dq_age[i] >= window && fabs(q[i] - s->memory.start_q[i]) > way ? FROZEN_VELOCITY : 0);
+    const double window = c->frozen_window, T = c->sample_time, way = dq * T * (1 + m->gap);
+    const double most = fmax(4.0 * c->position_quantum, 0.02 * m->velocity_limit[i] * window * T);
+    const double q_age = still(!m->known, q, q, way, &m->still_q[i], &m->q_age[i], &m->moved_q[i]);
+    const double dq_age = still(!m->known, dq, q, way, &m->still_dq[i], &m->dq_age[i], &m->start_q[i]);
+    return (q_age >= window && fabs(q - m->moved_q[i]) > most ? FROZEN_POSITION : 0) |
+           (dq_age >= window && fabs(q - m->start_q[i]) > most ? FROZEN_VELOCITY : 0);
 }
 
 /*
@@ -536,45 +469,44 @@ static int frozen(const config_t *c, state_t *s, const double *q, const double *
 static int doubt(frame *f, const double *last)
 {
     const config_t *const c = f->c;
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     const input_t *const in = f->input;
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
-        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * s->memory.velocity_limit[i])) {
+        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * m->velocity_limit[i])) {
             return ID(REASON_NOT_FINITE);
         }
     }
-    if (s->memory.known) {
-        const int32_t ahead = (int32_t)(in->counter - s->memory.counter - (uint32_t)s->memory.gap - 1u);
-        const int regular = in->counter == s->memory.seen_counter + 1u;
-        s->memory.regular = regular ? (s->memory.regular < 3 ? s->memory.regular + 1 : 3) : 0;
-        s->memory.seen_counter = in->counter;
-        if (ahead < 0 && (s->memory.fault == ID(FAULT_NONE) || s->memory.regular < 3)) {
+    if (m->known) {
+        const int32_t ahead = (int32_t)(in->counter - m->counter - (uint32_t)m->gap - 1u);
+        const int regular = in->counter == m->seen_counter + 1u;
+        m->regular = regular ? (m->regular < 3 ? m->regular + 1 : 3) : 0;
+        m->seen_counter = in->counter;
+        if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
             return ID(REASON_STALE);
         }
         if (ahead > 0) {
             f->status |= ID(STATUS_MISSED);
-            if (s->memory.gap > 0) { /* between which of the calls without a sample is not known */
-                s->memory.gap_work = HUGE_VAL;
-                s->memory.gap_most *= fmin(1.0 + ahead, c->missed_limit);
+            if (m->gap > 0) { /* between which of the calls without a sample is not known */
+                m->gap_work = HUGE_VAL;
+                m->gap_most *= fmin(1.0 + ahead, c->missed_limit);
             }
             for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
-                bridge(s, last, 1);
-                pass(s, last, s->memory.feed);
+                bridge(m, last, 1);
+                pass(m, last, m->feed);
             }
-            bridge(s, last, ahead < 3 ? 0 : ahead < 1000000 ? ahead - 3 : 1000000);
+            bridge(m, last, ahead < 3 ? 0 : ahead < 1000000 ? ahead - 3 : 1000000);
             absent(f, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
         }
     }
-    const double elapsed = c->sample_time * (1 + s->memory.gap);
+    const double elapsed = c->sample_time * (1 + m->gap);
     /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
-    const int fault = s->memory.fault != ID(FAULT_NONE);
+    const int fault = m->fault != ID(FAULT_NONE);
     f->located = 1;
-    f->jumped = 0;
     for (int i = 0; i < N; ++i) {
-        const double way = s->memory.known ? in->q[i] - s->memory.q[i] : in->dq[i] * elapsed;
-        const double far = s->memory.velocity_limit[i] * elapsed, measured = way / elapsed;
-        const int still = frozen(c, s, in->q, in->dq, i);
+        const double way = m->known ? in->q[i] - m->q[i] : in->dq[i] * elapsed;
+        const double far = m->velocity_limit[i] * elapsed, measured = way / elapsed;
+        const int still = frozen(c, m, in->q[i], in->dq[i], i);
         const int differ =
             fabs(in->dq[i] * elapsed - way) > fmax(0.5 * far, 0.3 * fabs(way)) + 2.0 * c->position_quantum;
         f->velocity[i] = in->dq[i];
@@ -614,6 +546,24 @@ static void observe_wrench(frame *f)
     } else if (f->input->wrench_valid == 1 || f->c->law == ID(LAW_PAPER)) {
         f->status |= ID(STATUS_WRENCH_REFUSED);
     }
+}
+
+/* Is there a sample, and is it believed? Two bad ones of three are a fault. */
+static void observe(frame *f, const double *last)
+{
+    memory_t *const m = f->m;
+    int reason = ID(REASON_MISSED);
+    if (f->input->sample_valid == 1) {
+        observe_wrench(f);
+        reason = doubt(f, last);
+        m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
+        if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {
+            latch(m, reason);
+        }
+    }
+    f->believed = reason == ID(REASON_NONE);
+    f->status |= f->believed ? 0u : reason == ID(REASON_MISSED) ? (uint32_t)ID(STATUS_MISSED) : (uint32_t)ID(STATUS_BAD_SAMPLE);
+    absent(f, !f->believed, reason);
 }
 
 static int is_stiffness(const double *K, double most)
@@ -656,12 +606,12 @@ static int is_command(const frame *f)
 
 /* ---- governor ---- */
 
-/* Largest of the blocks' norms over their limits. */
+/* Largest of the blocks' norms over the governor's part of their limits. */
 static double relative(int count, int block, const double *x, const double *limits)
 {
     double most = 0.0;
     for (int k = 0; k < count; k += block) {
-        most = fmax(most, norm(block, x + k) / limits[k / block]);
+        most = fmax(most, norm(block, x + k) / (GOVERNOR * limits[k / block]));
     }
     return most;
 }
@@ -691,96 +641,76 @@ static void approach(const config_t *c, int count, int block, const double *away
         change[i] = target[i] / fmax(size, 1.0) - velocity[i];
     }
     const double jump = relative(count, block, change, limits);
-    for (int i = 0; i < count; ++i) {
-        velocity[i] += change[i] * (jump > slope ? slope / jump : 1.0);
-    }
+    add(count, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
-/* Rotation vector, base axes, of the turn from R0 to R; poses with row length 4. */
-static void rotation_vector(const double *R0, const double *R, double *w)
+/* Twist (hybrid axes) that leads from a pose to another: way of the origin, rotation vector. */
+static void difference(const double *from, const double *to, double *twist)
 {
-    double D[9];
+    double D[9], *const w = twist + 3;
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
-            D[3 * i + j] = dot(3, R + 4 * i, R0 + 4 * j);
+            D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
         }
+        twist[i] = to[4 * i + 3] - from[4 * i + 3];
     }
-    const double x[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0};
-    const double s = norm(3, x), cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0, angle = atan2(s, cosine);
-    if (s > 1e-6 || cosine > 0.0) {
+    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
+    w[0] = (D[7] - D[5]) / 2.0, w[1] = (D[2] - D[6]) / 2.0, w[2] = (D[3] - D[1]) / 2.0;
+    double sine = norm(3, w);
+    const double angle = atan2(sine, cosine);
+    if (sine <= 1e-6 && cosine <= 0.0) {
+        /* near half a turn: the axis is the longest column of D + I */
+        const int k = D[0] > D[4] ? (D[0] > D[8] ? 0 : 2) : (D[4] > D[8] ? 1 : 2);
         for (int i = 0; i < 3; ++i) {
-            w[i] = s > 1e-150 ? x[i] * (angle / s) : x[i];
+            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
         }
-        return;
-    }
-    /* near half a turn: the axis is the longest column of D + I */
-    int longest = 0;
-    for (int j = 1; j < 3; ++j) {
-        longest = D[4 * j] > D[4 * longest] ? j : longest;
+        sine = norm(3, w);
     }
     for (int i = 0; i < 3; ++i) {
-        w[i] = D[3 * i + longest] + (i == longest ? 1.0 : 0.0);
-    }
-    const double size = norm(3, w);
-    for (int i = 0; i < 3; ++i) {
-        w[i] *= angle / size;
+        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
     }
 }
 
 /* Pose moved by a twist (hybrid axes), with its rotation made orthonormal again. */
 static void move_pose(const double *pose, const double *twist, double *moved)
 {
-    const double *const w = twist + 3;
+    const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
     const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
     const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
-    double D[9], R[9], turned[9];
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            D[3 * i + j] = (i == j ? 1.0 - b * angle * angle : 0.0) + b * w[i] * w[j];
-        }
+    double D[9], R[9];
+    multiply3(W, 3, 0, W, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
     }
-    D[1] -= a * w[2], D[2] += a * w[1], D[3] += a * w[2], D[5] -= a * w[0], D[6] -= a * w[1], D[7] += a * w[0];
     multiply3(D, 3, 0, pose, 4, R);
-    multiply3(R, 3, 1, R, 3, D); /* R (3 I - R^T R) / 2 */
-    for (int i = 0; i < 9; ++i) {
-        D[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[i];
+    multiply3(R, 3, 1, R, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
     }
-    multiply3(R, 3, 0, D, 3, turned);
+    memcpy(moved, pose, 16 * sizeof(double));
     for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            moved[4 * i + j] = turned[3 * i + j];
+        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2, symmetric the second factor */
+            moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
         }
-        moved[4 * i + 3] = pose[4 * i + 3] + twist[i];
-        moved[12 + i] = 0.0;
+        moved[4 * i + 3] += twist[i];
     }
-    moved[15] = 1.0;
-}
-
-static void difference(const double *from, const double *to, double *twist)
-{
-    for (int i = 0; i < 3; ++i) {
-        twist[i] = to[4 * i + 3] - from[4 * i + 3];
-    }
-    rotation_vector(from, to, twist + 3);
 }
 
 /* Where a share of this step's way leads: posture and equilibrium. */
 static void candidate(const frame *f, double share, int by_posture, double *posture, double *equilibrium)
 {
-    const double T = f->c->sample_time;
-    for (int i = 0; i < N; ++i) {
-        posture[i] = f->state->memory.posture[i] + share * T * f->state->memory.posture_velocity[i];
-    }
+    const memory_t *const m = f->m;
+    const double T = share * f->c->sample_time;
+    memcpy(posture, m->posture, N * sizeof(double));
+    add(N, T, m->posture_velocity, posture);
     if (by_posture) {
-        robot_poses(posture, f->state->memory.tool_pose, equilibrium);
+        robot_poses(posture, m->tool_pose, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
-        double twist[6];
-        for (int k = 0; k < 6; ++k) {
-            twist[k] = share * T * f->state->memory.equilibrium_velocity[6 * t + k];
-        }
-        move_pose(f->state->memory.equilibrium + 16 * t, twist, equilibrium + 16 * t);
+        double twist[6] = {0.0};
+        add(6, T, m->equilibrium_velocity + 6 * t, twist);
+        move_pose(m->equilibrium + 16 * t, twist, equilibrium + 16 * t);
     }
 }
 
@@ -788,58 +718,50 @@ static void candidate(const frame *f, double share, int by_posture, double *post
 static int want(frame *f, int by_posture)
 {
     const config_t *const c = f->c;
-    state_t *const s = f->state;
-    const double tip_limits[2] = {GOVERNOR * c->tip_velocity_limit, GOVERNOR * c->tip_rotation_limit};
-    double away[MAX_ROWS], moved[MAX_ROWS], goal[16 * TIPS], limits[N];
+    memory_t *const m = f->m;
+    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
+    double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
     int moving = 0;
     const int frozen = f->input->command == ID(COMMAND_POSITION) && !by_posture;
     for (int i = 0; i < N; ++i) {
-        away[i] = f->commanded && !frozen ? f->input->q0[i] - s->memory.posture[i] : 0.0;
-        moved[i] = f->commanded && !frozen ? f->input->q0[i] - s->memory.wanted_posture[i] : 0.0;
+        away[i] = f->commanded && !frozen ? f->input->q0[i] - m->posture[i] : 0.0;
+        moved[i] = f->commanded && !frozen ? f->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
-        limits[i] = GOVERNOR * c->reference_velocity_limit[i];
     }
-    approach(c, N, 1, away, moved, limits, s->memory.posture_velocity);
+    approach(c, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
     if (by_posture) {
         return moving;
     }
-    if (frozen) {
-        /* coming from poses: the equilibrium first goes to where the posture has it */
-        robot_poses(s->memory.posture, s->memory.tool_pose, goal);
-    } else {
-        memcpy(goal, f->input->equilibrium, sizeof goal);
-    }
+    /* coming from poses: the equilibrium first goes to where the posture has it */
+    robot_poses(m->posture, m->tool_pose, here);
+    m->joined = frozen && f->commanded;
     for (int t = 0; t < TIPS; ++t) {
+        const double *const goal = (frozen ? here : f->input->equilibrium) + 16 * t;
         memset(away, 0, sizeof away);
         memset(moved, 0, sizeof moved);
         if (f->commanded) {
-            difference(s->memory.equilibrium + 16 * t, goal + 16 * t, away);
-            if (!frozen) {
-                difference(s->memory.wanted_equilibrium + 16 * t, goal + 16 * t, moved);
-            }
+            difference(m->equilibrium + 16 * t, goal, away);
         }
-        const int arrived = relative(6, 3, away, tip_limits) <= 1e-12;
-        moving |= !arrived;
-        if (frozen && arrived && t == 0) {
-            s->memory.joined = 1;
-        } else if (!arrived) {
-            s->memory.joined = 0;
+        if (f->commanded && !frozen) {
+            difference(m->wanted_equilibrium + 16 * t, goal, moved);
         }
-        approach(c, 6, 3, away, moved, tip_limits, s->memory.equilibrium_velocity + 6 * t);
+        m->joined &= relative(6, 3, away, tip_limits) <= 1e-12;
+        moving |= relative(6, 3, away, tip_limits) > 1e-12;
+        approach(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return moving;
 }
 
 /* The most reference work that the damper's shares on their way can do, the newest, feed, for so many intervals. */
-static double worst_feed(const state_t *s, const double *feed, int intervals)
+static double worst_feed(const memory_t *m, const double *feed, int intervals)
 {
     double sum = 0.0;
     for (int i = 0; i < N; ++i) {
         double size = intervals * fabs(feed[i]);
-        for (int k = 0; k < s->memory.delay; ++k) {
-            size += fabs(s->memory.feed[k * N + i]);
+        for (int k = 0; k < m->delay; ++k) {
+            size += fabs(m->feed[k * N + i]);
         }
-        sum += farthest(s, i) * size;
+        sum += farthest(m, i) * size;
     }
     return sum;
 }
@@ -851,57 +773,57 @@ static double worst_feed(const state_t *s, const double *feed, int intervals)
 static void govern(frame *f)
 {
     const config_t *const c = f->c;
-    state_t *const s = f->state;
-    const double T = c->sample_time, tip_limits[2] = {GOVERNOR * c->tip_velocity_limit * T, GOVERNOR * c->tip_rotation_limit * T};
+    memory_t *const m = f->m;
+    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     double posture[N], equilibrium[16 * TIPS], rise = 0.0, share = 1.0;
     if (f->commanded) {
-        const int same = memcmp(f->input->q0, s->memory.wanted_posture, N * sizeof(double)) == 0 &&
+        const int same = memcmp(f->input->q0, m->wanted_posture, N * sizeof(double)) == 0 &&
                          (f->input->command == ID(COMMAND_POSITION) ||
-                          memcmp(f->input->equilibrium, s->memory.wanted_equilibrium, sizeof equilibrium) == 0);
+                          memcmp(f->input->equilibrium, m->wanted_equilibrium, sizeof equilibrium) == 0);
         if (!same) {
-            s->memory.engagement = c->engagement_limit; /* a new command is a new engagement */
+            m->engagement = c->engagement_limit; /* a new command is a new engagement */
         }
     }
-    const int by_posture = s->memory.joined && (!f->commanded || f->input->command == ID(COMMAND_POSITION));
+    const int by_posture = m->joined && (!f->commanded || f->input->command == ID(COMMAND_POSITION));
     const int moving = want(f, by_posture);
-    const double left = fmax(s->memory.engagement - worst_feed(s, s->memory.feed, c->missed_limit), 0.0);
-    const double allowed = fmin(fmax(c->energy_limit - s->memory.elastic_energy, 0.0), left);
-    for (int attempt = 0; attempt < 5 && share > 0.0; ++attempt) {
-        candidate(f, share, by_posture, posture, equilibrium);
+    const double left = fmax(m->engagement - worst_feed(m, m->feed, c->missed_limit), 0.0);
+    const double allowed = fmin(fmax(c->energy_limit - m->elastic_energy, 0.0), left);
+    int reached = 0;
+    for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
         double speed = 0.0, twist[6];
+        candidate(f, share, by_posture, posture, equilibrium);
         for (int t = 0; by_posture && t < TIPS; ++t) {
-            difference(s->memory.equilibrium + 16 * t, equilibrium + 16 * t, twist);
-            speed = fmax(speed, relative(6, 3, twist, tip_limits));
+            difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
+            speed = fmax(speed, relative(6, 3, twist, tip_limits) / c->sample_time);
         }
+        rise = m->scale * energy_at(m, m->q, equilibrium, posture) - m->elastic_energy;
+        reached = speed <= 1.0 && rise <= allowed;
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
-            continue;
+        } else if (!reached) {
+            share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / rise : 0.0;
+            f->status |= ID(STATUS_GOVERNOR);
         }
-        rise = s->memory.scale * springs(f, f->state->memory.q, equilibrium, posture, NULL, NULL) - s->memory.elastic_energy;
-        if (rise <= allowed) {
-            break;
-        }
-        f->status |= ID(STATUS_GOVERNOR);
-        share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / rise : 0.0;
     }
+    share = reached ? share : 0.0;
     f->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
     for (int i = 0; i < N; ++i) {
-        s->memory.posture_velocity[i] *= share;
+        m->posture_velocity[i] *= share;
     }
     for (int k = 0; k < 6 * TIPS; ++k) {
-        s->memory.equilibrium_velocity[k] *= by_posture ? 0.0 : share;
+        m->equilibrium_velocity[k] *= by_posture ? 0.0 : share;
     }
     if (share > 0.0) {
-        memcpy(s->memory.posture, posture, sizeof posture);
-        memcpy(s->memory.equilibrium, equilibrium, sizeof equilibrium);
-        s->memory.elastic_energy += rise;
+        memcpy(m->posture, posture, sizeof posture);
+        memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
+        m->elastic_energy += rise;
         book_reference(f, rise);
     }
     if (f->commanded) {
-        memcpy(s->memory.wanted_posture, f->input->q0, sizeof posture);
+        memcpy(m->wanted_posture, f->input->q0, sizeof posture);
         if (f->input->command == ID(COMMAND_EQUILIBRIUM)) {
-            memcpy(s->memory.wanted_equilibrium, f->input->equilibrium, sizeof equilibrium);
-            s->memory.joined = 0;
+            memcpy(m->wanted_equilibrium, f->input->equilibrium, sizeof equilibrium);
+            m->joined = 0;
         }
     }
 }
@@ -909,134 +831,91 @@ static void govern(frame *f)
 /* Set the springs up at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */
 static void settle(frame *f)
 {
-    state_t *const s = f->state;
-    s->memory.law = f->c->law;
-    memcpy(s->memory.posture, s->memory.q, sizeof s->memory.posture);
-    memset(s->memory.posture_velocity, 0, sizeof s->memory.posture_velocity);
-    memset(s->memory.equilibrium_velocity, 0, sizeof s->memory.equilibrium_velocity);
-    memcpy(s->memory.posture_stiffness, f->c->posture_stiffness, sizeof s->memory.posture_stiffness);
-    s->memory.scale = 0.0;
-    s->memory.elastic_energy = 0.0;
-    s->memory.joined = 1;
+    memory_t *const m = f->m;
+    m->law = f->c->law;
+    memcpy(m->posture, m->q, sizeof m->posture);
+    memset(m->posture_velocity, 0, sizeof m->posture_velocity);
+    memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
+    memcpy(m->posture_stiffness, f->c->posture_stiffness, sizeof m->posture_stiffness);
+    m->scale = m->elastic_energy = 0.0;
+    m->joined = 1;
     if (f->commanded) {
-        if (s->memory.law == ID(LAW_POTENTIAL)) {
-            memcpy(s->memory.translation_stiffness, f->input->translation_stiffness, 9 * TIPS * sizeof(double));
-            memcpy(s->memory.rotation_stiffness, f->input->rotation_stiffness, 9 * TIPS * sizeof(double));
+        if (m->law == ID(LAW_POTENTIAL)) {
+            memcpy(m->translation_stiffness, f->input->translation_stiffness, 9 * TIPS * sizeof(double));
+            memcpy(m->rotation_stiffness, f->input->rotation_stiffness, 9 * TIPS * sizeof(double));
         } else {
-            memset(s->memory.translation_stiffness, 0, 9 * TIPS * sizeof(double));
-            memset(s->memory.rotation_stiffness, 0, 9 * TIPS * sizeof(double));
+            memset(m->translation_stiffness, 0, 9 * TIPS * sizeof(double));
+            memset(m->rotation_stiffness, 0, 9 * TIPS * sizeof(double));
         }
-        memcpy(s->memory.wanted_posture, f->input->q0, sizeof s->memory.wanted_posture);
-        memcpy(s->memory.wanted_equilibrium, f->input->equilibrium, sizeof s->memory.wanted_equilibrium);
+        memcpy(m->wanted_posture, f->input->q0, sizeof m->wanted_posture);
+        memcpy(m->wanted_equilibrium, f->input->equilibrium, sizeof m->wanted_equilibrium);
         if (robot_tool(f->input) != NULL) {
-            memcpy(s->memory.tool_pose, robot_tool(f->input), sizeof s->memory.tool_pose);
+            memcpy(m->tool_pose, robot_tool(f->input), sizeof m->tool_pose);
         }
-        s->memory.commanded = 1;
+        m->commanded = 1;
     }
-    robot_poses(s->memory.q, s->memory.tool_pose, f->pose);
-    memcpy(s->memory.equilibrium, f->pose, sizeof f->pose);
-    if (f->commanded && s->memory.fault == ID(FAULT_NONE)) {
-        s->memory.engaged = 1;
-        s->memory.scale = 1.0;
+    robot_poses(m->q, m->tool_pose, m->equilibrium);
+    if (f->commanded && m->fault == ID(FAULT_NONE)) {
+        m->engaged = 1;
+        m->scale = 1.0;
         /* the engagement's energy first makes up for what the tank lacks */
-        if (s->memory.tank < f->c->tank_initial - f->c->engagement_limit) {
+        if (m->tank < f->c->tank_initial - f->c->engagement_limit) {
             /* it lacks more than an engagement brings in: the account ends here, and begins anew */
-            s->memory.unaccounted += 1u;
-            s->memory.tank = f->c->tank_initial - f->c->engagement_limit > 0.0 ? s->memory.tank : 0.0;
+            m->unaccounted += 1u;
+            m->tank = f->c->tank_initial - f->c->engagement_limit > 0.0 ? m->tank : 0.0;
         }
-        const double lack = clamp(f->c->tank_initial - s->memory.tank, 0.0, f->c->engagement_limit);
-        s->memory.tank += lack;
-        s->memory.engagement = f->c->engagement_limit - lack;
+        const double lack = clamp(f->c->tank_initial - m->tank, 0.0, f->c->engagement_limit);
+        m->tank += lack;
+        m->engagement = f->c->engagement_limit - lack;
     }
 }
 
 /* ---- stiffness ---- */
 
-/* Matrices of a spring: cost = the part of share (wanted - K) that stiffens, the rest of it is done at once. */
-static int soften(const double *wanted, double share, double *K, double *cost)
-{
-    double D[9], S[9], work[27], size = 0.0;
-    for (int i = 0; i < 9; ++i) {
-        D[i] = wanted[i] - K[i];
-        S[i] = wanted[i] + K[i];
-        size += fabs(D[i]);
-    }
-    memset(cost, 0, 9 * sizeof(double));
-    if (size == 0.0) {
-        return 0;
-    }
-    const double trace = S[0] + S[4] + S[8];
-    for (int i = 0; i < 9; i += 4) {
-        S[i] += 1e-10 * trace; /* directions without stiffness before and after */
-    }
-    if (positive_part(3, D, S, cost, work) != 0) {
-        memset(cost, 0, 9 * sizeof(double));
-        return 0;
-    }
-    const int last = size <= 1e-9 * trace;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            const double released = (last ? 1.0 : share) * ((D[3 * i + j] + D[3 * j + i]) / 2.0 - cost[3 * i + j]);
-            cost[3 * i + j] *= last ? 1.0 : share;
-            cost[3 * j + i] = cost[3 * i + j];
-            K[3 * i + j] += released;
-            K[3 * j + i] = K[3 * i + j];
-        }
-    }
-    return 1;
-}
-
 /* Change the stiffness towards the wanted one: what releases energy is done, what costs some only if the tank can pay. */
 static void vary_stiffness(frame *f)
 {
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     const double T = f->c->sample_time, share = 1.0 - exp(-T / f->c->stiffness_time);
     double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
     int changed = 0;
-    if (s->memory.law == ID(LAW_PAPER)) {
-        memcpy(s->memory.posture_stiffness, f->c->posture_stiffness, sizeof posture);
+    if (m->law == ID(LAW_PAPER)) {
+        memcpy(m->posture_stiffness, f->c->posture_stiffness, sizeof posture);
         return;
     }
     for (int i = 0; i < N; ++i) {
-        const double D = f->c->posture_stiffness[i] - s->memory.posture_stiffness[i];
+        const double D = f->c->posture_stiffness[i] - m->posture_stiffness[i];
         const double step = fabs(D) <= 1e-9 * f->c->posture_stiffness[i] ? D : share * D;
         posture[i] = step > 0.0 ? step : 0.0;
-        s->memory.posture_stiffness[i] += step < 0.0 ? step : 0.0;
+        m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
         changed |= D != 0.0;
     }
     for (int t = 0; t < TIPS; ++t) {
-        const int read = f->commanded;
-        double *const Kt = s->memory.translation_stiffness + 9 * t, *const Ko = s->memory.rotation_stiffness + 9 * t;
-        changed |= soften(read ? f->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(read ? f->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
+        changed |= soften(f->commanded ? f->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(f->commanded ? f->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     if (!changed) {
         return;
     }
-    const double before = s->memory.elastic_energy;
-    const double released = stored(f, s->memory.q);
-    book_stiffness(f, released - before);
-    double portion = 1.0, cost = 0.0;
+    const double released = stored(m, m->q);
+    book_stiffness(f, &m->elastic_energy, released - m->elastic_energy);
+    double step = 1.0, cost = 0.0;
     for (int attempt = 0; attempt < 2; ++attempt) {
         /* the energy is linear in the stiffness: all of it, and then the share that can be paid */
-        const double step = attempt == 0 ? 1.0 : portion - 1.0;
-        for (int k = 0; k < 9 * TIPS; ++k) {
-            s->memory.translation_stiffness[k] += step * translation[k];
-            s->memory.rotation_stiffness[k] += step * rotation[k];
-        }
-        for (int i = 0; i < N; ++i) {
-            s->memory.posture_stiffness[i] += step * posture[i];
-        }
-        cost = stored(f, s->memory.q) - released;
+        add(9 * TIPS, step, translation, m->translation_stiffness);
+        add(9 * TIPS, step, rotation, m->rotation_stiffness);
+        add(N, step, posture, m->posture_stiffness);
+        cost = stored(m, m->q) - released;
         /* nor stiffer than is covered: the scale would take back what was paid */
-        const double budget = fmax(fmin(f->budget, cover(s) - s->memory.reserve / COVERED), 0.0);
+        const double budget = fmax(fmin(f->budget, cover(m) - m->reserve / COVERED), 0.0);
         if (cost <= budget) {
             break;
         }
-        portion = (1.0 - 1e-9) * budget / cost;
+        step = (1.0 - 1e-9) * budget / cost - 1.0;
         f->status |= ID(STATUS_TANK_LIMITED);
     }
-    book_stiffness(f, cost);
+    book_stiffness(f, &m->elastic_energy, cost);
     f->status |= ID(STATUS_STIFFNESS_CHANGING);
 }
 
@@ -1051,13 +930,13 @@ static void vary_stiffness(frame *f)
  * LARGEST_DAMPING / T. follow (n): torque rate of the moved equilibrium; becomes the velocity of the arm that would follow
  * it at rest. Returns the largest scale that the sample time allows.
  */
-static double design_damping(frame *f, const double *J, double *follow)
+static double design_damping(frame *f, double *follow)
 {
     const config_t *const c = f->c;
     output_t *const out = f->out;
-    double *const L = f->state->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], sum[N] = {0.0}, mass, trace = 0.0, scale = 1.0, d = c->joint_damping;
-    const int paper = f->state->memory.law == ID(LAW_PAPER);
+    double *const L = f->scratch, *const C = L + NN, *const rows = L + 2 * NN;
+    double b[N], sum[N] = {0.0}, mass, trace = 0.0, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    const int paper = f->m->law == ID(LAW_PAPER);
     const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
     /* the conventional formula's antisymmetric part has no say in the damping */
     if (pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
@@ -1079,7 +958,7 @@ static double design_damping(frame *f, const double *J, double *follow)
     for (int k = 0; k < N; ++k) {
         double unit[N] = {0.0};
         unit[k] = 1.0;
-        solve_lower(N, L, unit);
+        solve_lower(N, 1, L, unit);
         f->brake[k] = mass / dot(N, unit, unit);
         trace += 1.0 / f->brake[k];
     }
@@ -1087,21 +966,21 @@ static double design_damping(frame *f, const double *J, double *follow)
         d = 0.5 * most / trace;
         f->status |= ID(STATUS_DAMPING_CAPPED);
     }
-    solve_lower(N, L, follow);
+    solve_lower(N, 1, L, follow);
     for (int k = 0; k < N; ++k) {
         const double l = out->eigenvalues[k];
-        const double a = l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0;
-        for (int i = 0; i < N; ++i) {
-            sum[i] += a * rows[k * N + i];
-        }
+        add(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
     }
     solve_upper(N, L, sum);
     memcpy(follow, sum, sizeof sum);
     if (c->damping_design == ID(DAMPING_DESIGN_TASK)) {
-        for (int i = 0; i < NN; ++i) {
-            for (int k = 0; k < 36; ++k) {
-                const double D = (c->task_damping[k] + c->task_damping[k % 6 * 6 + k / 6]) / 2.0;
-                out->damping[i] += J[k / 6 * N + i / N] * D * J[k % 6 * N + i % N];
+        double J[6 * N * TIPS];
+        robot_jacobians(f->m->q, f->m->tool_pose, J);
+        for (int k = 0; k < 36 * TIPS; ++k) {
+            const double D = (c->task_damping[k % 36] + c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
+            const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
+            for (int i = 0; i < NN; ++i) {
+                out->damping[i] += left[i / N] * D * right[i % N];
             }
         }
         if (pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
@@ -1115,24 +994,19 @@ static double design_damping(frame *f, const double *J, double *follow)
         }
     }
     int capped = 0;
-    double largest_b = 0.0;
     for (int k = 0; k < N; ++k) {
         capped |= b[k] > most - d * trace;
         b[k] = clamp(b[k], 0.0, most - d * trace);
         largest_b = fmax(largest_b, b[k]);
-    }
-    for (int i = 0; i < N; ++i) {
-        f->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
+        b[k] *= mass;
     }
     f->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
     if (capped || c->damping_design == ID(DAMPING_DESIGN_MODAL)) {
         times_lower(N, L, rows);
-        for (int k = 0; k < N; ++k) {
-            b[k] *= mass;
-        }
         congruence(N, rows, b, out->damping);
     }
     for (int i = 0; i < N; ++i) {
+        f->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
         out->damping[i * (N + 1)] += d;
     }
     return scale;
@@ -1146,22 +1020,22 @@ static double design_damping(frame *f, const double *J, double *follow)
  */
 static void smooth_velocity(frame *f)
 {
-    const state_t *const s = f->state;
+    const memory_t *const m = f->m;
     double most = 1.0;
     for (int i = 0; f->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
         for (int j = 0; j < N; ++j) {
             torque += fabs(f->out->damping[i * N + j]) * f->c->position_quantum / f->c->sample_time;
         }
-        most = fmax(most, torque / s->memory.rate[i]);
+        most = fmax(most, torque / m->rate[i]);
     }
     const int wanted = (int)ceil(fmin(most, (double)RECENT));
-    const int count = wanted < s->memory.recent_count ? wanted : s->memory.recent_count;
-    if (count > 1 && s->memory.gap == 0) {
+    const int count = wanted < m->recent_count ? wanted : m->recent_count;
+    if (count > 1 && m->gap == 0) {
         for (int i = 0; i < N; ++i) {
             double sum = 0.0;
             for (int k = 0; k < count; ++k) {
-                sum += s->memory.recent[k * N + i];
+                sum += m->recent[k * N + i];
             }
             f->velocity[i] = sum / count;
         }
@@ -1189,45 +1063,39 @@ static void brake(frame *f)
 /* New scale: to zero in a fault, as fast as the torque's rate limit lets; else as far as caps and effort limits allow. */
 static void vary_scale(frame *f, const double *last, const double *pull, double energy, double cap)
 {
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     const config_t *const c = f->c;
-    double target = cap, fastest_fall = 2.0;
+    double target = cap, fastest_fall = 2.0, parts[2];
     for (int i = 0; i < N; ++i) {
         const double size = fabs(pull[i]);
         if (size > 1e-9) {
             const double limit = pull[i] > 0.0 ? f->out->limit_torque[i] : -f->out->limit_torque[i];
             target = fmin(target, fmax((c->effort_limit[i] - limit) / size, 0.0));
-            fastest_fall = fmin(fastest_fall, 0.9 * s->memory.rate[i] / size);
+            fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
         }
     }
     f->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    /* the reserve of l times the torque is quadratic in l */
-    double half[N], none[N] = {0.0};
-    for (int i = 0; i < N; ++i) {
-        half[i] = 0.5 * pull[i];
-    }
-    const double least = reserve(f, last, none), all = reserve(f, last, pull) - least;
-    const double b = 2.0 * all - 4.0 * (reserve(f, last, half) - least), a = all - b;
-    const double most = fmax(COVERED * cover(s) - least, 0.0);
+    const double least = reserve(f, last, pull, parts) - parts[0] - parts[1], a = parts[0], b = parts[1];
+    const double most = fmax(COVERED * cover(m) - least, 0.0);
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
         f->status |= ID(STATUS_RESERVE);
     }
-    if (s->memory.fault != ID(FAULT_NONE)) {
-        target = fmax(s->memory.scale - fastest_fall, 0.0);
-        if (s->memory.law == ID(LAW_PAPER)) {
+    if (m->fault != ID(FAULT_NONE)) {
+        target = fmax(m->scale - fastest_fall, 0.0);
+        if (m->law == ID(LAW_PAPER)) {
             target = 0.0; /* no energy to scale: its torque falls at the rate limit */
         }
     }
-    const double rise = target - s->memory.scale;
+    const double rise = target - m->scale;
     double step = fmin(rise, c->sample_time / c->stiffness_time);
     if (step > 0.0 && step * energy > fmax(f->budget, 0.0)) {
         step = (1.0 - 1e-9) * fmax(f->budget, 0.0) / energy;
         f->status |= ID(STATUS_TANK_LIMITED);
     }
     if (step != 0.0) {
-        s->memory.scale = step == rise ? target : s->memory.scale + step;
-        book_stiffness(f, s->memory.scale * energy - s->memory.elastic_energy);
+        m->scale = step == rise ? target : m->scale + step;
+        book_stiffness(f, &m->elastic_energy, m->scale * energy - m->elastic_energy);
     }
 }
 
@@ -1235,7 +1103,7 @@ static void vary_scale(frame *f, const double *last, const double *pull, double 
 static void limit_torque(frame *f, const double *last)
 {
     for (int i = 0; i < N; ++i) {
-        const double rate = f->state->memory.rate[i];
+        const double rate = f->m->rate[i];
         const double effort = fmax(f->c->effort_limit[i], fabs(last[i]) - rate);
         const double wanted = fabs(f->out->torque[i]) <= DBL_MAX ? f->out->torque[i] : 0.0;
         const double possible = clamp(wanted, -effort, effort);
@@ -1250,106 +1118,82 @@ static void limit_torque(frame *f, const double *last)
 static int choose(frame *f, const double *last, double share)
 {
     output_t *const out = f->out;
-    double least[N];
-    fall(last, f->state->memory.rate, least);
+    double least[N], parts[2];
+    fall(last, f->m->rate, least);
     for (int i = 0; i < N; ++i) {
-        const double rate = f->state->memory.rate[i];
+        const double rate = f->m->rate[i];
         const double springs = clamp(out->elastic_torque[i] + out->limit_torque[i], last[i] - rate, last[i] + rate);
         out->torque[i] = share < 1.0 ? least[i] + share * (springs - least[i])
                                      : out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
     }
     limit_torque(f, last);
-    f->state->memory.reserve = reserve(f, last, out->torque);
-    return f->state->memory.reserve <= cover(f->state);
+    f->m->reserve = reserve(f, last, out->torque, parts);
+    return f->m->reserve <= cover(f->m);
 }
 
 /* Torque at the position known last; moved: the governor has moved the equilibrium in this step. */
 static void act(frame *f, const double *last, int moved)
 {
     const config_t *const c = f->c;
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     output_t *const out = f->out;
-    const double *const q = s->memory.q;
-    const int paper = s->memory.law == ID(LAW_PAPER);
-    double J[6 * N * TIPS], hessian[36 * TIPS], pull[N], follow[N] = {0.0}, slip[N], feed[N];
-    robot_mass_matrix(q, out->mass_matrix);
+    const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
+    double pull[N], follow[N] = {0.0}, slip[N], feed[N], deflection = 0.0, energy = 0.0, speed = 1.0, share = 2.0;
+    robot_mass_matrix(m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
+        slip[i] = m->posture[i] - m->q[i];
+        deflection = fmax(deflection, fabs(slip[i]));
     }
-    robot_jacobians(q, s->memory.tool_pose, J);
-    const double energy = springs(f, q, s->memory.equilibrium, s->memory.posture, out->spring_wrench, hessian);
+    /* pull = - dU/dq of the springs, unscaled */
     if (paper) {
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
         (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL) ? robot_conventional_stiffness : robot_joint_stiffness)(
-            q, s->memory.tool_pose, out->wrench, f->input->task_stiffness, out->joint_stiffness);
+            m->q, m->tool_pose, out->wrench, f->input->task_stiffness, out->joint_stiffness);
+        multiply(out->joint_stiffness, slip, pull);
     } else {
-        robot_joint_stiffness(q, s->memory.tool_pose, out->spring_wrench, hessian, out->joint_stiffness);
+        robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness, out->spring_wrench,
+                     pull, out->joint_stiffness);
+        energy = energy_at(m, m->q, m->equilibrium, m->posture);
     }
-    /* pull = - dU/dq of the springs, unscaled */
-    memset(pull, 0, sizeof pull);
-    if (!paper) {
-        add_joint_torque(J, out->spring_wrench, pull);
-    }
-    double deflection = 0.0;
-    for (int i = 0; i < N; ++i) {
-        slip[i] = s->memory.posture[i] - q[i];
-        deflection = fmax(deflection, fabs(slip[i]));
-        pull[i] = s->memory.posture_stiffness[i] * slip[i] - pull[i];
-    }
-    if (paper) {
-        for (int i = 0; i < N; ++i) {
-            pull[i] += dot(N, out->joint_stiffness + i * N, slip);
-        }
-    }
-    for (int i = 0; i < N; ++i) {
-        out->joint_stiffness[i * (N + 1)] += s->memory.posture_stiffness[i] + f->limit_slope[i];
-    }
-    const int by_pose = moved && !s->memory.joined && !paper;
     if (by_pose) {
-        double wrench[6 * TIPS];
-        springs(f, q, f->old_equilibrium, s->memory.posture, wrench, NULL);
-        for (int k = 0; k < 6 * TIPS; ++k) {
-            wrench[k] = (wrench[k] - out->spring_wrench[k]) / c->sample_time;
-        }
-        for (int i = 0; i < N; ++i) {
-            follow[i] = s->memory.posture_stiffness[i] * s->memory.posture_velocity[i];
-        }
-        add_joint_torque(J, wrench, follow);
+        robot_spring_torque(m->q, m->tool_pose, f->old_equilibrium, m->translation_stiffness, m->rotation_stiffness, follow);
     }
-    const double cap = design_damping(f, J, follow);
-    if (paper && s->memory.engaged && (dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION)) {
-        latch(f, ID(REASON_PAPER_BOUND));
+    for (int i = 0; i < N; ++i) {
+        follow[i] = by_pose ? (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i] : 0.0;
+        pull[i] += m->posture_stiffness[i] * slip[i];
+        out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + f->limit_slope[i];
     }
-    if (s->memory.engaged) {
+    const double cap = design_damping(f, follow);
+    if (paper && m->engaged && (dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION)) {
+        latch(m, ID(REASON_PAPER_BOUND));
+    }
+    if (m->engaged) {
         vary_scale(f, last, pull, energy, cap);
     }
     smooth_velocity(f);
-    double speed = 1.0;
     for (int i = 0; i < N; ++i) {
-        out->reference_velocity[i] = by_pose ? follow[i] : moved ? s->memory.posture_velocity[i] : 0.0;
+        out->reference_velocity[i] = by_pose ? follow[i] : moved ? m->posture_velocity[i] : 0.0;
         speed = fmax(speed, fabs(out->reference_velocity[i]) / c->reference_velocity_limit[i]);
     }
     for (int i = 0; i < N; ++i) {
         out->reference_velocity[i] /= speed;
         slip[i] = out->reference_velocity[i] - f->velocity[i];
-        out->elastic_torque[i] = s->memory.scale * pull[i];
+        out->elastic_torque[i] = m->scale * pull[i];
     }
     multiply(out->damping, slip, out->damping_torque);
     brake(f);
     for (int k = 0; k < 6 * TIPS; ++k) {
-        out->spring_wrench[k] *= s->memory.scale;
+        out->spring_wrench[k] *= m->scale;
     }
     multiply(out->damping, out->reference_velocity, feed);
-    if (worst_feed(s, feed, c->missed_limit) > s->memory.engagement) {
+    if (worst_feed(m, feed, c->missed_limit) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        for (int i = 0; i < N; ++i) {
-            out->damping_torque[i] -= feed[i];
-            feed[i] = 0.0;
-        }
+        add(N, -1.0, feed, out->damping_torque);
+        memset(feed, 0, sizeof feed);
         f->status |= ID(STATUS_GOVERNOR);
     }
-    double share = 2.0;
     if (!choose(f, last, share) && !paper) {
         /* what is not covered is not risked: less damping, and, where that is not enough, less of the springs' torque */
         double trial = 1.0;
@@ -1361,15 +1205,15 @@ static void act(frame *f, const double *last, int moved)
         }
         choose(f, last, share);
         f->status |= ID(STATUS_RESERVE);
-        if (share < 1.0 && s->memory.tank < TANK_FLOOR * c->tank_maximum) {
-            latch(f, ID(REASON_RESERVE));
+        if (share < 1.0 && m->tank < TANK_FLOOR * c->tank_maximum) {
+            latch(m, ID(REASON_RESERVE));
         }
         for (int i = 0; i < N; ++i) {
             out->damping_torque[i] *= fmax(share - 1.0, 0.0);
             feed[i] *= fmax(share - 1.0, 0.0);
         }
     }
-    pass(s, last, feed);
+    pass(m, last, feed);
 }
 
 /* ---- step ---- */
@@ -1378,59 +1222,57 @@ static void act(frame *f, const double *last, int moved)
 static void sighted(frame *f, const double *last)
 {
     const config_t *const c = f->c;
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     const input_t *const in = f->input;
     int moved = 0;
-    robot_poses(in->q, s->memory.commanded || robot_tool(in) == NULL ? s->memory.tool_pose : robot_tool(in), f->pose);
-    if (!s->memory.known) {
+    if (!m->known) {
         adopt_limits(f, in->q);
     }
     account(f, last, in->q);
-    memcpy(s->memory.q, in->q, sizeof s->memory.q);
-    memcpy(s->memory.dq, f->velocity, sizeof s->memory.dq);
-    s->memory.recent_count = s->memory.gap > 0 ? 1 : s->memory.recent_count < RECENT ? s->memory.recent_count + 1 : RECENT;
-    memmove(s->memory.recent + N, s->memory.recent, (RECENT - 1) * N * sizeof(double));
-    memcpy(s->memory.recent, f->velocity, N * sizeof(double));
-    s->memory.counter = in->counter;
-    s->memory.gap = 0;
-    s->memory.missed = 0;
+    memcpy(m->q, in->q, sizeof m->q);
+    memcpy(m->dq, f->velocity, sizeof m->dq);
+    m->recent_count = m->gap > 0 ? 1 : m->recent_count < RECENT ? m->recent_count + 1 : RECENT;
+    memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
+    memcpy(m->recent, f->velocity, N * sizeof(double));
+    m->counter = in->counter;
+    m->gap = m->missed = 0;
     f->commanded = f->believed && is_command(f);
     f->status |= f->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     for (int i = 0; i < N; ++i) {
         if (fabs(f->velocity[i]) > c->velocity_limit[i]) {
-            latch(f, ID(REASON_OVERSPEED));
+            latch(m, ID(REASON_OVERSPEED));
         }
         /* a lowered limit is what is possible only once the arm is below it */
-        if (fmin(fabs(f->velocity[i]), s->memory.velocity_limit[i]) <= c->velocity_limit[i]) {
-            s->memory.velocity_limit[i] = c->velocity_limit[i];
+        if (fmin(fabs(f->velocity[i]), m->velocity_limit[i]) <= c->velocity_limit[i]) {
+            m->velocity_limit[i] = c->velocity_limit[i];
         }
         if (in->q[i] < c->lower_limit[i] - c->position_tolerance || in->q[i] > c->upper_limit[i] + c->position_tolerance) {
-            latch(f, ID(REASON_POSITION));
+            latch(m, ID(REASON_POSITION));
         }
     }
     const int other_tool = f->commanded && robot_tool(in) != NULL &&
-                           memcmp(robot_tool(in), s->memory.tool_pose, sizeof s->memory.tool_pose) != 0;
-    if (s->memory.engaged && (c->law != s->memory.law || other_tool)) {
-        latch(f, ID(REASON_CHANGED));
+                           memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
+    if (m->engaged && (c->law != m->law || other_tool)) {
+        latch(m, ID(REASON_CHANGED));
     }
-    f->budget = s->memory.tank - TANK_FLOOR * c->tank_maximum;
-    if (s->memory.fault == ID(FAULT_NONE)) {
+    f->budget = m->tank - TANK_FLOOR * c->tank_maximum;
+    if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(f, in->q);
-    } else if (s->memory.engaged && s->memory.scale == 0.0) {
-        s->memory.engaged = 0;
+    } else if (m->engaged && m->scale == 0.0) {
+        m->engaged = 0;
     }
-    if (!s->memory.engaged) {
-        s->memory.good_time = f->believed ? s->memory.good_time + c->sample_time : 0.0;
-        const int automatic = c->automatic_reset_time > 0.0 && s->memory.good_time >= c->automatic_reset_time;
-        if (s->memory.fault != ID(FAULT_NONE) && (s->memory.reset || automatic) && s->memory.good_time > c->sample_time) {
-            s->memory.fault = ID(FAULT_NONE);
-            s->memory.reason = ID(REASON_NONE);
-            s->memory.reset = s->memory.absent = s->memory.bad = 0;
+    if (!m->engaged) {
+        m->good_time = f->believed ? m->good_time + c->sample_time : 0.0;
+        const int automatic = c->automatic_reset_time > 0.0 && m->good_time >= c->automatic_reset_time;
+        if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
+            m->fault = ID(FAULT_NONE);
+            m->reason = ID(REASON_NONE);
+            m->reset = m->absent = m->bad = 0;
         }
         settle(f);
-    } else if (s->memory.fault == ID(FAULT_NONE)) {
-        s->memory.reset = 0;
-        memcpy(f->old_equilibrium, s->memory.equilibrium, sizeof f->old_equilibrium);
+    } else if (m->fault == ID(FAULT_NONE)) {
+        m->reset = 0;
+        memcpy(f->old_equilibrium, m->equilibrium, sizeof f->old_equilibrium);
         govern(f);
         vary_stiffness(f);
         moved = 1;
@@ -1441,54 +1283,20 @@ static void sighted(frame *f, const double *last)
 /* No believed sample: the torque is held, or, where there is a fault, goes to zero as fast as the rate limit lets. */
 static void blind(frame *f, const double *last)
 {
-    state_t *const s = f->state;
+    memory_t *const m = f->m;
     const double none[N] = {0.0};
-    s->memory.missed += s->memory.missed < 1000000 ? 1 : 0;
-    bridge(s, last, 1);
-    if (s->memory.known && s->memory.fault == ID(FAULT_NONE)) {
+    m->missed += m->missed < 1000000 ? 1 : 0;
+    bridge(m, last, 1);
+    if (m->known && m->fault == ID(FAULT_NONE)) {
         memcpy(f->out->torque, last, N * sizeof(double));
         limit_torque(f, last);
     } else { /* there may be no configuration */
-        s->memory.totals[STIFFNESS] -= s->memory.elastic_energy;
-        s->memory.tank += s->memory.elastic_energy;
-        s->memory.elastic_energy = s->memory.scale = s->memory.good_time = 0.0;
-        fall(last, s->memory.rate, f->out->torque);
+        m->stiffness_total -= m->elastic_energy;
+        m->tank += m->elastic_energy;
+        m->elastic_energy = m->scale = m->good_time = 0.0;
+        fall(last, m->rate, f->out->torque);
     }
-    pass(s, last, none);
-}
-
-static void report(frame *f)
-{
-    const state_t *const s = f->state;
-    output_t *const out = f->out;
-    memcpy(out->position, s->memory.q, sizeof out->position);
-    memcpy(out->velocity, f->velocity, sizeof out->velocity);
-    memcpy(out->reference, s->memory.posture, sizeof out->reference);
-    memcpy(out->equilibrium, s->memory.equilibrium, sizeof out->equilibrium);
-    memcpy(out->translation_stiffness, s->memory.translation_stiffness, sizeof out->translation_stiffness);
-    memcpy(out->rotation_stiffness, s->memory.rotation_stiffness, sizeof out->rotation_stiffness);
-    out->scale = s->memory.scale;
-    out->elastic_energy = s->memory.elastic_energy;
-    out->limit_energy = s->memory.limit_energy;
-    out->tank_energy = s->memory.tank;
-    out->tank_reserve = s->memory.reserve;
-    out->engagement = s->memory.engagement;
-    out->sampling_total = s->memory.totals[SAMPLING];
-    out->reference_total = s->memory.totals[REFERENCE];
-    out->stiffness_total = s->memory.totals[STIFFNESS];
-    out->port_total = s->memory.totals[PORT];
-    out->start_total = s->memory.totals[START];
-    out->fault = s->memory.fault;
-    out->reason = s->memory.reason;
-    out->fault_time = s->memory.fault_time;
-    out->missed = s->memory.missed;
-    out->unaccounted = s->memory.unaccounted;
-    const int fault = s->memory.fault != ID(FAULT_NONE);
-    out->mode = fault ? (s->memory.engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW))
-                      : (s->memory.engaged ? ID(MODE_ACTIVE) : ID(MODE_START));
-    f->status |= fault ? (uint32_t)ID(STATUS_FAULT) : 0u;
-    f->status |= cover(s) < -1e-9 ? (uint32_t)ID(STATUS_TANK_DEFICIT) : 0u;
-    out->status = f->status;
+    pass(m, last, none);
 }
 
 static int step(const config_t *c, state_t *state, const input_t *input, output_t *output)
@@ -1504,13 +1312,13 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     if (state == NULL) {
         return ID(E_NULL);
     }
-    frame f = {c, state, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}, {0.0}};
+    memory_t *const m = &state->memory;
+    frame f = {c, m, state->scratch, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
     double last[N], rate[N];
-    int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
-    const int intact = state->checksum == checksum(state) && state->memory.ready == READY;
+    const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     majority(state->torque, last);
     majority(state->rate, rate);
-    if (!intact) {
+    if (state->checksum != checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
             fall(last, rate, output->torque);
             keep(state->torque, output->torque);
@@ -1518,48 +1326,34 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         }
         /* memory was overwritten: nothing is believed but the torque, of which there are three */
         begin(c, state);
-        state->memory.unaccounted = 1;
-        latch(&f, ID(REASON_STATE));
+        m->unaccounted = 1;
+        latch(m, ID(REASON_STATE));
     }
     if (error == ID(OK)) {
         for (int i = 0; i < N; ++i) {
-            state->memory.rate[i] = c->torque_rate_limit[i] * c->sample_time;
+            m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
         }
-        keep(state->rate, state->memory.rate);
-        state->memory.delay = c->delay_samples;
-        state->memory.sample_time = c->sample_time;
-        const int valid = input->sample_valid == 1;
-        if (valid) {
-            observe_wrench(&f);
-        }
-        const int reason = valid ? doubt(&f, last) : ID(REASON_MISSED);
-        state->memory.fault_time += c->sample_time;
-        f.believed = reason == ID(REASON_NONE);
-        if (f.believed) {
-            state->memory.bad = (state->memory.bad << 1) & 7;
-            absent(&f, 0, reason);
-        } else {
-            f.status |= valid ? (uint32_t)ID(STATUS_BAD_SAMPLE) : (uint32_t)ID(STATUS_MISSED);
-            if (valid) {
-                state->memory.bad = ((state->memory.bad << 1) | 1) & 7;
-                if ((state->memory.bad & (state->memory.bad - 1)) != 0) {
-                    latch(&f, reason);
-                }
-            }
-            absent(&f, 1, reason);
-        }
-        if (f.believed || (f.located && state->memory.known && state->memory.fault != ID(FAULT_NONE))) {
-            sighted(&f, last);
-        } else {
-            blind(&f, last);
-        }
+        keep(state->rate, m->rate);
+        m->delay = c->delay_samples;
+        m->sample_time = c->sample_time;
+        m->fault_time += c->sample_time;
+        observe(&f, last);
     } else {
-        latch(&f, ID(REASON_CONFIG));
+        latch(m, ID(REASON_CONFIG));
         f.status |= ID(STATUS_CONFIG);
+    }
+    if (f.believed || (f.located && m->known && m->fault != ID(FAULT_NONE))) {
+        sighted(&f, last);
+    } else {
         blind(&f, last);
     }
     keep(state->torque, output->torque);
-    report(&f);
+    remember(m, output);
+    memcpy(output->velocity, f.velocity, sizeof output->velocity);
+    const int fault = m->fault != ID(FAULT_NONE);
+    output->mode = fault ? (m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW)) : m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
+    output->status = f.status | (fault ? (uint32_t)ID(STATUS_FAULT) : 0u) |
+                     (cover(m) < -1e-9 ? (uint32_t)ID(STATUS_TANK_DEFICIT) : 0u);
     state->checksum = checksum(state);
     return error;
 }

@@ -39,52 +39,43 @@ static void congruence(int n, const double *rows, const double *d, double *resul
     }
 }
 
+/* X <- X - beta v (v^T X), or, with the steps of rows and columns exchanged, X - beta (X v) v^T; v is 0 before first. */
+static void reflect(int n, int first, double beta, const double *v, double *X, int row, int column)
+{
+    double p[MAX_ROWS] = {0.0};
+    for (int i = first; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            p[j] += beta * v[i] * X[i * row + j * column];
+        }
+    }
+    for (int i = first; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            X[i * row + j * column] -= v[i] * p[j];
+        }
+    }
+}
+
 /* Householder's similarity transformations: A (destroyed) to the tridiagonal (diagonal, beside), rows <- Q^T. */
 static void tridiagonalise(int n, double *A, double *diagonal, double *beside, double *rows)
 {
-    double v[MAX_ROWS], w[MAX_ROWS], p[MAX_ROWS];
+    double v[MAX_ROWS];
     for (int i = 0; i < n * n; ++i) {
         rows[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
     }
     for (int k = 0; k < n - 2; ++k) {
-        double below = 0.0, half = 0.0;
-        for (int i = k + 2; i < n; ++i) {
-            below += A[k * n + i] * A[k * n + i];
-        }
-        if (below == 0.0) {
-            continue;
-        }
-        const double x = A[k * n + k + 1], size = sqrt(x * x + below), first = x > 0.0 ? x + size : x - size;
-        const double beta = 2.0 / (first * first + below);
+        double below = 0.0;
         for (int i = k + 1; i < n; ++i) {
-            v[i] = i == k + 1 ? first : A[k * n + i];
+            v[i] = A[k * n + i];
+            below += i > k + 1 ? v[i] * v[i] : 0.0;
         }
-        for (int i = 0; i < n; ++i) {
-            p[i] = 0.0;
+        if (below > 0.0) {
+            const double size = sqrt(v[k + 1] * v[k + 1] + below);
+            v[k + 1] += v[k + 1] > 0.0 ? size : -size;
+            const double beta = 2.0 / (v[k + 1] * v[k + 1] + below);
+            reflect(n, k + 1, beta, v, A, n, 1);
+            reflect(n, k + 1, beta, v, A, 1, n);
+            reflect(n, k + 1, beta, v, rows, n, 1);
         }
-        for (int i = k + 1; i < n; ++i) {
-            double sum = 0.0;
-            for (int j = k + 1; j < n; ++j) {
-                sum += A[i * n + j] * v[j];
-            }
-            w[i] = beta * sum;
-            half += 0.5 * beta * w[i] * v[i];
-            for (int j = 0; j < n; ++j) {
-                p[j] += beta * v[i] * rows[i * n + j];
-            }
-        }
-        for (int i = k + 1; i < n; ++i) {
-            w[i] -= half * v[i];
-        }
-        for (int i = k + 1; i < n; ++i) {
-            for (int j = k + 1; j < n; ++j) {
-                A[i * n + j] -= v[i] * w[j] + w[i] * v[j];
-            }
-            for (int j = 0; j < n; ++j) {
-                rows[i * n + j] -= v[i] * p[j];
-            }
-        }
-        A[k * n + k + 1] = x > 0.0 ? -size : size;
     }
     for (int i = 0; i < n; ++i) {
         diagonal[i] = A[i * n + i];
@@ -190,43 +181,20 @@ static int cholesky(int n, const double *A, double scale, double shift, double *
     return 0;
 }
 
-/* X <- L^-1 X for n columns at once. */
-static void solve_rows(int n, const double *L, double *X)
+/* X <- L^-1 X, X with so many columns. */
+static void solve_lower(int n, int columns, const double *L, double *X)
 {
     for (int i = 0; i < n; ++i) {
-        double *const row = X + i * n;
+        double *const row = X + i * columns;
         const double inverse = 1.0 / L[i * (n + 1)];
         for (int k = 0; k < i; ++k) {
-            for (int j = 0; j < n; ++j) {
-                row[j] -= L[i * n + k] * X[k * n + j];
+            for (int j = 0; j < columns; ++j) {
+                row[j] -= L[i * n + k] * X[k * columns + j];
             }
         }
-        for (int j = 0; j < n; ++j) {
+        for (int j = 0; j < columns; ++j) {
             row[j] *= inverse;
         }
-    }
-}
-
-static void transpose(int n, double *A)
-{
-    for (int i = 0; i < n; ++i) {
-        for (int j = 0; j < i; ++j) {
-            const double a = A[i * n + j];
-            A[i * n + j] = A[j * n + i];
-            A[j * n + i] = a;
-        }
-    }
-}
-
-/* x <- L^-1 x. */
-static void solve_lower(int n, const double *L, double *x)
-{
-    for (int i = 0; i < n; ++i) {
-        double sum = x[i];
-        for (int k = 0; k < i; ++k) {
-            sum -= L[i * n + k] * x[k];
-        }
-        x[i] = sum / L[i * (n + 1)];
     }
 }
 
@@ -253,10 +221,12 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
     if (error != 0) {
         return error;
     }
-    memcpy(C, K, (size_t)(n * n) * sizeof(double));
-    solve_rows(n, L, C);
-    transpose(n, C);
-    solve_rows(n, L, C);
+    memcpy(rows, K, (size_t)(n * n) * sizeof(double));
+    solve_lower(n, n, L, rows);
+    for (int k = 0; k < n * n; ++k) {
+        C[k] = rows[k % n * n + k / n];
+    }
+    solve_lower(n, n, L, C);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
             C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
@@ -288,23 +258,35 @@ static void times_lower(int n, const double *L, double *rows)
 }
 
 /*
- * The part of a symmetric D with positive eigenvalues against a metric S: D V = S V diag(l), V^T S V = I, result
- * S V diag(max(l, 0)) V^T S. largest_eigenvalue: of the pencil. work: 3 n n doubles.
+ * K (3 x 3) goes a share of its way D to wanted, but for the part of it that stiffens, which is the cost: that with
+ * positive eigenvalues against S = wanted + K: D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
+ * The last bit of the way is gone at once. Returns whether there was a way.
  */
-static int positive_part(int n, const double *D, const double *S, double *result, double *work)
+static int soften(const double *wanted, double share, double *K, double *cost)
 {
-    double scale, values[MAX_ROWS];
-    double *const L = work, *const C = work + n * n, *const rows = work + 2 * n * n;
-    const int error = pencil(n, D, S, L, C, values, rows, &scale);
-    if (error != 0) {
-        return error;
+    double D[9], S[9], L[9], C[9], rows[9], values[3], scale, size = 0.0;
+    for (int k = 0; k < 9; ++k) {
+        D[k] = wanted[k] - K[k];
+        S[k] = wanted[k] + K[k];
+        size += fabs(D[k]);
+        cost[k] = 0.0;
     }
-    times_lower(n, L, rows);
-    for (int k = 0; k < n; ++k) {
-        values[k] = values[k] > 0.0 ? values[k] * scale : 0.0;
+    const double trace = S[0] + S[4] + S[8], part = size <= 1e-9 * trace ? 1.0 : share;
+    for (int k = 0; k < 9; k += 4) {
+        S[k] += 1e-10 * trace; /* directions without stiffness before and after */
     }
-    congruence(n, rows, values, result);
-    return 0;
+    if (size == 0.0 || pencil(3, D, S, L, C, values, rows, &scale) != 0) {
+        return 0;
+    }
+    times_lower(3, L, rows);
+    for (int k = 0; k < 3; ++k) {
+        values[k] = part * fmax(values[k], 0.0) * scale;
+    }
+    congruence(3, rows, values, cost);
+    for (int k = 0; k < 9; ++k) {
+        K[k] += part * D[k] - cost[k];
+    }
+    return 1;
 }
 
 /* Whether A (n x n, n at most 6) is finite, symmetric to 1e-9 of its largest entry, and positive semidefinite to the same. */

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """A chain becomes the kernel table."""

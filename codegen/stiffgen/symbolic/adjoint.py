@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reverse mode: the vector-Jacobian product of a program, as another program.
 
 A kernel computes results r from arguments x. With a cotangent c for every entry of r, its vector-Jacobian product is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What kernels take and give: name, shape, unit and meaning, by which header, docstrings and manifests speak."""
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ class Argument:
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
     formulas have for an argument, ``plural`` its name where it holds one block a tip. ``of_posture`` says that it is
     part of the configuration that all tips share, ``varying`` of a matrix that CUDA takes one for each configuration,
-    too, as it does of vectors, ``own`` that it always does (a cotangent), ``triangle`` of a symmetric matrix that only
-    its upper triangle is read.
+    too, as it does of vectors, ``own`` that it always does (a cotangent, vectors of all tips), ``triangle`` of a
+    symmetric matrix that only its upper triangle is read.
     """
 
     name: str
@@ -38,7 +39,13 @@ class Argument:
     def of_all_tips(self, names: list[str]) -> Argument:
         """The argument that holds one block of this a tip, in the order of ``names``."""
         order = "one a tip, in the order " + ", ".join(names)
-        return replace(self, name=self.plural, shape=(len(names), *self.shape), meaning=f"{order}: {self.meaning}")
+        return replace(
+            self,
+            name=self.plural,
+            shape=(len(names), *self.shape),
+            meaning=f"{order}: {self.meaning}",
+            own=self.own or len(self.shape) == 1,  # as a vector is each configuration's
+        )
 
     def array(self, chain: Chain) -> Array:
         """The argument as an array of the chain's sizes."""

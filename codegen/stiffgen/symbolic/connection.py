@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The kinematic connection on SE(3), derived exactly from the basis of se(3) with SymPy.
 
 A twist is xi = (v, w), linear first; e_1..e_3 translate, e_4..e_6 rotate. Everything follows from the 4x4 basis

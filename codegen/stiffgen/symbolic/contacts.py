@@ -1,4 +1,6 @@
-"""CasADi expressions of the joint stiffness of contacts at all tips of a tree together, in one pass over its joints.
+# SPDX-License-Identifier: MIT
+"""CasADi expressions of the joint stiffness of contacts, or springs, at all tips of a tree together, in one pass over
+its joints.
 
 Seen from one point, wrenches and task stiffnesses of several tips add up. Let S_i = (v_i, w_i) be the twist of joint i
 at that point, and take a tip at p from there, with wrench (f, m) and task stiffness K at the tip. Its joint stiffness
@@ -8,7 +10,8 @@ at that point, and take a tip at p from there, with wrench (f, m) and task stiff
 
 for i on the way from the base to j, else 0. X^T K X, f, m and Q add up over the tips beyond joint j, as the inertias of
 composite bodies do: whatever the number of tips, one covector u_j a joint and one product a pair. The spatial form,
-whose connection belongs to the point that all its columns are taken at, is the case p = 0.
+whose connection belongs to the point that all its columns are taken at, is the case p = 0. Springs have hybrid wrenches
+and stiffnesses; their torque is tau_j = -S_j . W_j with the sum W_j of their wrenches, moments about the common point.
 
 The point is the origin of the base link (its axes for the body representation, else those of base or world), for the
 spatial representation the origin of base or world. Of a floating base's joints, u_j has the connection term of the base
@@ -17,12 +20,13 @@ in it (:func:`stiffness.base_connection`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
 from stiffgen.robot.chain import Chain, Tip
-from stiffgen.symbolic import stiffness
+from stiffgen.symbolic import springs, stiffness
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.kinematics import (
     Expressions,
@@ -34,6 +38,7 @@ from stiffgen.symbolic.kinematics import (
     outward_frames,
     spatial_column,
 )
+from stiffgen.symbolic.springs import Spring
 
 
 @dataclass(frozen=True)
@@ -56,8 +61,13 @@ class _Load:
 
     def moment(self, point: ca.SX) -> ca.SX:
         """Moment of the wrenches about a point, seen from the common one."""
+        return self.wrench[3:] - cross(point, self.f)
+
+    @property
+    def wrench(self) -> ca.SX:
+        """Sum of the wrenches, moments about the common point."""
         turned = self.Q.T - self.Q  # the cross-product matrix of the sum of p x f
-        return self.m + ca.vertcat(turned[2, 1], turned[0, 2], turned[1, 0]) - cross(point, self.f)
+        return ca.vertcat(self.f, self.m + ca.vertcat(turned[2, 1], turned[0, 2], turned[1, 0]))
 
 
 def columns_and_covectors(chain: Chain, *given: ca.SX, representation: Representation) -> Expressions:
@@ -72,33 +82,104 @@ def columns_and_covectors(chain: Chain, *given: ca.SX, representation: Represent
     """
     *where, wrenches, stiffnesses = given
     count = len(chain.tips)
-    tools = _blocks(where[-1], count) if chain.runtime_tool else [None] * count
-    posture = Posture.of(chain, where, seen_from_tip=representation == "body")
-    base_pose = posture.base_pose
-    if base_pose is not None and representation == "hybrid":
-        base_pose = ca.diagcat(base_pose[:3, :3], 1)
-    r, frames = outward_frames(chain, Posture(posture.q, base_pose))
-    columns = [spatial_column(joint, frame[1], frame[2]) for joint, frame in zip(chain.joints, frames, strict=True)]
-    beyond: list[_Load | None] = [None] * len(chain.joints)
-    tips = zip(chain.tips, tools, _blocks(wrenches, count), _blocks(stiffnesses, count), strict=True)
-    for index, (tip, tool, wrench, matrix) in enumerate(tips):
+    seen = _Seen.of(chain, where, representation)
+    loads = []
+    for index, (wrench, matrix) in enumerate(zip(_blocks(wrenches, count), _blocks(stiffnesses, count), strict=True)):
         K = stiffness.symmetric_from_upper(ca.reshape(matrix, 6, 6).T)
-        place = _place(tip, frames[tip.joint], tool)
-        load = _load(r.sections, f"tip {tip.link}", index, place, wrench, K, representation)
+        loads.append(_load(seen.sections, chain.tips[index], index, seen.places[index], wrench, K, representation))
+    totals = _beyond(chain, loads)
+    stacked = ca.vertcat(ca.horzcat(*seen.columns), ca.horzcat(*_covectors(chain, seen, totals)))
+    return Expressions(ca.densify(stacked), tuple(seen.sections))
+
+
+def spring_terms(chain: Chain, *given: ca.SX, spring: Spring, parts: str) -> Expressions:
+    """What springs of one kind at all tips make together, as ``parts`` asks for it: entries row by row, in a column.
+
+    Args:
+        chain: the tree.
+        given: as for :func:`columns_and_covectors`; after the postures the spring's parameters, each one a tip.
+        spring: the potential.
+        parts: "S" for columns S and covectors u (6 x number of joints each), "U" for the energy, "T" for the torques of
+            the joints.
+
+    """
+    count, size = len(chain.tips), len(given) - len(spring.parameters)
+    seen = _Seen.of(chain, given[:size], "hybrid")
+    origin = Posture.of(chain, given[:size]).base[1]
+    energy, loads = ca.SX(0), list[_Load]()
+    for index, tip in enumerate(chain.tips):
+        own = []
+        for argument, values in zip(spring.parameters, given[size:], strict=True):
+            shape = argument.array(chain).shape
+            block = _blocks(values, count)[index]
+            own.append(ca.reshape(block, *shape[::-1]).T if len(shape) == 2 else block)
+        R, p = (ca.densify(each) for each in seen.places[index])
+        seen.sections.append(Section(f"tip {tip.link}: its place", {f"R{index}_tip": R, f"p{index}_tip": p}))
+        U, F, K = springs.derivatives(spring, p + origin, R, own)
+        energy += U
+        if set(parts) - {"U"}:
+            K = stiffness.symmetric_from_upper(K) if "S" in parts else ca.SX(6, 6)
+            loads.append(_load(seen.sections, tip, index, (R, p), ca.densify(F), K, "hybrid"))
+    made = {"U": energy}
+    totals = _beyond(chain, loads) if loads else []
+    if "S" in parts:
+        both = seen.columns, _covectors(chain, seen, totals)
+        made["S"] = ca.vertcat(*(ca.vec(ca.horzcat(*each).T) for each in both))
+    if "T" in parts:
+        pairs = zip(seen.columns, totals, strict=True)
+        made["T"] = ca.vertcat(*(-ca.dot(S, total.wrench) if total else ca.SX(0) for S, total in pairs))
+    return Expressions(ca.densify(ca.vertcat(*(made[part] for part in parts))), tuple(seen.sections))
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A tree from the common point: frames and columns of its joints, rotation and origin of its tips."""
+
+    sections: list[Section]
+    frames: list[Frame]
+    columns: list[ca.SX]
+    places: list[tuple[ca.SX, ca.SX]]
+
+    @staticmethod
+    def of(chain: Chain, where: Sequence[ca.SX], representation: Representation) -> _Seen:
+        count = len(chain.tips)
+        tools = _blocks(where[-1], count) if chain.runtime_tool else [None] * count
+        posture = Posture.of(chain, where, seen_from_tip=representation == "body")
+        base_pose = posture.base_pose
+        if base_pose is not None and representation == "hybrid":
+            base_pose = ca.diagcat(base_pose[:3, :3], 1)
+        r, frames = outward_frames(chain, Posture(posture.q, base_pose))
+        columns = [spatial_column(joint, frame[1], frame[2]) for joint, frame in zip(chain.joints, frames, strict=True)]
+        places = [_place(tip, frames[tip.joint], tool) for tip, tool in zip(chain.tips, tools, strict=True)]
+        return _Seen(r.sections, frames, columns, places)
+
+
+def _beyond(chain: Chain, loads: Sequence[_Load]) -> list[_Load | None]:
+    """For every joint the sum of the loads beyond it, None where there is no tip.
+
+    A joint beyond all tips is one whose coordinate a mimic joint shares.
+    """
+    beyond: list[_Load | None] = [None] * len(chain.joints)
+    for tip, load in zip(chain.tips, loads, strict=True):
         beyond[tip.joint] = _added(beyond[tip.joint], load)
-    covectors = [ca.SX.zeros(6)] * len(chain.joints)
     for index in reversed(range(len(chain.joints))):
-        joint, total = chain.joints[index], beyond[index]
-        if total is None:  # a joint beyond all tips, whose coordinate a mimic joint shares
+        total, parent = beyond[index], chain.joints[index].parent
+        if total is not None and parent >= 0:
+            beyond[parent] = _added(beyond[parent], total)
+    return beyond
+
+
+def _covectors(chain: Chain, seen: _Seen, totals: Sequence[_Load | None]) -> list[ca.SX]:
+    """u_j of every joint."""
+    covectors = [ca.SX.zeros(6)] * len(chain.joints)
+    for index, total in enumerate(totals):
+        if total is None:
             continue
-        covectors[index] = total.covector(columns[index])
+        covectors[index] = total.covector(seen.columns[index])
         if 3 <= index < chain.base_joints:
-            _, origin, axis = frames[index]
+            _, origin, axis = seen.frames[index]
             covectors[index] += ca.vertcat(ca.SX.zeros(3), cross(total.moment(origin), axis) / 2)
-        if joint.parent >= 0:
-            beyond[joint.parent] = _added(beyond[joint.parent], total)
-    stacked = ca.vertcat(ca.horzcat(*columns), ca.horzcat(*covectors))
-    return Expressions(ca.densify(stacked), tuple(r.sections))
+    return covectors
 
 
 def _blocks(values: ca.SX, count: int) -> list[ca.SX]:
@@ -119,7 +200,7 @@ def _place(tip: Tip, frame: Frame, tool: ca.SX | None) -> tuple[ca.SX, ca.SX]:
 
 def _load(
     sections: list[Section],
-    name: str,
+    tip: Tip,
     index: int,
     place: tuple[ca.SX, ca.SX],
     wrench: ca.SX,
@@ -136,7 +217,9 @@ def _load(
         f, m = rotation @ f, rotation @ m
         turn = ca.diagcat(rotation, rotation)
         K = stiffness.symmetric_from_upper(turn @ K @ turn.T)
-    sections.append(Section(f"{name}: its place", named))
+    name = f"tip {tip.link}"
+    if not any(section.title == f"{name}: its place" for section in sections):
+        sections.append(Section(f"{name}: its place", named))
     A, B = K[:3, :3], K[:3, 3:]
     moved = B - A @ ca.skew(p)
     half = ca.skew(p) @ B

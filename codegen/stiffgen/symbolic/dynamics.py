@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CasADi expressions of the joint-space mass matrix, by composite bodies in link axes, and of the bias forces.
 
 M_ij = J_i . h_j for every joint i on the way from the base to joint j, where h_j = I^c_j J_j is the momentum of

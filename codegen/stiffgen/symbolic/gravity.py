@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CasADi expressions of gravity: potential energy, and what its gradient and Hessian are made of.
 
 U = -g . sum_k m_k c_k with g the acceleration of free fall in base axes [m/s^2] and c_k the bodies' centres of mass.

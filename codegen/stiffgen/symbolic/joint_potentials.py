@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Potentials of the joint positions: a posture to return to, and joint limits to stay away from.
 
 A redundant arm needs something beside a spring at the tip, which leaves it motions that cost nothing. Only a potential

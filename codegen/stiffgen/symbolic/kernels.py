@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The Kernel table: the only list of what is computed. Every output of stiffgen is made from it.
 
 Adding a kernel is one record: name, arguments with shapes and units, result, one-line meaning, equation, and the
@@ -258,8 +259,8 @@ def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], result
     return (Sum(targets, tuple(result.name for result in of.results), tuple(terms)),)
 
 
-def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
-    """The kernel that sums the results of ``of`` over the tips."""
+def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | None = None) -> Kernel:
+    """The kernel that sums the results of ``of``, a representation's or a ``spring``'s, over the tips."""
     names = [tip.name for tip in chain.tips]
     given = tuple(each if each.of_posture else each.of_all_tips(names) for each in of.arguments)
     results = tuple(
@@ -271,14 +272,18 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str) -> Kernel:
         for result in of.results
     )
     by_tips = partial(_total_program, of=of, given=given, results=results)
-    total = Kernel(
-        f"{of.name}_total", of.group, given, results, summary, f"sum over the tips of {of.equation}", by_tips, note
+    one_pass: Callable[[Chain], Program]
+    if spring:
+        parts = {result.name: total for result, total in zip(of.results, results, strict=True)}
+        one_pass = partial(programs.spring_total, spring=spring, given=given, results=parts)
+    else:
+        representation = next(each for each in REPRESENTATIONS if each == of.group)
+        (result,) = results
+        one_pass = partial(programs.joint_stiffness_total, representation=representation, result=result, given=given)
+    equation = f"sum over the tips of {of.equation}"
+    return Kernel(
+        f"{of.name}_total", of.group, given, results, summary, equation, one_pass, note, batch=True, by_tips=by_tips
     )
-    if of.group not in REPRESENTATIONS:
-        return total
-    (result,) = results
-    one_pass = partial(programs.joint_stiffness_total, representation=of.group, result=result, given=given)
-    return replace(total, program=one_pass, by_tips=by_tips)
 
 
 def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
@@ -293,7 +298,8 @@ def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, .
             if kernel.name == "joint_stiffness":
                 totals.append(_total(chain, kernel, *contacts))
         elif kernel.group and kernel.name in ("energy", "torque", "joint_stiffness", "linearization"):
-            totals.append(_total(chain, kernel, of_springs[0].format(summary=kernel.summary), of_springs[1]))
+            spring = next(each for each in springs if each.name == kernel.group)
+            totals.append(_total(chain, kernel, of_springs[0].format(summary=kernel.summary), of_springs[1], spring))
     return tuple(totals)
 
 

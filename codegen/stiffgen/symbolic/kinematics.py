@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CasADi expressions of a chain's kinematics: pose, Jacobian columns, and the bracket form of dJ/dq.
 
 The pose recursions name what they compute section by section (:class:`Section`), so that the printed C can be

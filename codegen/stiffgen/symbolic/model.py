@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """``casadi.Function`` objects of a chain's kernels, for optimal control and for checking."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Moving a wrench and a task stiffness between representations, so that the same spring results.
 
 The joint stiffness Kq = dJ^T/dq . F + J^T (K + Gamma F) J belongs to a representation: the Jacobian, F, K and Gamma

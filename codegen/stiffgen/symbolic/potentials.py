@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A user's own potential: a Python function U(p, R, parameters) of CasADi expressions becomes a spring.
 
     import casadi as ca

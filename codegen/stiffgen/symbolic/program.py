@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A kernel as a short program of CasADi expressions over joints and pairs of joints.
 
 The quadratic part of every kernel is one small expression repeated over joints. Keeping the repetition as a

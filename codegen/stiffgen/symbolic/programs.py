@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How every kernel is computed: the steps of its program, made for one chain.
 
 The table (:mod:`stiffgen.symbolic.kernels`) names these; what one joint and one pair of joints contribute is in
@@ -6,7 +7,7 @@ The table (:mod:`stiffgen.symbolic.kernels`) names these; what one joint and one
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import casadi as ca
@@ -233,6 +234,47 @@ def joint_stiffness_total(
         return block, *_pairs_on_the_way(chain, S, u, target, "Kq_ij = S_i . u_j", ca.dot)
 
     return _over_joints(chain, result, steps, mirror=True)
+
+
+def spring_total(
+    chain: Chain,
+    spring: Spring,
+    given: tuple[Argument, ...],
+    results: Mapping[str, Argument],
+) -> Program:
+    """What is asked for of springs at all tips together, from one pass over the tree.
+
+    ``given`` are the arguments, ``results`` some of "energy", "torque" and "joint_stiffness" by these names.
+    """
+    energy, torque, joint_stiffness = (results.get(name) for name in ("energy", "torque", "joint_stiffness"))
+    m, parts, targets, words = len(chain.joints), "", list[Array](), list[str]()
+    S, u = Array("S", (6, m)), Array("u", (6, m))
+    if joint_stiffness:
+        parts, targets = "S", [S, u]
+        words.append("columns S of the joints at one point, and the covectors u of everything beyond them")
+    if energy:
+        parts, targets = parts + "U", [*targets, energy.array(chain)]
+        words.append("energy U")
+    of_joints = None
+    if torque:
+        of_joints = Array(f"{torque.name}_of_joints", (m,)) if chain.coupled else torque.array(chain)
+        parts, targets = parts + "T", [*targets, of_joints]
+        words.append("torques -S_j . W_j of the joints, W_j the wrenches beyond")
+    expressions = partial(contacts.spring_terms, spring=spring, parts=parts)
+    arguments = tuple(argument.array(chain) for argument in given)
+    program: Program = (
+        Block(tuple(targets), expressions, arguments, heading="; ".join(words), columns=2 if joint_stiffness else 0),
+    )
+    if torque and of_joints and chain.coupled:
+        program += (SumJoints(of_joints, torque.array(chain)),)
+    if joint_stiffness:
+        program += _over_joints(
+            chain,
+            joint_stiffness,
+            lambda target: _pairs_on_the_way(chain, S, u, target, "Kq_ij = S_i . u_j", ca.dot),
+            mirror=True,
+        )
+    return program
 
 
 def connection_correction(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Springs on SE(3): an energy U(p, R), and everything that follows from it by differentiation.
 
 A spring is defined once, by its energy U [J] as a CasADi expression of the tip's origin p [m], the tip's rotation R

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CasADi expressions of the stiffness: what one joint and one pair of joints contribute.
 
 Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025, central equation). Everything here takes

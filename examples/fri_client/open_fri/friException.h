@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /* Part of open_fri, the small open FRI client library of stiffgen's FRI example. */
 #ifndef OPEN_FRI_EXCEPTION_H
 #define OPEN_FRI_EXCEPTION_H

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /* State, command and the cycle of the client application. Part of open_fri. */
 #include "friClientApplication.h"
 #include "friLBRClient.h"

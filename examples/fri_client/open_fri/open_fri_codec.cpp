@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /* The messages to and from bytes, by nanopb. Part of open_fri. */
 #include "open_fri_messages.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /*
  * What the two messages hold, and their way to and from bytes. Part of open_fri; not in KUKA's library.
  */

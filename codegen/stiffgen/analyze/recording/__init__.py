@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Recordings of joint positions and wrenches, read as a stream of blocks: CSV, NPZ, Parquet and MCAP files.
 
 A recording is cut into :class:`Partition` objects, which are small, can be sent to another process, and read their own

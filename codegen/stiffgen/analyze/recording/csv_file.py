@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CSV files: pyarrow reads pieces that are sound, Python reads the rows of the others one by one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """MCAP files of ROS 2: sensor_msgs/msg/JointState and geometry_msgs/msg/WrenchStamped, matched by their stamps."""
 
 from __future__ import annotations

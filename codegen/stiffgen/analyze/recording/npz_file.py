@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NPZ files: arrays are read out of the zip archive as a stream, compressed or not."""
 
 from __future__ import annotations

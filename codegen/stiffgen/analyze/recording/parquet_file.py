@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Parquet files, through pyarrow: row groups are partitions, read page by page."""
 
 from __future__ import annotations

@@ -5,9 +5,10 @@
  * k is the nearest integer to x / (pi/2): adding 1.5 * 2^52 leaves it in the low bits of a double. One is taken from
  * the exponent, as an integer, before 0.75 * 2^52 is subtracted: the rest is the turn k/2, and no compiler can cancel
  * the two constants. pi is taken in three parts; the first two have 39 bits, so that their products with the turn
- * (13 bits) are exact, and the rest carries the sum to 2^-130. r + low is x - turn pi. On |r| <= pi/4, sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2)
- * with the P and Q of least largest relative error (2^-57.9 and 2^-64.0), found by Remez' algorithm
- * (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets their signs.
+ * (13 bits) are exact, and the rest carries the sum to 2^-130. r + low is x - turn pi. On |r| <= pi/4,
+ * sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2) with the P and Q of least largest relative error (2^-57.9
+ * and 2^-64.0), found by Remez' algorithm (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets their
+ * signs.
  */
 #define FAR 1e4
 
@@ -21,11 +22,15 @@ static void by_libm_beyond_far(const double *x, double *sine, double *cosine, in
     }
 }
 
-/* x as a double, and as a whole: no sum that x is part of is put in another order across it. Costs no instruction. */
+/*
+ * x as a double, and as a whole: no sum that x is part of is put in another order across it. Costs no instruction, and
+ * is left out where the pragma above keeps the order already: it would only tie the registers' hands.
+ */
 static inline lanes whole(lanes x)
 {
 #if EXCESS_PRECISION
     x = as_double(x);
+#elif defined(__clang__) && __clang_major__ >= 13
 #elif defined(__GNUC__) && defined(__SSE2__)
     __asm__("" : "+x"(x));
 #elif defined(__GNUC__) && defined(__aarch64__)

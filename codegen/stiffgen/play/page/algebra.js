@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Small dense matrices, row after row in one array, as the kernels have them.
 
 /** A (n x k) times B (k x m). */

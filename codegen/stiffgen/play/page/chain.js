@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Where the joints stand: frames of the chain for drawing and for dragging a link. The tip's pose and Jacobian are the
 // kernels'.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Figures on flat canvases: heat maps of matrices, and the work over the laps.
 
 import { largest } from "./algebra.js";

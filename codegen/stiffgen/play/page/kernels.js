@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The generated C, compiled to WebAssembly: functions by name, arrays in the module's memory.
 
 const LIBM = {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The page: its state, what follows from it, and when it is drawn.
 
 import { eigen, largest, multiply, plus, transpose } from "./algebra.js";

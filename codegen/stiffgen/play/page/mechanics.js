@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Joint stiffness by three formulas, the spring behind them, and what a closed loop costs under four laws.
 
 import {

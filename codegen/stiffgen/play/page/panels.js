@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Controls: a row with a name, a slider, the same value as a number, and a unit.
 
 let count = 0;

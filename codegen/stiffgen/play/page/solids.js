@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Solids by WebGL: spheres, drums and cones, each with a place, a colour and an opacity.
 
 const VERTEX = `#version 300 es

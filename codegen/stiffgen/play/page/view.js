@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The arm as solids, the camera, and what a pointer or the keys do to both.
 
 import { cross, dot, eigen, multiply, norm, plus, transpose } from "./algebra.js";

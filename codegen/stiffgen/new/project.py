@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: MIT
+"""A robot's file becomes a project: its generated folder, and around it a loop, a simulated robot, a test, a script."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+
+from stiffgen.emit.controller import has_controller
+from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
+from stiffgen.folder import swapped_in
+from stiffgen.generate import generate
+from stiffgen.names import c_string, checked_identifier, comment, identifier
+from stiffgen.new.questions import Answers, Ask, Given, decide
+from stiffgen.robot.chain import Chain, Coordinate, Tool, load_chain
+from stiffgen.robot.reader import read_description
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import spring
+
+FILES = {
+    "CMakeLists.txt": "CMakeLists.txt.j2",
+    "README.md": "README.md.j2",
+    ".gitignore": "gitignore.j2",
+    "src/main.cpp": "main.cpp.j2",
+    "src/control.hpp": "control.hpp.j2",
+    "src/simulated_robot.hpp": "simulated_robot.hpp.j2",
+    "src/first_steps.c": "first_steps.c.j2",
+    "python/first_steps.py": "first_steps.py.j2",
+    "tests/test_control.cpp": "test_control.cpp.j2",
+}
+"""Template by the file that it becomes."""
+_FORCE, _SPEED = 100.0, 2.0
+"""Where the URDF has no limit, or none that can be one: [N m or N], [rad/s or m/s]. The README says: to be replaced."""
+
+
+@dataclass(frozen=True)
+class _Page:
+    """What the templates read.
+
+    Attributes:
+        name, macro: prefixes of C names and macros.
+        robot: the chain.
+        answers: what was decided.
+        group: namespace of the spring, with its tip's, if any.
+        posture: where the robot starts, away from limits and from a stretched arm.
+        zone: width of the zone inside the limits that pushes back [rad or m].
+        rotors: inertia of the motors at the joints [kg m^2 or kg].
+        effort, velocity: limits to set because the URDF has none, by joint.
+        regenerate: the command that made the generated folder.
+
+    """
+
+    name: str
+    macro: str
+    robot: Chain
+    answers: Answers
+    group: str
+    posture: tuple[float, ...]
+    zone: float
+    rotors: tuple[float, ...]
+    effort: dict[int, float]
+    velocity: dict[int, float]
+    regenerate: str
+
+
+def new_project(
+    urdf: str | Path,
+    *,
+    given: Given | None = None,
+    tool: Tool | None = None,
+    name: str | None = None,
+    output: str | Path | None = None,
+    build: bool = True,
+    ask: Ask | None = None,
+    ready: Callable[[], None] = lambda: None,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Path:
+    """Write a project of the user's own, which builds and runs at once, with a simulated robot.
+
+    The folder appears whole or not at all, and nothing that stands there is replaced.
+
+    Args:
+        urdf: path of the URDF file; a copy of it becomes part of the project.
+        given: what is decided already: tip, base, spring, controller.
+        tool: what is mounted on the tip link.
+        name: prefix of the C names and name of the Python module (default: from the robot's name).
+        output: the folder to write (default: NAME_control).
+        build: compile the Python module.
+        ask: how to ask for what is open; None: nobody is there.
+        ready: called when there is nothing more to ask.
+        progress: called with a few words before each step.
+
+    Returns:
+        Path of the project.
+
+    Raises:
+        StiffgenError: see :func:`stiffgen.generate`, and what is ambiguous with nobody to ask.
+
+    """
+    urdf = Path(urdf)
+    text = _text_of(urdf)
+    description = read_description(urdf)
+    name = identifier(description.robot) if name is None else checked_identifier(name)
+    target = Path(f"{name}_control") if output is None else Path(output)
+    if target.exists() or target.is_symlink():
+        raise OutputError(
+            f"{printable(str(target), 200)}: exists, and a project is never written over; choose another --output"
+        )
+    answers = decide(description, given or Given(tool=tool is not None), ask)
+    ready()
+    tool = tool or (None if answers.tool_xyz is None else Tool(xyz=answers.tool_xyz))
+    base = None if answers.base == description.root else answers.base
+    chain = load_chain(urdf, tip=answers.tip, base=base, tool=tool)
+    _check(chain, answers)
+    page = _page(name, chain, answers, tool, urdf.name)
+    kinds = () if answers.spring == "trace" else (answers.spring,)
+    with swapped_in(target) as staging:
+        (staging / "urdf").mkdir()
+        copy = staging / "urdf" / urdf.name
+        copy.write_bytes(text)
+        generate(
+            copy,
+            tip=answers.tip,
+            base=base,
+            tool=tool,
+            name=name,
+            output=staging / "generated",
+            build=build,
+            springs=SpringOptions(kinds),
+            progress=progress,
+        )
+        progress("writing the project")
+        for file, rendered in _rendered(page).items():
+            path = staging / file
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(rendered, encoding="utf-8", newline="\n")
+    return target
+
+
+def _text_of(urdf: Path) -> bytes:
+    try:
+        return urdf.read_bytes()
+    except OSError:
+        read_description(urdf)  # says it
+        raise
+
+
+def _check(chain: Chain, answers: Answers) -> None:
+    if chain.floating:
+        raise ChainError(
+            f"{chain.source}: the base floats, and projects are made for robots whose base stands; "
+            "choose a --base above which nothing moves, or use 'stiffgen generate'"
+        )
+    if answers.controller == "impedance" and not has_controller(chain):
+        raise StiffgenError(
+            f"{chain.source}: the impedance controller is made for at most 40 coordinates, here are {chain.dof}; "
+            "take --controller spring"
+        )
+
+
+def _page(name: str, chain: Chain, answers: Answers, tool: Tool | None, file: str) -> _Page:
+    coordinates = chain.coordinates
+    parts = ["stiffgen", "generate", f"urdf/{file}", "--name", name, "--tip", answers.tip, "--base", chain.base]
+    parts += [] if answers.spring == "trace" else ["--spring", answers.spring]
+    if tool is not None:
+        for option, value in (("xyz", tool.xyz), ("rpy", tool.rpy), ("com", tool.com), ("inertia", tool.inertia)):
+            parts += [f"--tool-{option}", *map(repr, value)] if any(value) else []
+        parts += ["--tool-mass", repr(tool.mass)] if tool.mass else []
+    return _Page(
+        name=name,
+        macro=name.upper(),
+        robot=chain,
+        answers=answers,
+        group=spring(answers.spring).name,
+        posture=tuple(float(f"{_start(k, coordinate):.4g}") for k, coordinate in enumerate(coordinates)),
+        zone=min(0.1, *(float(f"{0.2 * (c.upper - c.lower):.2g}") for c in coordinates)),
+        rotors=tuple(1.0 if coordinate.type == "prismatic" else 0.1 for coordinate in coordinates),
+        effort={k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5},
+        velocity={k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3},
+        regenerate=shlex.join(parts),
+    )
+
+
+def _range(coordinate: Coordinate) -> tuple[float, float]:
+    """Where a joint may be at first: its range near zero, at most three rad or m of it."""
+    lower, upper = max(coordinate.lower, -1.5), min(coordinate.upper, 1.5)
+    if lower < upper:
+        return lower, upper
+    beyond = coordinate.lower > 0  # all of the range is
+    lower, upper = (coordinate.lower, lower + 1.0) if beyond else (upper - 1.0, coordinate.upper)
+    return max(lower, coordinate.lower), min(upper, coordinate.upper)
+
+
+def _start(index: int, coordinate: Coordinate) -> float:
+    """A bent arm: joints alternately below and above the middle of their ranges."""
+    lower, upper = _range(coordinate)
+    return lower + (upper - lower) * (0.7 if index % 2 else 0.4)
+
+
+def _rendered(page: _Page) -> dict[str, str]:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("stiffgen.new"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # C++, Python and Markdown; what comes from the robot's file goes through the filters
+    )
+    environment.filters |= {"comment": comment, "c_string": c_string, "python": ascii}
+    return {file: environment.get_template(template).render(vars(page)) for file, template in FILES.items()}

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""What a project leaves open: taken from options, asked at a terminal, or the one answer there is; else refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from stiffgen.errors import StiffgenError, listed, printable
+from stiffgen.robot.description import Description
+from stiffgen.robot.survey import TipSurvey, survey_tip
+from stiffgen.symbolic.springs import KINDS
+
+CONTROLLERS = {
+    "impedance": "the generated controller: energy account, governor, limits, faults",
+    "spring": "a law of your own to edit: the torque of a spring, and damping in the joints",
+}
+"""What closes the loop of a project."""
+_MOST_TIPS = 100
+
+Ask = Callable[[str], str]
+"""Shows a question and returns the answer, without its end of line."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What was decided: links, the tool's origin in the tip link [m] (None: no tool), kind of spring, controller."""
+
+    tip: str
+    base: str
+    tool_xyz: tuple[float, float, float] | None
+    spring: str
+    controller: str
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the options say; None for what they leave open. ``tool``: whether they describe one."""
+
+    tip: str | None = None
+    base: str | None = None
+    tool: bool = False
+    spring: str | None = None
+    controller: str | None = None
+
+
+def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
+    """Answer what the options leave open.
+
+    Args:
+        description: of the robot.
+        given: by options.
+        ask: at the terminal; None without one.
+
+    Raises:
+        StiffgenError: something is ambiguous and there is nobody to ask, or choices do not fit each other.
+        ChainError: there is no such tip or base.
+
+    """
+    survey = _tip(description, given, ask)
+    base = given.base or _chosen(
+        ask, f"Base link: first link of the chain [{printable(survey.base)}]", survey.base, description.links
+    )
+    tool = None if given.tool else _tool(ask, survey.tip)
+    controller = given.controller or _chosen(ask, _menu("Controller", CONTROLLERS), "impedance", CONTROLLERS)
+    if controller == "impedance":
+        if given.spring not in (None, "trace"):
+            raise StiffgenError(
+                f"--spring {given.spring}: the impedance controller has the spring 'trace'; "
+                "take --controller spring, or leave --spring out"
+            )
+        return Answers(survey.tip, base, tool, "trace", controller)
+    spring = given.spring or _chosen(ask, f"Spring: {', '.join(KINDS)} [trace]", "trace", KINDS)
+    return Answers(survey.tip, base, tool, spring, controller)
+
+
+def _tip(description: Description, given: Given, ask: Ask | None) -> TipSurvey:
+    if given.tip is not None:
+        return survey_tip(description, given.tip, given.base)
+    surveys = [survey_tip(description, tip, given.base) for tip in description.leaves[:_MOST_TIPS]]
+    good = [survey for survey in surveys if survey.coordinates and not survey.hindrance]
+    if not good:
+        raise StiffgenError(
+            f"{description.file}: no leaf link has a chain to it; 'stiffgen inspect' says what hinders each"
+        )
+    if len(good) == 1 or ask is None:
+        if len(good) > 1:
+            raise StiffgenError(
+                f"{description.file}: several links could be the tip, and there is no terminal to ask at; "
+                f"choose one with --tip: {listed([survey.tip for survey in good])}"
+            )
+        return good[0]
+    lines = {survey.tip: f"{len(survey.coordinates)} joints from {printable(survey.base)}" for survey in good}
+    longest = max(good, key=lambda survey: len(survey.coordinates)).tip
+    menu = _menu("Tip: the link that touches things; one of these, or any other", lines, longest)
+    return survey_tip(description, _chosen(ask, menu, longest, description.links), given.base)
+
+
+def _menu(title: str, lines: dict[str, str], default: str | None = None) -> str:
+    shown = "".join(f"\n  {printable(name)}: {text}" for name, text in lines.items())
+    return f"{title}{shown}\n[{printable(default or next(iter(lines)))}]"
+
+
+def _chosen(ask: Ask | None, question: str, default: str, allowed: Iterable[str]) -> str:
+    """One of the names; the default without a terminal, or by an empty line."""
+    names = list(allowed)
+    while ask is not None:
+        answer = ask(question).strip() or default
+        if answer in names:
+            return answer
+        question = f"'{printable(answer)}' is none of them: {listed(names)}\n[{printable(default)}]"
+    return default
+
+
+def _tool(ask: Ask | None, tip: str) -> tuple[float, float, float] | None:
+    question = f"Tool: its point in the axes of {printable(tip)}, as x y z [m]; nothing without a tool []"
+    while ask is not None:
+        answer = ask(question).split()
+        if not answer:
+            return None
+        try:
+            x, y, z = map(float, answer)
+        except ValueError:
+            question = "Three numbers [m], such as 0 0 0.2, or nothing []"
+        else:
+            return x, y, z
+    return None

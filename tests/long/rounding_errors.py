@@ -1,0 +1,76 @@
+"""The certified bounds of rounding errors against what is measured: ``python tests/long/rounding_errors.py``.
+
+Every function of a robot that has a bound is run at many states, half of them random (often at the ends of the stated
+ranges), half beside the worst ones so far, and every entry of its results is compared with the same
+statements in __float128. Some of these are compared with 80 digits, to show that the reference is as good as it is
+said to be. Printed is a table: the bound, the largest error, their ratio. Exit code 1 if an error is beyond its bound,
+or if a bound is more than a thousand times the largest error seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from stiffgen.emit.rounding import Ranges
+from stiffgen.opened import open_robot
+from stiffgen.symbolic.kernels import chain_kernels
+from support.project import ROOT
+from support.quad import WIDTHS, Measured, can_run, climbed, digits_of_reference, kernels_with_bounds
+
+LARGEST_RATIO = 1000
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--robot", default="iiwa14", help="a folder in generated/")
+    parser.add_argument("--states", type=int, default=1_000_000, help="of each function")
+    parser.add_argument("--functions", nargs="*", help="default: all that have a bound")
+    parser.add_argument("--width", choices=WIDTHS, help="vectors (default: each in turn, round by round)")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    folder = ROOT / "generated" / options.robot
+    chain = open_robot(folder).chain
+    bounds = kernels_with_bounds(chain, Ranges(), chain_kernels(chain))
+    kernels = [kernel for kernel in chain_kernels(chain) if kernel.qualified_name in (options.functions or bounds)]
+    widths = [options.width] if options.width else [width for width in WIDTHS if can_run(WIDTHS[width])]
+    print(f"{options.robot}, vectors: {', '.join(widths)}")
+    print(f"{'function':45} {'states':>9} {'bound':>9} {'largest':>9} {'ratio':>6} {'nearest':>8} {'time [s]':>8}")
+    wrong = 0
+    with tempfile.TemporaryDirectory() as work:
+        measured = []
+        for index, width in enumerate(widths):
+            place = Path(work) / str(index)
+            place.mkdir()
+            measured.append(Measured(folder, options.robot, chain, kernels, place, WIDTHS[width], batches=True))
+        for number, kernel in enumerate(kernels):
+            name = kernel.qualified_name
+            started, errors, states = time.perf_counter(), np.zeros(1), 0
+            for index, each in enumerate(measured):
+                random = np.random.default_rng((options.seed, number, index))
+                found, count = climbed(each, kernel, Ranges(), -(-options.states // len(measured)), random)
+                errors, states = np.maximum(errors, found), states + count
+            bound = bounds[name]
+            nearest = np.max(errors / np.maximum(bound, 1e-300))
+            ratio = bound.max() / errors.max() if errors.any() else 1.0
+            verdict = "" if nearest <= 1 else "  BEYOND THE BOUND"
+            verdict += "" if ratio <= LARGEST_RATIO or options.states < 10_000 else "  TOO FAR AWAY"
+            wrong += bool(verdict)
+            print(
+                f"{name:45} {states:9} {bound.max():9.2e} {errors.max():9.2e} {ratio:6.0f} {nearest:8.3f} "
+                f"{time.perf_counter() - started:8.1f}{verdict}",
+                flush=True,
+            )
+        worst = digits_of_reference(measured[0], Ranges(), min(options.states, 20), np.random.default_rng(options.seed))
+        print(f"__float128 against 80 digits: off by at most {worst:.1e} of the largest entry")
+        wrong += not worst < 1e-28
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,182 @@
+"""``stiffgen new``: the project builds, runs and passes its own test; what is ambiguous is asked, or refused."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiffgen.cli import main
+from stiffgen.errors import StiffgenError
+from stiffgen.new.project import FILES
+from stiffgen.new.questions import Answers, Given, decide
+from stiffgen.robot.reader import read_description
+from support.c_program import STRICT
+from support.chains import ARM, chain_urdf
+from support.project import ROOT, URDF, require_program
+
+DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
+STIFFGEN = (sys.executable, "-m", "stiffgen.cli")
+
+
+def asked(*answers: str):
+    """A terminal that gives these answers, and the questions it was asked."""
+    left, questions = list(answers), []
+
+    def ask(question: str) -> str:
+        questions.append(question)
+        return left.pop(0)
+
+    return ask, questions
+
+
+def test_options_leave_nothing_to_ask():
+    given = Given("left hand", "base", True, None, "impedance")
+    ask, questions = asked()
+    assert decide(read_description(DUAL), given, ask) == Answers("left hand", "base", None, "trace", "impedance")
+    assert questions == []
+
+
+def test_the_only_tip_is_taken_and_empty_answers_are_the_defaults():
+    assert decide(read_description(URDF), Given(), None) == Answers("link_ee", "link_0", None, "trace", "impedance")
+    ask, questions = asked("", "", "")
+    assert decide(read_description(URDF), Given(), ask) == Answers("link_ee", "link_0", None, "trace", "impedance")
+    assert [question.split(":")[0].split("\n")[0] for question in questions] == ["Base link", "Tool", "Controller"]
+
+
+def test_answers_are_taken_and_wrong_ones_asked_again():
+    ask, questions = asked("middle hand", "right-hand", "", "up", "0 0 0.2", "robust", "spring", "quaternion")
+    found = decide(read_description(DUAL), Given(), ask)
+    assert found == Answers("right-hand", "base", (0.0, 0.0, 0.2), "quaternion", "spring")
+    assert "left hand: " in questions[0] and "'middle hand' is none of them" in questions[1]
+    assert "Three numbers" in questions[4] and "'robust' is none of them: impedance, spring" in questions[6]
+
+
+def test_another_spring_does_not_go_with_the_controller():
+    with pytest.raises(StiffgenError, match=r"--spring quaternion.*take --controller spring"):
+        decide(read_description(URDF), Given(spring="quaternion"), None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ([str(DUAL)], "no terminal to ask at; choose one with --tip: left hand, right-hand"),
+        (["nowhere.urdf"], "nowhere.urdf"),
+        ([str(URDF), "--output", "taken"], "taken: exists, and a project is never written over; choose another"),
+        ([str(URDF), "--spring", "coupled"], "--controller spring"),
+        ([str(URDF), "--tip", "link_9"], "link_9"),
+        ([str(URDF), "--name", "int"], "nearest: --name robot_int"),
+        ([str(ROOT / "tests" / "data" / "solo12.urdf"), "--tip", "FL_FOOT", "--base", "nothing"], "nothing"),
+        ([str(URDF), "--tool-mass", "-1"], "mass"),
+    ],
+)
+def test_bad_input_is_one_message_and_leaves_nothing(arguments, named, tmp_path, monkeypatch, capsys):
+    (tmp_path / "taken").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and named in captured.err
+    assert captured.err.splitlines()[-1].startswith("stiffgen: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"] and not list((tmp_path / "taken").iterdir())
+
+
+@pytest.mark.slow
+def test_a_signal_leaves_nothing(tmp_path):
+    process = subprocess.Popen([*STIFFGEN, "new", str(URDF)], cwd=tmp_path, stdin=subprocess.DEVNULL)
+    while process.poll() is None and not any(tmp_path.iterdir()):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait() == 128 + signal.SIGTERM
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_questions_at_a_terminal(tmp_path):
+    (tmp_path / "arm.urdf").write_text(ARM)  # the hand is no leaf, and its finger one
+    ours, theirs = pty.openpty()
+    command = [*STIFFGEN, "new", "arm.urdf", "--no-build"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    os.close(theirs)
+    os.write(ours, b"\n0 0 0.1\n\n")
+    out, err = process.communicate()
+    os.close(ours)
+    assert (process.returncode, out.strip()) == (0, "arm_control"), err
+    assert "Tool: its point in the axes of finger" in err
+    assert "xyz 0 0 0.1 m" in (tmp_path / "arm_control" / "generated" / "arm" / "arm.h").read_text()
+
+
+PROJECTS = {
+    "iiwa14": [str(URDF)],
+    "sliding": ["sliding.urdf", "--tool-xyz", "0", "0.05", "0.1", "--tool-mass", "0.5"],
+    "dual": [str(DUAL), "--tip", "left hand", "--controller", "spring", "--spring", "quaternion"],
+    "coupled": ["sliding.urdf", "--name", "coupled", "--controller", "spring", "--spring", "coupled"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", PROJECTS)
+def test_the_project_builds_runs_and_passes_its_own_test(case, tmp_path):
+    """As its README says, and without a warning."""
+    (tmp_path / "sliding.urdf").write_text(chain_urdf("rprrmr"))
+    # What no project may depend on: where stiffgen lies.
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+
+    def run(*command: str, cwd: Path) -> str:
+        known = os.environ if command[0] == sys.executable and "stiffgen.cli" in command else environment
+        done = subprocess.run(
+            command, cwd=cwd, env=dict(known), capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    project = tmp_path / run(*STIFFGEN, "new", *PROJECTS[case], "--output", "project", cwd=tmp_path).strip()
+    (name,) = (folder.name for folder in (project / "generated").iterdir())
+    assert {str(f.relative_to(project)) for f in project.rglob("*") if f.is_file()} >= set(FILES)
+    readme = (project / "README.md").read_text()
+    assert {line.split("`")[1] for line in readme.splitlines() if line.startswith("| `")} <= {
+        *FILES, f"generated/{name}",
+    }  # fmt: skip
+    commands = re.findall(r"^    (cmake .*|build/.*|ctest .*)$", readme, re.MULTILINE)
+    assert len(commands) == 4
+    strict = ["-DCMAKE_C_FLAGS_RELEASE=-O0", f"-DCMAKE_CXX_FLAGS_RELEASE=-O1 {' '.join(STRICT)}"]
+    for command in commands:
+        parts = command.split()
+        if "/" not in parts[0]:
+            require_program(parts[0], "cmake")
+        more = strict if "-S" in parts else ["--fast"] if parts[0].startswith("build/") else []
+        parts[0] = str(project / parts[0]) if "/" in parts[0] else parts[0]
+        out = run(*parts, *more, cwd=project)
+    assert "100% tests passed" in out
+
+    Kq = run(sys.executable, "python/first_steps.py", cwd=project)
+    assert "antisymmetric part: 0," in Kq
+    first = re.search(r"^ \*   (cc .*)$", (project / "src" / "first_steps.c").read_text(), re.MULTILINE)
+    assert first
+    run(*first[1].split(), *STRICT, cwd=project)
+    rows = run(str(project / "first_steps"), cwd=project).splitlines()
+    in_c = np.array([[float(word) for word in row.split()[-len(rows) :]] for row in rows])
+    assert np.array_equal(in_c, in_c.T) and np.abs(in_c).max() > 1.0
+    numbers = re.findall(r"-?\d+\.\d*", Kq[: Kq.index("antisymmetric")].split("\n", 1)[1])
+    np.testing.assert_allclose(in_c.ravel(), [float(number) for number in numbers], atol=1.1e-3)
+
+    again = re.search(r"^    (stiffgen generate .*)$", readme, re.MULTILINE)
+    assert again
+    before = (project / "generated" / name / f"{name}.c").read_bytes()
+    assert main_in(project, again[1]) == 0
+    assert (project / "generated" / name / f"{name}.c").read_bytes() == before
+
+
+def main_in(folder: Path, command: str) -> int:
+    done = subprocess.run([*STIFFGEN, *shlex.split(command)[1:], "--no-build"], cwd=folder, check=False)
+    return done.returncode

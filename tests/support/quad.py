@@ -1,0 +1,325 @@
+"""A robot's functions beside the same statements in __float128 (34 digits), to measure the error of every entry.
+
+The second copy is NAME.c itself with ``double`` read as ``__float128``, without vectors, its sines and cosines from
+libquadmath: constants are the printed ones. Its own error is some 2^-60 of what is measured.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import subprocess
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from flint import arb, ctx
+
+from stiffgen.emit.rounding import FAR, ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.emit.target import DOUBLE, Scalar
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel
+from stiffgen.symbolic.program import Array, evaluate
+
+WIDTHS = {
+    "no vectors": ["-DSTIFFGEN_NO_VECTORS"],
+    "SSE2": ["-mno-avx"],
+    "AVX2": ["-mavx2", "-mfma", "-mno-avx512f"],
+    "AVX-512": ["-march=x86-64-v4"],
+}
+"""Flags for every width of vectors that lanes.c distinguishes; the last two have fused multiply-add."""
+_SINE_COSINE = """static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int count)
+{
+    for (int n = 0; n < count; ++n) {
+        sine[n] = sinq(x[n]);
+        cosine[n] = cosq(x[n]);
+    }
+}
+"""
+_DRIVER = """
+void errors_of_{kernel}(size_t count, {parameters}, double *values, double *errors)
+{{
+    {declared}
+    for (size_t c = 0; c < count; ++c) {{
+        {copies}
+        {name}_{kernel}({given});
+    }}
+    {batch}
+    for (size_t c = 0; c < count; ++c) {{
+        {quad_copies}
+        {quad}_{kernel}({quad_given});
+        {differences}
+    }}
+    {freed}
+}}
+"""
+
+
+def can_run(flags: Sequence[str]) -> bool:
+    """Whether this machine has the vectors that the flags ask for."""
+    known = Path("/proc/cpuinfo").read_text()
+    if "-march=x86-64-v4" in flags:
+        return " avx512f " in known
+    return "-mavx2" not in flags or " avx2 " in known
+
+
+class Measured:
+    """Functions of a folder's C, and their errors."""
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        chain: Chain,
+        kernels: Sequence[Kernel],
+        work: Path,
+        flags: Sequence[str] = (),
+        compiler: str = "gcc",
+        source: str | None = None,
+        batches: bool = False,
+    ) -> None:
+        """Compile; ``source`` is NAME.c as it is to be measured (default: the folder's), ``batches``: these as well."""
+        self.batches = batches
+        self.chain, self.kernels = chain, {kernel.qualified_name: kernel for kernel in kernels}
+        header, own = (folder / f"{name}.h").read_text(), (folder / f"{name}.c").read_text()
+        self.number = "float" if f"void {name}_forward_kinematics(const float" in header else "double"
+        (work / f"{name}.h").write_text(header)
+        (work / f"{name}.c").write_text((source or own) if batches else _without_batches(source or own))
+        quad = f"{name}_quad"
+        (work / f"{quad}.h").write_text(_renamed(header, name, quad))
+        (work / f"{quad}.c").write_text(_in_quad(_renamed(own, name, quad), self.number))
+        driver = work / f"{name}_errors.c"
+        drivers = [self._driver(name, quad, kernel) for kernel in kernels]
+        prototypes = re.findall(rf"^void {quad}_\w+\((?:[^;]*)\);", _renamed(header, name, quad), flags=re.M)
+        quads = [re.sub(rf"\b{self.number}\b", "__float128", each) for each in prototypes if "size_t count" not in each]
+        driver.write_text("\n".join([f'#include "{name}.h"', "#include <stdlib.h>", *quads, *drivers]))
+        library = work / f"{name}_errors.so"
+        objects = []
+        for each, own_flags in (
+            (work / f"{name}.c", ["-O2", *flags]),
+            (work / f"{quad}.c", ["-O1"]),
+            (driver, ["-O1"]),
+        ):
+            with_quad = compiler if each.name == f"{name}.c" else "gcc"
+            objects.append(str(each.with_suffix(".o")))
+            command = [with_quad, "-c", "-fPIC", "-w", *own_flags, f"-I{work}", str(each), "-o", objects[-1]]
+            subprocess.run(command, check=True)
+        subprocess.run(["gcc", "-shared", *objects, "-o", str(library), "-lquadmath", "-lm"], check=True)
+        self.library = ctypes.CDLL(str(library))
+
+    def _driver(self, name: str, quad: str, kernel: Kernel) -> str:
+        arguments = [a.array(self.chain) for a in kernel.arguments]
+        results = [r.array(self.chain) for r in kernel.results]
+        total, number, start = sum(r.size for r in results), self.number, 0
+        declared = [
+            f"{number} *const own_{a.name} = malloc(count * sizeof *own_{a.name} * {a.size});" for a in arguments
+        ]
+        copies, quad_copies, differences, called = [], [], [], []
+        for a in arguments:
+            declared.append(f"__float128 quad_{a.name}[{a.size}];")
+            loop = f"for (int k = 0; k < {a.size}; ++k)"
+            copies.append(f"{loop} own_{a.name}[{a.size} * c + k] = ({number}){a.name}[{a.size} * c + k];")
+            quad_copies.append(f"{loop} quad_{a.name}[k] = own_{a.name}[{a.size} * c + k];")
+            called.append(f"own_{a.name}, {a.size}")
+        batch = kernel.batch and self.batches
+        for r in results:
+            declared.append(f"__float128 quad_{r.name}[{r.size}];")
+            for which in ("own", "many") if batch else ("own",):
+                declared.append(
+                    f"{number} *const {which}_{r.name} = malloc(count * sizeof *{which}_{r.name} * {r.size});"
+                )
+            differences.append(f"for (int k = 0; k < {r.size}; ++k) {{ const size_t at = {total} * c + {start} + k;")
+            differences.append(f"values[at] = (double)own_{r.name}[{r.size} * c + k]; errors[at] = 0;")
+            for which in ("own", "many") if batch else ("own",):
+                off = f"(__float128){which}_{r.name}[{r.size} * c + k] - quad_{r.name}[k]"
+                differences.append(f"{{ const __float128 d = {off}; const double e = (double)(d < 0 ? -d : d);")
+                differences.append("errors[at] = e > errors[at] || e != e ? e : errors[at]; }")
+            differences.append("}")
+            start += r.size
+        locations = [f"own_{each.name} + {each.size} * c" for each in (*arguments, *results)]
+        into = [f"many_{r.name}" for r in results]
+        freed = [f"own_{each.name}" for each in (*arguments, *results)] + (into if batch else [])
+        return _DRIVER.format(
+            kernel=kernel.qualified_name,
+            parameters=", ".join(f"const double *{a.name}" for a in arguments),
+            declared="\n    ".join(declared),
+            copies="\n        ".join(copies),
+            name=name,
+            quad=quad,
+            given=", ".join(locations),
+            batch=f"{name}_{kernel.qualified_name}_batch(count, {', '.join([*called, *into])});" if batch else "",
+            quad_copies="\n        ".join(quad_copies),
+            quad_given=", ".join(f"quad_{each.name}" for each in (*arguments, *results)),
+            differences="\n        ".join(differences),
+            freed=" ".join(f"free({each});" for each in freed),
+        )
+
+    def errors(self, kernel: str, arguments: Sequence[np.ndarray]) -> np.ndarray:
+        """|computed - exact| of every entry of the results, one after the other, for a stack of states."""
+        _, errors = self.values_and_errors(kernel, arguments)
+        return errors
+
+    def values_and_errors(self, kernel: str, arguments: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """What is computed, and its errors."""
+        record, count = self.kernels[kernel], len(arguments[0])
+        found = np.empty((2, count, sum(result.array(self.chain).size for result in record.results)))
+        given = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
+        pointers = [ctypes.c_void_p(each.ctypes.data) for each in (*given, *found)]
+        self.library[f"errors_of_{kernel}"](ctypes.c_size_t(count), *pointers)
+        return found[0], found[1]
+
+
+def _renamed(text: str, name: str, quad: str) -> str:
+    return text.replace(f"{name}_", f"{quad}_").replace(f"{name}.h", f"{quad}.h").replace(name.upper(), quad.upper())
+
+
+def _without_batches(source: str) -> str:
+    """NAME.c up to its batches; the self-check behind them goes, too."""
+    found = re.search(r"^/\* ---- \d+\. (Batches|Self-check)", source, flags=re.M)
+    assert found is not None
+    return source[: found.start()]
+
+
+def _in_quad(source: str, number: str) -> str:
+    """NAME.c with its numbers in __float128; batches are left out."""
+    start = source.index("static inline void sine_cosine(")
+    end = source.index("\n}\n", start) + 3
+    source = source[:start] + _SINE_COSINE + source[end:]
+    source = _without_batches(source)
+    if number == "float":  # constants are the doubles that were meant
+        source = re.sub(r"(?<![\w.])(\d+\.?\d*(?:e[-+]?\d+)?)f\b", r"\1", source)
+    head = "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <string.h>\n#include <quadmath.h>\n"
+    return f"{head}#define STIFFGEN_NO_VECTORS\n#define {number} __float128\n{source}"
+
+
+def draw(chain: Chain, kernel: Kernel, ranges: Ranges, count: int, random: np.random.Generator) -> list[np.ndarray]:
+    """Random arguments of a kernel within the ranges that its bounds are stated for; half of them at the ends."""
+    given = []
+    for argument, sizes in zip(kernel.arguments, argument_ends(chain, kernel, ranges), strict=True):
+        values = random.uniform(-1, 1, (count, len(sizes)))
+        if argument.name != "q":
+            ends = random.random((count, 1)) < 0.5
+            values = np.where(ends, np.sign(values), values)
+        given.append(within(argument.name, values * sizes, chain))
+    return given
+
+
+def within(name: str, values: np.ndarray, chain: Chain) -> np.ndarray:
+    """The same values where they may be: joint positions in their limits, poses with a rotation."""
+    if name == "q":
+        lower, upper = (np.array([getattr(c, side) for c in chain.coordinates]) for side in ("lower", "upper"))
+        inside: np.ndarray = np.clip(
+            values, np.where(np.isfinite(lower), lower, -FAR), np.where(np.isfinite(upper), upper, FAR)
+        )
+        return inside
+    if name in ("equilibrium", "base_pose", "tool_pose"):
+        poses = values.reshape(-1, 4, 4).copy()
+        rotations, upper = np.linalg.qr(poses[:, :3, :3])
+        poses[:, :3, :3] = rotations * np.sign(np.diagonal(upper, axis1=1, axis2=2))[:, None, :]
+        return poses.reshape(len(values), 16)
+    return values
+
+
+def kernels_with_bounds(
+    chain: Chain, ranges: Ranges, kernels: Sequence[Kernel], scalar: Scalar = DOUBLE
+) -> dict[str, np.ndarray]:
+    """The bounds of every entry of the results, one after the other, of those kernels that have some."""
+    found, error_bounds = {}, ErrorBounds(chain, ranges, scalar)
+    for kernel in kernels:
+        with suppress(NoBound):
+            found[kernel.qualified_name] = np.concatenate([*error_bounds.of(kernel).values()])
+    return found
+
+
+def climbed(
+    measured: Measured, kernel: Kernel, ranges: Ranges, states: int, random: np.random.Generator, pool: int = 1000
+) -> tuple[np.ndarray, int]:
+    """Largest error of every entry seen at so many states: half of them random, half beside the worst so far.
+
+    Returns:
+        The errors, and the number of states.
+
+    """
+    arguments = [argument.array(measured.chain) for argument in kernel.arguments]
+    sizes = argument_ends(measured.chain, kernel, ranges)
+    worst, parents, worst_of_parents, count = np.zeros(1), None, np.zeros(0), 0
+    while count < states:
+        given = draw(measured.chain, kernel, ranges, pool, random)
+        if parents is not None:
+            for k, (array, size) in enumerate(zip(arguments, sizes, strict=True)):
+                chosen = parents[k][random.integers(0, len(parents[k]), pool // 2)]
+                steps = 10.0 ** random.uniform(-14, 0, (pool // 2, 1)) * random.normal(size=chosen.shape)
+                moved = np.clip(chosen + size * steps * (random.random(chosen.shape) < 0.3), -size, size)
+                given[k][: pool // 2] = within(array.name, moved, measured.chain)
+        errors = measured.errors(kernel.qualified_name, given)
+        worst = np.maximum(worst, errors.max(axis=0))
+        of_states = errors.max(axis=1)
+        if parents is None:
+            parents, worst_of_parents = given, of_states
+        else:
+            parents = [np.concatenate(pair) for pair in zip(parents, given, strict=True)]
+            worst_of_parents = np.concatenate([worst_of_parents, of_states])
+        best = np.argsort(-worst_of_parents)[:30]
+        parents, worst_of_parents = [parent[best] for parent in parents], worst_of_parents[best]
+        count += pool
+    return worst, count
+
+
+def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges) -> list[np.ndarray]:
+    """What the entries of a kernel's arguments are at most."""
+    reach = chain_reach(kernel.scope(chain), ranges)
+    return [np.array(argument_sizes(chain, argument, ranges, reach)) for argument in kernel.arguments]
+
+
+def digits_of_reference(measured: Measured, ranges: Ranges, states: int, random: np.random.Generator) -> float:
+    """How far the errors are off that __float128 gives, against 80 digits (Arb), relative to the largest entry."""
+    worst = 0.0
+    for name, kernel in measured.kernels.items():
+        symbols = [ca.SX.sym("x", *_matrix(argument.array(measured.chain))) for argument in kernel.arguments]
+        program = kernel.steps(measured.chain)
+        given = dict(zip((a.array(measured.chain).name for a in kernel.arguments), symbols, strict=True))
+        arrays = evaluate(kernel.scope(measured.chain), program, given)
+        flat = ca.vertcat(*(ca.vec(symbol.T) for symbol in symbols))
+        results = ca.densify(ca.vertcat(*(entry for r in kernel.results for entry in arrays[r.name])))
+        function = ca.Function("f", [flat], [results])
+        arguments = draw(measured.chain, kernel, ranges, states, random)
+        values, errors = measured.values_and_errors(name, arguments)
+        for state in range(states):
+            entries = _in_arb(function, [float(x) for argument in arguments for x in argument[state]])
+            for value, error, entry in zip(values[state], errors[state], entries, strict=True):
+                off = abs(abs(entry - arb(float(value))) - arb(float(error)))
+                worst = max(worst, float(off.upper()) / np.abs(values[state]).max())
+    return worst
+
+
+def _matrix(array: Array) -> tuple[int, int]:
+    return (array.shape[0], array.shape[1]) if len(array.shape) == 2 else (array.size, 1)
+
+
+_ARB: dict[int, Callable[..., arb]] = {
+    ca.OP_ADD: arb.__add__, ca.OP_SUB: arb.__sub__, ca.OP_MUL: arb.__mul__,
+    ca.OP_NEG: arb.__neg__, ca.OP_SIN: arb.sin, ca.OP_COS: arb.cos,
+    ca.OP_SQ: lambda x: x * x, ca.OP_TWICE: lambda x: 2 * x,
+}  # fmt: skip
+
+
+def _in_arb(function: ca.Function, given: list[float]) -> list[arb]:
+    """A function of one vector, run operation by operation on balls of 80 digits."""
+    work: dict[int, arb] = {}
+    result = [arb(0)] * function.nnz_out(0)
+    with ctx.workdps(80):
+        for k in range(function.n_instructions()):
+            operation, taken, into = (
+                function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+            )  # fmt: skip
+            if operation == ca.OP_INPUT:
+                work[into[0]] = arb(given[taken[1]])
+            elif operation == ca.OP_CONST:
+                work[into[0]] = arb(function.instruction_constant(k))
+            elif operation == ca.OP_OUTPUT:
+                result[into[1]] = work[taken[0]]
+            else:
+                work[into[0]] = _ARB[operation](*(work[each] for each in taken))
+    return result

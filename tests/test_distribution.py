@@ -1,0 +1,117 @@
+"""Wheel and source distribution: complete, and enough for a new user in an empty folder, as docs/start.md says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import stiffgen
+from support.project import ROOT, URDF
+
+VERSIONS = ("3.10", "3.11", "3.12", "3.13")
+PAGE = (ROOT / "docs" / "start.md").read_text()
+
+
+def interpreter(version: str) -> str | None:
+    """A Python of that version that runs and can make virtual environments: one that pyenv keeps, or on the path."""
+    kept = Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python3")
+    own = [sys.executable] if version == "{}.{}".format(*sys.version_info) else []
+    code = "import ensurepip, sys; print('{}.{}'.format(*sys.version_info))"
+    for candidate in (*own, *sorted(map(str, kept), reverse=True), shutil.which(f"python{version}")):
+        if candidate:  # one on the path may be pyenv's word that it is another's
+            done = subprocess.run([candidate, "-c", code], capture_output=True, text=True, check=False)
+            if done.stdout.strip() == version:
+                return candidate
+    return None
+
+
+def clean_environment() -> dict[str, str]:
+    """Without what leads to this working tree."""
+    return {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``python -m build``: the source distribution, and the wheel made of that."""
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)]
+    done = subprocess.run(command, env=clean_environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def tracked(*folders: str) -> set[str]:
+    command = ["git", "-C", str(ROOT), "ls-files", "--cached", "--others", "--exclude-standard", *folders]
+    return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\n")) - {""}
+
+
+@pytest.mark.slow
+def test_the_wheel_has_the_whole_package_and_nothing_else(built: Path) -> None:
+    (wheel,) = built.glob("*.whl")
+    assert wheel.name == f"stiffgen-{stiffgen.__version__}-py3-none-any.whl"
+    with zipfile.ZipFile(wheel) as archive:
+        inside = {name for name in archive.namelist() if ".dist-info/" not in name}
+        expected = {name.removeprefix("codegen/") for name in tracked("codegen/stiffgen")}
+        assert inside == expected
+        for name in inside:
+            assert archive.read(name) == (ROOT / "codegen" / name).read_bytes(), name
+        assert any(name.endswith("licenses/LICENSE") for name in archive.namelist())
+
+
+@pytest.mark.slow
+def test_the_source_distribution_has_every_file(built: Path) -> None:
+    (archive,) = built.glob("*.tar.gz")
+    with tarfile.open(archive) as content:
+        inside = {member.name.partition("/")[2] for member in content.getmembers() if not member.isdir()}
+    assert tracked() - inside == set()
+    assert inside - tracked() == {"PKG-INFO"}
+
+
+def commands() -> list[tuple[str, str]]:
+    """The page's commands, each with the lines that it prints."""
+    blocks = re.findall(r"```console\n(.*?)```", PAGE, re.DOTALL)
+    found = re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", "".join(blocks), re.MULTILINE)
+    assert [command.split()[0] for command, _ in found] == [
+        "python3", "venv/bin/pip", "venv/bin/stiffgen", "cc", "./first_steps", "cmake", "cmake", "build/my_robot_loop",
+    ]  # fmt: skip
+    return found
+
+
+def test_the_page_names_the_version_and_needs_five_commands() -> None:
+    first = PAGE.split("## ")[0]
+    assert len(re.findall(r"^\$ ", first, re.MULTILINE)) == 5 and "Five commands" in first
+    assert f"stiffgen-{stiffgen.__version__}-py3-none-any.whl" in first
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_new_user_in_an_empty_folder(version: str, built: Path, tmp_path: Path) -> None:
+    """docs/start.md, to the letter, with the wheel alone."""
+    python = interpreter(version)
+    if python is None:
+        pytest.skip(f"no Python {version} is installed")
+    (wheel,) = built.glob("*.whl")
+    shutil.copy(wheel, tmp_path)
+    shutil.copy(URDF, tmp_path / "my_robot.urdf")
+    (tmp_path / ".bin").mkdir()
+    launcher = tmp_path / ".bin" / "python3"
+    launcher.write_text(f'#!/bin/sh\nexec "{python}" "$@"\n')
+    launcher.chmod(0o755)
+    environment = clean_environment()
+    environment["PATH"] = f"{launcher.parent}:{environment['PATH']}"
+    for command, printed in commands():
+        done = subprocess.run(
+            ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        if printed and not command.startswith("cmake"):
+            assert done.stdout.startswith(printed), command
