@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,28 +11,12 @@ import pytest
 import stiffgen
 from stiffgen.check.verify import Samples
 from stiffgen.symbolic.kernels import KERNELS
-from support.c_program import STRICT, language_flags, run_kernels
+from support.c_program import STRICT, run_kernels
 from support.chains import chain_urdf
-from support.project import Once, compilers, require_compiler
+from support.project import compilers, require_compiler
 
 # libm, and what compilers insert for copies and runs of zeros.
 ALLOWED = {"sin", "cos", "sincos", "memcpy", "memset", "memmove"}
-
-
-Compiled = Callable[[str, str, str], Path]
-
-
-@pytest.fixture(scope="session")
-def compiled(once: Once, robot_folder: Path) -> Compiled:
-    """The iiwa 14's object file of a compiler, a language and a level, without a warning."""
-
-    def made(compiler: str, language: str, level: str) -> Path:
-        command = [require_compiler(compiler), *language_flags(language), level, *STRICT, "-fno-stack-protector"]
-        source = str(robot_folder / "iiwa14.c")
-        name = re.sub(r"\W+", "_", f"object {compiler} {language} {level}")
-        return once(name, lambda folder: subprocess.run([*command, "-c", source, "-o", folder / "o"], check=True)) / "o"
-
-    return made
 
 
 @pytest.mark.parametrize("compiler", compilers())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import re
@@ -34,13 +33,6 @@ from support.project import ROOT, Once
 
 CLIENT = ROOT / "examples" / "fri_client"
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _heap_is_left_alone() -> None:
-    """The simulated robot collects garbage before a session; what the modules keep need not be looked through again."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(scope="session")

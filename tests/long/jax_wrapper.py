@@ -47,7 +47,7 @@ def listed(results):
     return list(results) if isinstance(results, tuple) else [results]
 
 
-@pytest.mark.parametrize("robot", ["small", "walker"])
+@pytest.mark.parametrize("robot", ["small", pytest.param("walker", marks=pytest.mark.slow)])
 def test_values_and_gradients_are_those_of_numpy(robot, request, double):
     """Every function: a stack, one configuration, vmap over all, and vmap over the first argument alone."""
     robot = request.getfixturevalue(robot)
@@ -87,6 +87,7 @@ def test_gradients_are_differences(small, arm):
             np.testing.assert_allclose(found[k], expected, rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_gradients_through_the_bases_pose(walker, double):
     """A pose that stays a pose, however it is made: against JAX's own differences; stiffnesses of both tips."""
     random = np.random.default_rng(5)

@@ -12,4 +12,5 @@ from support.project import Once
 
 @pytest.fixture(scope="session")
 def loop(robot_folder: Path, once: Once) -> Loop:
-    return Loop(once("loop", lambda folder: Loop(folder, robot_folder)), robot_folder)
+    flags = ("-O2", "-march=native")  # -O3 takes longer to compile than it saves
+    return Loop(once("loop", lambda folder: Loop(folder, robot_folder, flags=flags)), robot_folder)

@@ -20,7 +20,7 @@ from stiffgen.emit.fields import CONFIG, FAULTS, INPUT, OUTPUT, REASONS, STATUS
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Placement
 from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
-from support.project import ROOT
+from support.project import ROOT, Once
 from support.runtime import WARNINGS, compile_c
 
 STILL = {"dq": np.zeros(7), "q0": Q, **SPRING}
@@ -674,20 +674,31 @@ def test_the_tables_of_fields_and_bits(robot: ModuleType) -> None:
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "g++", "clang++"])
 def test_compiles_without_warnings(robot_folder: Path, compiler: str, tmp_path: Path) -> None:
-    language = ("-x", "c++") if compiler.endswith("++") else ("-std=c99",)
-    compile_c(
-        tmp_path / "x.o", *language, *WARNINGS, "-O2", "-c", robot_folder / "iiwa14_impedance.c", compiler=compiler
-    )
+    language = ("-x", "c++", "-O0") if compiler.endswith("++") else ("-std=c99", "-O2")
+    compile_c(tmp_path / "x.o", *language, *WARNINGS, "-c", robot_folder / "iiwa14_impedance.c", compiler=compiler)
 
 
-def test_names_and_libraries(robot_folder: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def objects(once: Once, robot_folder: Path) -> Path:
+    """Object files of kernels and controller, and what each function takes of the stack."""
+
+    def make(folder: Path) -> None:
+        for source in ("iiwa14.c", "iiwa14_impedance.c"):
+            made = (folder / source).with_suffix(".o")
+            flags = ("-std=c99", "-O2", "-fno-pie", "-fstack-usage")
+            compile_c(made, *flags, "-c", robot_folder / source, compiler="gcc")
+
+    return once("impedance-objects", make)
+
+
+def test_names_and_libraries(robot_folder: Path, objects: Path) -> None:
     """Exported names have the robot's prefix, undefined ones are mathematics and memory; nothing that changes."""
     allowed = {"cos", "sin", "sincos", "sqrt", "exp", "fabs", "atan2", "fmax", "fmin",
                "memcpy", "memset", "memmove", "memcmp", "bcmp"}  # fmt: skip
     own, undefined = set(), set()
     for source in ("iiwa14.c", "iiwa14_impedance.c"):
-        compile_c(tmp_path / "x.o", "-std=c99", "-O2", "-fno-pie", "-c", robot_folder / source)
-        done = subprocess.run(["nm", tmp_path / "x.o"], capture_output=True, text=True, check=True)
+        made = (objects / source).with_suffix(".o")
+        done = subprocess.run(["nm", made], capture_output=True, text=True, check=True)
         for line in done.stdout.splitlines():
             *_, kind, name = line.split()
             (undefined if kind == "U" else own).add(name)
@@ -705,15 +716,11 @@ def test_lines_of_the_controller() -> None:
     assert {path.name for path in runtime.iterdir() if path.is_file()} == {"matrix.c", "controller.c"}
 
 
-def test_stack_of_the_call_path(robot_folder: Path, tmp_path: Path) -> None:
+def test_stack_of_the_call_path(objects: Path) -> None:
     """The sum over ALL functions, more than any path, with the deepest kernel twice, stays below 32 KiB."""
     total, kernels = 0, [0]
     for source in ("iiwa14.c", "iiwa14_impedance.c"):
-        stem = tmp_path / Path(source).stem
-        compile_c(
-            stem.with_suffix(".o"), "-std=c99", "-O2", "-fstack-usage", "-c", robot_folder / source, compiler="gcc"
-        )
-        for line in stem.with_suffix(".su").read_text().splitlines():
+        for line in (objects / source).with_suffix(".su").read_text().splitlines():
             _, size, kind = line.split("\t")
             assert kind in ("static", "dynamic,bounded")
             if source == "iiwa14.c":
@@ -725,14 +732,10 @@ def test_stack_of_the_call_path(robot_folder: Path, tmp_path: Path) -> None:
 
 
 def test_null_and_uninitialised(robot_folder: Path, tmp_path: Path) -> None:
-    library = ctypes.CDLL(
-        str(
-            compile_c(
-                tmp_path / "controller.so", "-std=c99", "-O2", "-shared", "-fPIC",
-                robot_folder / "iiwa14.c", robot_folder / "iiwa14_impedance.c", "-lm",
-            )
-        )
-    )  # fmt: skip
+    controller = [robot_folder / "iiwa14_impedance.c", "-std=c99", "-O2", "-fPIC", "-c"]
+    kernels = [robot_folder / "iiwa14.c", "-std=c99", "-O0", "-fPIC"]
+    linked = ["-shared", compile_c(tmp_path / "controller.o", *controller), "-lm"]
+    library = ctypes.CDLL(str(compile_c(tmp_path / "controller.so", *kernels, *linked)))
     library.iiwa14_impedance_error_text.restype = ctypes.c_char_p
     config, state, sample, out = (ctypes.create_string_buffer(1 << 16) for _ in range(4))
     library.iiwa14_impedance_default_config(config)

@@ -24,10 +24,12 @@ def run_kernels(
     language: str,
     flags: Sequence[str],
     work: Path,
+    compiled: Path | None = None,
 ) -> list[np.ndarray]:
     """Call kernels (name, arguments, size of the result or of each) from a C program and return their flat results.
 
-    The program ends with the robot's self-check, which must pass.
+    The program ends with the robot's self-check, which must pass. ``compiled``: the robot's object file, if there is
+    one.
     """
     body = []
     for index, (kernel, arguments, size) in enumerate(calls):
@@ -59,7 +61,8 @@ def run_kernels(
     main = work / "main.c"
     main.write_text(source)
     program = work / "program"
-    command = [compiler, *language_flags(language), *flags, f"-I{folder}", str(folder / f"{name}.c"), str(main)]
+    command = [compiler, *language_flags(language), *flags, f"-I{folder}", str(main)]
+    command += [str(folder / f"{name}.c")] if compiled is None else ["-x", "none", str(compiled)]
     subprocess.run([*command, "-o", str(program), "-lm"], check=True, cwd=work)
     output = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
     return [np.array([float.fromhex(word) for word in line.split()]) for line in output.splitlines()]

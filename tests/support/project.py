@@ -26,6 +26,10 @@ Once = Callable[[str, Callable[[Path], object]], Path]
 """The fixture ``once``: a folder of that name, filled by the function in the first worker that asks for it."""
 
 
+Compiled = Callable[[str, str, str], Path]
+"""The fixture ``compiled``: the iiwa 14's object file of a compiler, a language and a level of optimisation."""
+
+
 def assert_close(value: Any, expected: Any) -> None:
     """Two arrays agree to 1e-12 of the largest entry expected."""
     error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
