@@ -37,7 +37,7 @@ COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors targets
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -163,6 +163,9 @@ spring-digits: $(VENV)/installed-test
 
 rounding-errors: $(VENV)/installed-test generate
 	PYTHONPATH=tests:. $(BIN)/python tests/long/rounding_errors.py $(OPTIONS)
+
+targets: $(VENV)/installed-test generate
+	PYTHONPATH=tests:. $(BIN)/python tests/long/targets.py $(OPTIONS)
 
 random-warnings: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/compiler_warnings.py

@@ -17,6 +17,7 @@ PROGRAMS = {
     "random-warnings": "tests/long/compiler_warnings.py 2 2 0",
     "spring-digits": "tests/long/springs_digits.py 1 1 pose",
     "rounding-errors": "tests/long/rounding_errors.py --states 400 --width SSE2",
+    "targets": "tests/long/targets.py --states 16 --machines aarch64 --functions hybrid_jacobian",
     "soak": "tests/long/soak.py --steps 300 --pencils 20",
     "settle": "tests/long/settle.py --count 4",
     "energy": "tests/long/energy.py --count 4 --climb 2",

@@ -43,7 +43,8 @@ CONTENTS = {
         "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (
-        "docs/performance", "docs/threads", "docs/accuracy", "benchmarks/RESULTS", "docs/robots", "urdf/README",
+        "docs/performance", "docs/threads", "docs/accuracy", "docs/targets", "benchmarks/RESULTS", "docs/robots",
+        "urdf/README",
     ),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",

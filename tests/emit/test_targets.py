@@ -1,0 +1,112 @@
+"""The generated C on other machines, in QEMU: golden values, and as many instructions for every input."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiffgen.emit import render
+from stiffgen.symbolic.kernels import chain_kernels
+from support.golden_calls import golden_calls
+from support.project import assert_close, require_program
+from support.targets import MACHINES, built, counts, footprint, run, step_count
+
+OTHER = {machine.name: machine for machine in MACHINES if not machine.name.startswith("x86-64")}
+BY_NAME = {machine.name: machine for machine in MACHINES}
+BRANCHING = ("limits_energy", "limits_torque", "limits_joint_stiffness")
+"""Functions that choose: what they cost depends on the zone that a joint is in."""
+
+
+def tools(machine):
+    require_program(machine.compiler[0], machine.packages[0])
+    require_program(machine.emulator[0], machine.packages[-1])
+    return machine
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHER)
+def test_golden_values(name, robot_folder, chain, tmp_path):
+    machine = tools(OTHER[name])
+    calls = golden_calls(3)
+    program = built(machine, robot_folder, chain, [(kernel, given) for kernel, given, _ in calls], tmp_path)
+    results = run(machine, program)
+    for (kernel, _, expected), found in zip(calls, results, strict=True):
+        assert_close(found.reshape(kernel.result.array(chain).shape), expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in BY_NAME if name != "Cortex-M7, FPU for float"])
+def test_the_same_instructions_for_every_input(name, robot_folder, chain, tmp_path):
+    """Denormals, limits, zeros, and NaN, infinity and 1e300 in what is no angle. Software double precision branches."""
+    machine = tools(BY_NAME[name])
+    kernels = [kernel for kernel in chain_kernels(chain) if kernel.qualified_name not in BRANCHING]
+    program = built(machine, robot_folder, chain, [], tmp_path, kernels, 160)
+    found = counts(machine, program, tmp_path)
+    assert len(found) == len(kernels)
+    for kernel, count in zip(kernels, found, strict=True):
+        assert count.states == 160
+        assert 0 < count.fewest == count.most, kernel.qualified_name
+
+
+@pytest.mark.slow
+def test_a_branch_is_seen(robot_folder, chain, tmp_path):
+    machine = tools(BY_NAME["aarch64"])
+    (kernel,) = (kernel for kernel in chain_kernels(chain) if kernel.qualified_name == "spring_wrench")
+    folder = tmp_path / "iiwa14"
+    folder.mkdir()
+    source = (robot_folder / "iiwa14.c").read_text()
+    guarded = re.search(r"static double finite_or_nan\(double x\)\n\{\n", source)
+    assert guarded is not None
+    branch = '    if (x > 0.5) {\n        __asm__ volatile("nop");\n    }\n'
+    (folder / "iiwa14.c").write_text(source[: guarded.end()] + branch + source[guarded.end() :])
+    (folder / "iiwa14.h").write_text((robot_folder / "iiwa14.h").read_text())
+    (count,) = counts(machine, built(machine, folder, chain, [], tmp_path, [kernel], 80), tmp_path)
+    assert count.fewest < count.most
+
+
+@pytest.mark.slow
+def test_the_step_is_bounded_and_small(robot_folder, tmp_path):
+    machine = tools(BY_NAME["aarch64"])
+    count = step_count(machine, robot_folder, tmp_path, 2000)
+    assert count.states == 2000
+    assert 0 < count.fewest < count.most < 200_000
+    size = footprint(machine, robot_folder, tmp_path)
+    assert 0 < size.stack < 16384 and size.flash < 200_000 and size.ram < 1000
+
+
+LOOP = re.compile(r"\b(?:for \(([^;]*);([^;]*);([^)]*(?:\([^)]*\))?[^)]*)\)|while \(([^{]*)\) \{)")
+COUNTED = re.compile(r"\w+ (?:<|<=|>=) [\w .*/+\->\[\]]+"), re.compile(r"\s*(?:\+\+\w+|--\w+|\w+ \+= \w+)")
+"""Condition and step of a loop that counts to a size that does not change in it."""
+OTHER_LOOPS = {
+    # condition of the loop: why it ends
+    "": "QL iterations: at most MAX_ITERATIONS, then MATRIX_NOT_CONVERGED",
+    "m < n - 1 && fabs(e[m]) > negligible": "m grows up to n - 1",
+    "step > 0.01": "halved from 0.5: six rounds",
+}
+
+
+def test_every_loop_of_the_controller_has_a_bound():
+    """Loops count up or down to a size, perhaps not all the way; the others are listed above, with what ends them."""
+    runtime = Path(render.__file__).parents[1] / "runtime"
+    seen = set()
+    for file in ("controller.c", "matrix.c"):
+        for start, condition, step, during in LOOP.findall((runtime / file).read_text()):
+            told = (condition or during).strip()
+            counts_to = any(COUNTED[0].fullmatch(part) for part in told.split(" && "))
+            if not (counts_to and COUNTED[1].fullmatch(step)):
+                assert told in OTHER_LOOPS, f"for ({start}; {told}; {step})"
+                seen.add(told)
+        assert "do {" not in (runtime / file).read_text()
+    assert seen == set(OTHER_LOOPS)
+    assert re.search(
+        r"iteration == MAX_ITERATIONS\) \{\s*return MATRIX_NOT_CONVERGED", (runtime / "matrix.c").read_text()
+    )
+
+
+def test_the_golden_values_are_those_of_the_file(golden):
+    calls = golden_calls(1)
+    assert len(calls) == 10
+    np.testing.assert_array_equal(calls[0][1][0], golden[0].q)

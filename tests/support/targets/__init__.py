@@ -1,0 +1,274 @@
+"""A robot's C code on other machines than this one: cross-compiled, run in QEMU, its instructions counted.
+
+Of :data:`MACHINES`. A guest program prints the results of functions at given arguments bit by bit and then, if asked
+to, calls each at many states while a plugin of QEMU counts.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel
+
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine, what compiles for it and what runs it; ``packages`` are Debian's of the two."""
+
+    name: str
+    compiler: tuple[str, ...]
+    emulator: tuple[str, ...]
+    packages: tuple[str, ...]
+    bare: bool = False
+    """Without an operating system: a start of its own, and semihosting."""
+
+    @property
+    def prefix(self) -> str:
+        """Of the names of its binary tools."""
+        return self.compiler[0].removesuffix("gcc") if self.compiler[0].endswith("-gcc") else ""
+
+
+_M7 = (
+    *("qemu-system-arm", "-M", "mps2-an500", "-nographic", "-monitor", "none", "-serial", "none"),
+    *("-semihosting-config", "enable=on,target=native", "-kernel"),
+)
+_ARM = ("gcc-arm-none-eabi", "libnewlib-arm-none-eabi", "qemu-system-arm")
+
+
+def _m7(name: str, fpu: str) -> Machine:
+    flags = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", f"-mfpu={fpu}", "--specs=rdimon.specs")
+    return Machine(name, ("arm-none-eabi-gcc", *flags), _M7, _ARM, bare=True)
+
+
+MACHINES = (
+    Machine("x86-64 gcc", ("gcc", "-static"), ("qemu-x86_64",), ("gcc", "qemu-user")),
+    Machine("x86-64 gcc AVX2", ("gcc", "-static", "-mavx2", "-mfma"), ("qemu-x86_64",), ("gcc", "qemu-user")),
+    Machine("x86-64 clang", ("clang", "-static"), ("qemu-x86_64",), ("clang", "qemu-user")),
+    Machine(
+        "aarch64", ("aarch64-linux-gnu-gcc", "-static"), ("qemu-aarch64",),
+        ("gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross", "qemu-user"),
+    ),
+    Machine(
+        "riscv64", ("riscv64-linux-gnu-gcc", "-static"), ("qemu-riscv64",),
+        ("gcc-riscv64-linux-gnu", "libc6-dev-riscv64-cross", "qemu-user"),
+    ),
+    _m7("Cortex-M7, FPU for double", "fpv5-d16"),
+    _m7("Cortex-M7, FPU for float", "fpv5-sp-d16"),
+)  # fmt: skip
+"""All of them; double precision is software on the last one."""
+
+_MAIN = """
+#include "{name}.h"
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifndef STATES
+#define STATES 0
+#endif
+
+{arrays}
+static double results[4096];
+
+__attribute__((noinline)) void mark_begin(void) {{ __asm__ volatile(""); }}
+__attribute__((noinline)) void mark_end(void) {{ __asm__ volatile("" ::: "memory"); }}
+__attribute__((noinline)) void mark_report(void) {{ __asm__ volatile("nop"); }}
+
+static void show(int count)
+{{
+    for (int k = 0; k < count; ++k) {{
+        uint64_t bits;
+        memcpy(&bits, &results[k], sizeof bits);
+        printf("%08lx%08lx ", (unsigned long)(bits >> 32), (unsigned long)(bits & 0xffffffffu));
+    }}
+    printf("\\n");
+}}
+
+static uint64_t state = 88172645463325252ull;
+
+static uint64_t random_bits(void)
+{{
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    return state;
+}}
+
+/* A number of one of eight kinds, within low and high unless it may be any. */
+static double number(int kind, double low, double high, int any)
+{{
+    const double between = low + (high - low) * (double)(random_bits() >> 11) * 0x1p-53;
+    double x = between;
+    uint64_t bits = random_bits();
+    switch (kind) {{
+    case 0: x = bits & 1 ? low : high; break;
+    case 1: bits &= 0x800fffffffffffffull; memcpy(&x, &bits, sizeof x); break; /* denormal */
+    case 2: x = bits & 1 ? 0.0 : -0.0; break;
+    case 3: x = between * 1e-160; break;
+    case 4: if (any) {{ bits |= 0x7ff8000000000000ull; memcpy(&x, &bits, sizeof x); }} break; /* NaN */
+    case 5: if (any) {{ x = between * 1e300; }} break;
+    case 6: if (any) {{ x = bits & 1 ? INFINITY : -INFINITY; }} break;
+    default: break;
+    }}
+    return x;
+}}
+
+static void fill(double *x, int count, const double *low, const double *high, int kind, int any)
+{{
+    for (int k = 0; k < count; ++k) {{
+        x[k] = number(kind, low ? low[k] : -1.0, high ? high[k] : 1.0, any);
+    }}
+}}
+
+int main(void)
+{{
+{golden}
+#if STATES > 0
+    static double given[8][256];
+{counted}
+#endif
+    return {name}_self_check();
+}}
+"""
+
+
+def _program(
+    name: str, chain: Chain, calls: Sequence[tuple[Kernel, Sequence[np.ndarray]]], counted: Sequence[Kernel]
+) -> str:
+    arrays, golden, counts = [], [], []
+    for index, (kernel, arguments) in enumerate(calls):
+        given = []
+        for k, values_of in enumerate(arguments):
+            values = ", ".join(float(x).hex() for x in np.ravel(values_of))
+            arrays.append(f"static const double a{index}_{k}[] = {{{values}}};")
+            given.append(f"a{index}_{k}")
+        golden += [*_call(name, chain, kernel, given, "    "), f"    show({_size(chain, kernel)});"]
+    for kernel in counted:
+        given = [f"given[{k}]" for k in range(len(kernel.arguments))]
+        counts.append("    for (int s = 0; s < STATES; ++s) {")
+        for k, argument in enumerate(kernel.arguments):
+            angles = argument.name == "q"
+            limits = f"{name}_lower, {name}_upper" if angles else "NULL, NULL"
+            size = argument.array(chain).size
+            counts.append(f"        fill(given[{k}], {size}, {limits}, s % 8, {int(not angles)});")
+        call = _call(name, chain, kernel, given, "        ")
+        counts += ["        mark_begin();", *call, "        mark_end();", "    }", "    mark_report();"]
+    return _MAIN.format(name=name, arrays="\n".join(arrays), golden="\n".join(golden), counted="\n".join(counts))
+
+
+def _size(chain: Chain, kernel: Kernel) -> int:
+    return sum(result.array(chain).size for result in kernel.results)
+
+
+def _call(name: str, chain: Chain, kernel: Kernel, given: Sequence[str], indent: str) -> list[str]:
+    into, start = [], 0
+    for result in kernel.results:
+        into.append(f"results + {start}")
+        start += result.array(chain).size
+    return [f"{indent}{name}_{kernel.qualified_name}({', '.join([*given, *into])});"]
+
+
+def built(
+    machine: Machine,
+    folder: Path,
+    chain: Chain,
+    calls: Sequence[tuple[Kernel, Sequence[np.ndarray]]],
+    work: Path,
+    counted: Sequence[Kernel] = (),
+    states: int = 0,
+) -> Path:
+    """Compile a folder's kernels for a machine together with a program that runs them."""
+    name, program = folder.name, work / "program"
+    (work / "main.c").write_text(_program(name, chain, calls, counted))
+    flags = ["-O2", "-std=gnu99", f"-I{folder}", f"-DSTATES={states}"]
+    own = [str(HERE / "cortex_m.c"), f"-T{HERE / 'cortex_m.ld'}"] if machine.bare else []
+    sources = [str(folder / f"{name}.c"), str(work / "main.c")]
+    subprocess.run([*machine.compiler, *flags, *sources, *own, "-o", str(program), "-lm"], check=True)
+    return program
+
+
+def run(machine: Machine, program: Path) -> list[np.ndarray]:
+    """The results that a program shows; it must end with a self-check that finds nothing."""
+    done = subprocess.run([*machine.emulator, str(program)], capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    words = [[int(word, 16) for word in line.split()] for line in done.stdout.splitlines()]
+    return [np.array(line, dtype=np.uint64).view(float) for line in words]
+
+
+@dataclass(frozen=True)
+class Count:
+    """Instructions of a function, from its call to its return: at how many states, the fewest and the most."""
+
+    states: int
+    fewest: int
+    most: int
+
+
+def counts(machine: Machine, program: Path, work: Path) -> list[Count]:
+    """Instructions of the functions that a program was built to count."""
+    plugin, out = work / "count.so", work / "counts.txt"
+    subprocess.run(["gcc", "-O2", "-fPIC", "-shared", str(HERE / "count.c"), "-o", str(plugin)], check=True)
+    symbols = subprocess.run([f"{machine.prefix}nm", str(program)], capture_output=True, text=True, check=True).stdout
+    marks = {}
+    for mark in ("begin", "end", "report"):
+        found = re.search(rf"^([0-9a-f]+) \w mark_{mark}$", symbols, flags=re.M)
+        assert found is not None
+        marks[mark] = int(found[1], 16) & (~1 if machine.bare else ~0)
+    arguments = ",".join(f"{mark}={address:#x}" for mark, address in marks.items())
+    command = [machine.emulator[0], "-plugin", f"{plugin},{arguments},out={out}", *machine.emulator[1:], str(program)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=3000)
+    return [Count(*map(int, line.split())) for line in out.read_text().splitlines()]
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Of NAME.c with all functions [bytes]: code and constants, memory that stays, the deepest stack."""
+
+    flash: int
+    ram: int
+    stack: int
+
+
+def footprint(machine: Machine, folder: Path, work: Path) -> Footprint:
+    """How large a folder's kernels are for a machine; batches left out."""
+    source = (folder / f"{folder.name}.c").read_text()
+    batches = re.search(r"^/\* ---- \d+\. (Batches|Self-check)", source, flags=re.M)
+    kernels, compiled = work / "kernels.c", work / "kernels.o"
+    kernels.write_text(source[: batches.start()] if batches else source)
+    flags = ["-O2", "-std=gnu99", f"-I{folder}", "-fstack-usage", "-c", str(kernels), "-o", str(compiled)]
+    subprocess.run([flag for flag in (*machine.compiler, *flags) if flag != "-static"], check=True, cwd=work)
+    table = subprocess.run([f"{machine.prefix}size", str(compiled)], capture_output=True, text=True, check=True).stdout
+    text, data, bss = map(int, table.splitlines()[1].split()[:3])
+    depths = {}
+    for line in (work / "kernels.su").read_text().splitlines():
+        where, size, *_ = line.split("\t")
+        depths[where.rsplit(":", 1)[1]] = int(size)
+    public = max(size for function, size in depths.items() if function.startswith(f"{folder.name}_"))
+    inner = [size for function, size in depths.items() if not function.startswith(f"{folder.name}_")]
+    return Footprint(text, data + bss, public + sum(sorted(inner)[-2:]))
+
+
+def step_count(machine: Machine, folder: Path, work: Path, steps: int) -> Count:
+    """Instructions of the impedance controller's step, smooth and hostile motions by turns."""
+    name, program = folder.name, work / "step"
+    own = [str(HERE / "cortex_m.c"), f"-T{HERE / 'cortex_m.ld'}"] if machine.bare else []
+    (work / "robot.h").write_text(
+        f'#include "{name}_impedance.h"\n#define ROBOT(x) {name}_impedance_##x\n'
+        f"#define COMMAND {name.upper()}_COMMAND_POSITION\n"
+    )
+    flags = ["-O2", "-std=gnu99", f"-I{folder}", f"-I{work}", f"-DSTATES={steps}"]
+    sources = [str(folder / f"{name}.c"), str(folder / f"{name}_impedance.c"), str(HERE / "step.c")]
+    subprocess.run([*machine.compiler, *flags, *sources, *own, "-o", str(program), "-lm"], check=True)
+    (count,) = counts(machine, program, work)
+    return count
