@@ -33,7 +33,8 @@ PAGES = (
 CONTENTS = {
     "Start": ("docs/start", "docs/playground", "docs/install"),
     "Concepts": (
-        "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/identify", "docs/whole_body",
+        "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/casadi", "docs/identify",
+        "docs/whole_body",
         "docs/glossary",
     ),
     "Use": (
@@ -42,7 +43,8 @@ CONTENTS = {
         "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (
-        "docs/performance", "docs/accuracy", "docs/targets", "benchmarks/RESULTS", "docs/robots", "urdf/README",
+        "docs/performance", "docs/threads", "docs/accuracy", "docs/targets", "benchmarks/RESULTS", "docs/robots",
+        "urdf/README",
     ),
     "Reference": (
         "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
