@@ -9,6 +9,8 @@
 # make bench-cuda  the joint stiffness on this machine's GPU (needs nvcc)
 # make experiment   the paper's bowl wiping in simulation, into examples/bowl_wiping/results/
 # make identify   a task stiffness and a tool learned from a recording, by JAX; make identify-torch by PyTorch
+# make adaptive   a stiffness that learns while the arm works, bounded by the controller's tank
+# make optimal-control  postures and task stiffnesses for a wanted joint stiffness, by CasADi and IPOPT
 # make whole-body   a quadruped on springs: predicted and simulated modes, into examples/whole_body/results/
 # make fri-demo     the bowl wiped by the C++ client through FRI, with a simulated robot, into build/fri-demo/
 # make fri-fuzz   the FRI client, a million hostile datagrams in each version under the sanitizers
@@ -35,7 +37,7 @@ COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors targets
+.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors targets
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -100,6 +102,20 @@ identify: build/robots/iiwa14_tool
 identify-torch: build/robots/iiwa14_tool $(VENV)/installed-torch
 	$(BIN)/python -m examples.identify torch
 
+build/robots/iiwa14_derivatives: urdf/iiwa14.urdf $(GENERATOR) $(VENV)/installed-examples
+	$(BIN)/stiffgen generate $< --name iiwa14_derivatives --derivatives --output build/robots
+	@touch $@
+
+adaptive: build/robots/iiwa14_derivatives
+	$(BIN)/python -m examples.adaptive
+
+build/robots/iiwa14_wiping: urdf/iiwa14.urdf $(GENERATOR) $(VENV)/installed-examples
+	$(BIN)/stiffgen generate $< --name iiwa14_wiping --tool-xyz 0 0 0.24 --derivatives --no-masses --output build/robots
+	@touch $@
+
+optimal-control: build/robots/iiwa14_wiping
+	$(BIN)/python -m examples.optimal_control
+
 build/robots/solo12: tests/data/solo12.urdf $(GENERATOR) $(VENV)/installed
 	$(BIN)/stiffgen generate $< --floating-base $(addsuffix _FOOT,$(addprefix --tip ,FL FR HL HR)) --output build/robots
 	@touch $@
@@ -137,7 +153,7 @@ bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/run.py
 
 bench-cuda: $(VENV)/installed
-	@$(BIN)/stiffgen generate urdf/iiwa14.urdf --cuda --no-build --output build/cuda
+	@$(BIN)/stiffgen generate urdf/iiwa14.urdf --cuda --derivatives --no-build --output build/cuda
 	nvcc -O3 -arch=native -Ibuild/cuda/iiwa14 benchmarks/cuda_stiffness.cu build/cuda/iiwa14/iiwa14.cu \
 	  build/cuda/iiwa14/iiwa14.c -o build/cuda/cuda_stiffness
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)

@@ -1,6 +1,7 @@
 /*
- * The hybrid joint stiffness of the iiwa 14 on a GPU, against a device-to-device copy that moves as many bytes: 41
- * doubles a configuration (7 of q, 6 of the wrench, 28 of the result). Values are checked against the C code first.
+ * The hybrid joint stiffness of the iiwa 14 and its vector-Jacobian product on a GPU, each against a device-to-device copy
+ * that moves as many bytes: 41 doubles a configuration (7 of q, 6 of the wrench, 28 of the result), and 111 (49 of the
+ * cotangent, and 7, 6 and 36 of the gradients). Values are checked against the C code first.
  *
  *     make bench-cuda            (nvcc, a GPU; CONFIGURATIONS=number, default 4194304)
  */
@@ -14,7 +15,7 @@
 #include <algorithm>
 #include <vector>
 
-enum { JOINTS = IIWA14_DOF, PACKED = JOINTS * (JOINTS + 1) / 2, MOVED = JOINTS + 6 + PACKED, ROUNDS = 31 };
+enum { JOINTS = IIWA14_DOF, PACKED = JOINTS * (JOINTS + 1) / 2, ROUNDS = 31 };
 
 static void check(int error, const char *what)
 {
@@ -64,10 +65,97 @@ static double largest_error(const std::vector<double> &q, const std::vector<doub
     return worst;
 }
 
+/* The same of the product's results, one after the other: q_bar, wrench_bar, task_stiffness_bar. */
+static double largest_error_of_product(const std::vector<double> &q, const std::vector<double> &wrench, const double K[36],
+    const std::vector<double> &cotangent, const std::vector<double> &found, size_t count, size_t step)
+{
+    enum { GRADIENTS = JOINTS + 6 + 36 };
+    double worst = 0.0;
+    for (size_t c = 0; c < count; c += step) {
+        double one_q[JOINTS], one_wrench[6], one[JOINTS * JOINTS], bar[GRADIENTS];
+        for (size_t k = 0; k < JOINTS; ++k) {
+            one_q[k] = q[k * count + c];
+        }
+        for (size_t k = 0; k < 6; ++k) {
+            one_wrench[k] = wrench[k * count + c];
+        }
+        for (size_t k = 0; k < JOINTS * JOINTS; ++k) {
+            one[k] = cotangent[k * count + c];
+        }
+        iiwa14_hybrid_joint_stiffness_vjp(one_q, one_wrench, K, one, bar, bar + JOINTS, bar + JOINTS + 6);
+        const size_t ends[3] = {JOINTS, JOINTS + 6, GRADIENTS};
+        size_t k = 0;
+        for (int part = 0; part < 3; ++part) {
+            double difference = 0.0, scale = 0.0;
+            for (; k < ends[part]; ++k) {
+                const double value = found[k * count + c];
+                if (isnan(value) != isnan(bar[k])) {
+                    return -1.0;
+                }
+                if (!isnan(value)) {
+                    difference = std::max(difference, fabs(value - bar[k]));
+                    scale = std::max(scale, fabs(bar[k]));
+                }
+            }
+            worst = std::max(worst, scale > 0.0 ? difference / scale : 0.0);
+        }
+    }
+    return worst;
+}
+
 static double median(std::vector<float> times)
 {
     std::sort(times.begin(), times.end());
     return 1e-3 * (double)times[times.size() / 2];
+}
+
+/* Time a launch in turn with a copy that moves as many doubles a configuration, and print both. */
+template <typename Launch>
+static void compare(const char *name, size_t count, int moved, double error, Launch launch)
+{
+    double *from, *to;
+    const size_t half = (size_t)moved * count * sizeof(double) / 2; /* a copy reads and writes */
+    check(cudaMalloc((void **)&from, half), "memory for the copy");
+    check(cudaMalloc((void **)&to, half), "memory for the copy");
+    check(cudaMemset(from, 0, half), "memory for the copy");
+    cudaEvent_t start, stop;
+    check(cudaEventCreate(&start), "event");
+    check(cudaEventCreate(&stop), "event");
+    std::vector<float> kernel_times, copy_times;
+    for (int round = -3; round < ROUNDS; ++round) { /* the first ones warm up */
+        float kernel_ms = 0.0f, copy_ms = 0.0f;
+        check(cudaEventRecord(start), "event");
+        check(launch(), name);
+        check(cudaEventRecord(stop), "event");
+        check(cudaEventSynchronize(stop), name);
+        check(cudaEventElapsedTime(&kernel_ms, start, stop), "event");
+        check(cudaEventRecord(start), "event");
+        check(cudaMemcpyAsync(to, from, half, cudaMemcpyDeviceToDevice), "copy");
+        check(cudaEventRecord(stop), "event");
+        check(cudaEventSynchronize(stop), "copy");
+        check(cudaEventElapsedTime(&copy_ms, start, stop), "event");
+        if (round >= 0) {
+            kernel_times.push_back(kernel_ms);
+            copy_times.push_back(copy_ms);
+        }
+    }
+    const double bytes = (double)moved * (double)count * sizeof(double), t = median(kernel_times), copy = median(copy_times);
+    printf("%s, %d bytes a configuration, medians of %d rounds, largest relative error %.1e\n", name, moved * 8, ROUNDS, error);
+    printf("  kernel                  %8.3g configurations/s  %7.1f GB/s\n", (double)count / t, 1e-9 * bytes / t);
+    printf("  copy of as many bytes   %8.3g configurations/s  %7.1f GB/s\n", (double)count / copy, 1e-9 * bytes / copy);
+    printf("  part of the memory roofline: %.2f\n", copy / t);
+    check(cudaEventDestroy(start), "event");
+    check(cudaEventDestroy(stop), "event");
+    check(cudaFree(from), "memory");
+    check(cudaFree(to), "memory");
+}
+
+static double *moved_there(const std::vector<double> &numbers, const char *what)
+{
+    double *there;
+    check(cudaMalloc((void **)&there, numbers.size() * sizeof(double)), what);
+    check(cudaMemcpy(there, numbers.data(), numbers.size() * sizeof(double), cudaMemcpyHostToDevice), what);
+    return there;
 }
 
 int main(int argc, char **argv)
@@ -93,56 +181,38 @@ int main(int argc, char **argv)
     }
     q[0] = NAN; /* configuration 0 */
 
-    double *q_there, *wrench_there, *K_there, *result_there, *from, *to;
-    const size_t half = MOVED * count * sizeof(double) / 2; /* a copy of these reads and writes what the kernel moves */
-    check(cudaMalloc((void **)&q_there, q.size() * sizeof(double)), "memory for q");
-    check(cudaMalloc((void **)&wrench_there, wrench.size() * sizeof(double)), "memory for the wrenches");
-    check(cudaMalloc((void **)&K_there, sizeof K), "memory for the task stiffness");
-    check(cudaMalloc((void **)&result_there, found.size() * sizeof(double)), "memory for the result");
-    check(cudaMalloc((void **)&from, half), "memory for the copy");
-    check(cudaMalloc((void **)&to, half), "memory for the copy");
-    check(cudaMemset(from, 0, half), "memory for the copy");
-    check(cudaMemcpy(q_there, q.data(), q.size() * sizeof(double), cudaMemcpyHostToDevice), "copying q");
-    check(cudaMemcpy(wrench_there, wrench.data(), wrench.size() * sizeof(double), cudaMemcpyHostToDevice),
-        "copying the wrenches");
-    check(cudaMemcpy(K_there, K, sizeof K, cudaMemcpyHostToDevice), "copying the task stiffness");
+    std::vector<double> cotangent(JOINTS * JOINTS * count), gradients((JOINTS + 6 + 36) * count);
+    for (size_t k = 0; k < cotangent.size(); ++k) {
+        cotangent[k] = draw(-1.0, 1.0);
+    }
+    const double *const q_there = moved_there(q, "memory for q");
+    const double *const wrench_there = moved_there(wrench, "memory for the wrenches");
+    const double *const K_there = moved_there(std::vector<double>(K, K + 36), "memory for the task stiffness");
+    const double *const cotangent_there = moved_there(cotangent, "memory for the cotangents");
+    double *const result_there = moved_there(found, "memory for the result");
+    double *const gradients_there = moved_there(gradients, "memory for the gradients");
 
-    const char *const launching = "iiwa14_hybrid_joint_stiffness_cuda";
-    check(iiwa14_hybrid_joint_stiffness_cuda(count, count, q_there, wrench_there, K_there, result_there, NULL), launching);
+    const auto stiffness = [&] {
+        return iiwa14_hybrid_joint_stiffness_cuda(count, count, q_there, wrench_there, K_there, result_there, NULL);
+    };
+    const auto product = [&] {
+        return iiwa14_hybrid_joint_stiffness_vjp_cuda(count, count, q_there, wrench_there, K_there, cotangent_there,
+            gradients_there, gradients_there + JOINTS * count, gradients_there + (JOINTS + 6) * count, NULL);
+    };
+    const size_t step = std::max<size_t>(1, count / 65536);
+    check(stiffness(), "iiwa14_hybrid_joint_stiffness_cuda");
     check(cudaMemcpy(found.data(), result_there, found.size() * sizeof(double), cudaMemcpyDeviceToHost), "copying back");
-    const double error = largest_error(q, wrench, K, found, count, std::max<size_t>(1, count / 65536));
-    if (!(error >= 0.0 && error <= 1e-12)) {
-        fprintf(stderr, "the values are wrong: relative error %g\n", error);
+    check(product(), "iiwa14_hybrid_joint_stiffness_vjp_cuda");
+    check(cudaMemcpy(gradients.data(), gradients_there, gradients.size() * sizeof(double), cudaMemcpyDeviceToHost),
+        "copying back");
+    const double error = largest_error(q, wrench, K, found, count, step);
+    const double product_error = largest_error_of_product(q, wrench, K, cotangent, gradients, count, step);
+    if (!(error >= 0.0 && error <= 1e-12 && product_error >= 0.0 && product_error <= 1e-11)) {
+        fprintf(stderr, "the values are wrong: relative error %g, of the product %g\n", error, product_error);
         return 1;
     }
-
-    cudaEvent_t start, stop;
-    check(cudaEventCreate(&start), "event");
-    check(cudaEventCreate(&stop), "event");
-    std::vector<float> kernel_times, copy_times;
-    for (int round = -3; round < ROUNDS; ++round) { /* the first ones warm up */
-        float kernel_ms = 0.0f, copy_ms = 0.0f;
-        check(cudaEventRecord(start), "event");
-        check(iiwa14_hybrid_joint_stiffness_cuda(count, count, q_there, wrench_there, K_there, result_there, NULL),
-            launching);
-        check(cudaEventRecord(stop), "event");
-        check(cudaEventSynchronize(stop), launching);
-        check(cudaEventElapsedTime(&kernel_ms, start, stop), "event");
-        check(cudaEventRecord(start), "event");
-        check(cudaMemcpyAsync(to, from, half, cudaMemcpyDeviceToDevice), "copy");
-        check(cudaEventRecord(stop), "event");
-        check(cudaEventSynchronize(stop), "copy");
-        check(cudaEventElapsedTime(&copy_ms, start, stop), "event");
-        if (round >= 0) {
-            kernel_times.push_back(kernel_ms);
-            copy_times.push_back(copy_ms);
-        }
-    }
-    const double bytes = (double)MOVED * (double)count * sizeof(double), t = median(kernel_times), copy = median(copy_times);
-    printf("%s, %zu configurations of %d bytes, medians of %d rounds, largest relative error %.1e\n", device.name, count,
-        MOVED * 8, ROUNDS, error);
-    printf("hybrid joint stiffness  %8.3g configurations/s  %7.1f GB/s\n", (double)count / t, 1e-9 * bytes / t);
-    printf("copy of as many bytes   %8.3g configurations/s  %7.1f GB/s\n", (double)count / copy, 1e-9 * bytes / copy);
-    printf("part of the memory roofline: %.2f\n", copy / t);
+    printf("%s, %zu configurations\n", device.name, count);
+    compare("hybrid joint stiffness", count, JOINTS + 6 + PACKED, error, stiffness);
+    compare("its vector-Jacobian product", count, 2 * (JOINTS + 6) + JOINTS * JOINTS + 36, product_error, product);
     return 0;
 }

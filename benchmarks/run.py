@@ -31,6 +31,11 @@ from stiffgen.analyze.style import AXES, CORRECTED, THEME
 from stiffgen.check.verify import Samples, joint_poses, product_of_poses
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
+from stiffgen.symbolic.potentials import SpringOptions
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from benchmarks.throughput import section as throughput_section
+from benchmarks.throughput import throughput
 
 HERE = Path(__file__).resolve().parent
 URDF = HERE.parent / "urdf" / "iiwa14.urdf"
@@ -155,9 +160,8 @@ def pinocchio_joints(chain: stiffgen.Chain) -> str:
     return "\n".join([*lines, "TIP(" + ", ".join(map(repr, numbers)) + ")", ""])
 
 
-def in_c(chain: stiffgen.Chain, folder: Path, robot: Path) -> list[tuple[str, float, float, float]]:
+def in_c(chain: stiffgen.Chain, folder: Path, built: dict[str, Path]) -> list[tuple[str, float, float, float]]:
     """(name, median, lower and upper quartile) in ns a configuration."""
-    built = libraries(chain, folder, robot)
     samples = Samples.draw(chain, COUNT, seed=1)
     inputs = folder / "inputs"
     inputs.write_bytes(samples.q.tobytes() + samples.wrench.tobytes() + samples.task_stiffness[0].tobytes())
@@ -463,7 +467,8 @@ GPU = [
     "",
     "The GPU figure is not measured: no machine with a GPU was at hand. `make bench-cuda` measures it and checks the",
     "values first. It is to be held against the memory roofline: 41 doubles moved a configuration (7 of q, 6 of the",
-    "wrench, 28 of the result's upper triangle), 328 bytes, at the rate of a device-to-device copy in the same run.",
+    "wrench, 28 of the result's upper triangle), 328 bytes, and 111 of its vector-Jacobian product, at the rate of a",
+    "device-to-device copy in the same run.",
     "",
 ]
 
@@ -559,10 +564,18 @@ def main(target: Path = HERE) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         robot = stiffgen.generate(URDF, output=folder)
-        rows = in_c(chain, folder, robot)
+        built = libraries(chain, folder, robot)
+        rows = in_c(chain, folder, built)
         springs = of_springs(chain, folder, robot)
         single, batch = in_python(chain, robot)
         streamed = streaming(robot)
+        derivatives = stiffgen.generate(
+            URDF, output=folder, name="iiwa14_derivatives", springs=SpringOptions(derivatives=True)
+        )
+        pinocchio = next(
+            (path for title, path in built.items() if title.startswith("Pinocchio") and NATIVE in title), None
+        )
+        many = throughput(chain, URDF, derivatives, pinocchio, left_out)
         grown = growth(folder)
     floor = rows[0][1]
     lines = [
@@ -590,6 +603,7 @@ def main(target: Path = HERE) -> None:
         f"## {BATCH} configurations from Python",
         "",
         *table("contender", batch, "us a configuration", batch[0][1], "stiffgen, out="),
+        *throughput_section(many),
         *streamed_section(streamed),
         *growth_section(grown),
         *GPU,

@@ -46,7 +46,7 @@ def run(command: list[str], folder: Path) -> str:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_python_is_python_and_data_is_data(page):
     for language, code in programs(TEXTS[page]):
-        assert language in ("python", "c", "cpp", "text", "console", "toml"), language
+        assert language in ("python", "c", "cpp", "text", "console", "toml", "bash", "sh", "cmake", "json"), language
         if language == "python":
             ast.parse(code)
 

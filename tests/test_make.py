@@ -31,6 +31,8 @@ ELSEWHERE = {
     "bench": "tests/test_make.py",
     "bench-cuda": "tests/emit/test_cuda.py",
     "experiment": "tests/examples/test_experiment.py",
+    "adaptive": "tests/examples/test_adaptive.py",
+    "optimal-control": "tests/examples/test_optimal_control.py",
     "identify": "tests/examples/test_identify.py",
     "whole-body": "tests/examples/test_whole_body.py",
     "fri-demo": "tests/examples/test_fri_session.py",
@@ -71,8 +73,9 @@ BENCHMARK = """
 import sys
 from pathlib import Path
 
-from benchmarks import run
+from benchmarks import run, throughput
 
+throughput.COUNT, throughput.BLOCK = 1024, 256
 run.COUNT, run.ROUNDS, run.SPRING_ROUNDS, run.BATCH, run.STREAMED, run.JOINTS = 64, 3, 5, 256, (2000,), (10, 12)
 found = run.shutil.which
 run.shutil.which = lambda tool: None if tool == "g++" else found(tool)  # minutes of Pinocchio's templates

@@ -60,3 +60,19 @@ extern "C" void run(const double *q, const double *wrench, const double *task_st
         Kq.col(i).noalias() += derivative.transpose() * F;
     }
 }
+
+// Many Hessians as they lie, dJ[k, b]/dq_i at [i][b][k]; threads may call it at the same time.
+extern "C" void hessians(std::size_t count, const double *q, double *out)
+{
+    static thread_local pin::Data own(model);
+    static thread_local pin::Data::Tensor3x result(6, 7, 7);
+    for (std::size_t c = 0; c < count; ++c) {
+        const Eigen::Map<const Eigen::Matrix<double, 7, 1>> position(q + 7 * c);
+        pin::computeJointJacobians(model, own, position);
+        pin::updateFramePlacement(model, own, frame);
+        pin::computeJointKinematicHessians(model, own);
+        result.setZero();
+        pin::getFrameKinematicHessian(model, own, frame, pin::LOCAL_WORLD_ALIGNED, result);
+        Eigen::Map<Eigen::Matrix<double, 294, 1>>(out + 294 * c) = Eigen::Map<const Eigen::Matrix<double, 294, 1>>(result.data());
+    }
+}

@@ -33,7 +33,8 @@ PAGES = (
 CONTENTS = {
     "Start": ("docs/start", "docs/playground", "docs/install"),
     "Concepts": (
-        "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/identify", "docs/whole_body",
+        "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/casadi", "docs/identify",
+        "docs/whole_body",
         "docs/glossary",
     ),
     "Use": (
@@ -42,7 +43,8 @@ CONTENTS = {
         "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (
-        "docs/proofs", "docs/performance", "docs/accuracy", "docs/targets", "benchmarks/RESULTS", "docs/robots",
+        "docs/proofs", "docs/performance", "docs/threads", "docs/accuracy", "docs/targets", "benchmarks/RESULTS",
+        "docs/robots",
         "urdf/README",
     ),
     "Reference": (

@@ -33,17 +33,26 @@ def arm(small):
     return wrapper(small, "casadi")
 
 
+@pytest.fixture(scope="module", params=["small", pytest.param("walker", marks=pytest.mark.slow)])
+def robot(request, tmp_path_factory):
+    """A chain with a base that stands, and a tree with one that floats."""
+    if request.param == "small":
+        return request.getfixturevalue("small")
+    return floating_robot(tmp_path_factory.mktemp("walker"))
+
+
 @pytest.fixture(scope="module")
-def pairs(small, arm):
+def pairs(robot):
     """Every function with a gradient: its name, compiled and as a graph, and arguments and cotangents in each state."""
-    model = stiffgen.StiffnessModel(small.chain)
-    pool = argument_samples(small.chain, COUNT, 11, small.springs)
-    table = {kernel.qualified_name: kernel for kernel in small.table}
+    model = stiffgen.StiffnessModel(robot.chain)
+    pool = argument_samples(robot.chain, COUNT, 11, robot.springs)
+    namespace = wrapper(robot, "casadi")
+    table = {kernel.qualified_name: kernel for kernel in robot.table}
     found = []
     for name, kernel in table.items():
         if f"{name}_vjp" not in table:
             continue
-        compiled, graph = arm, model
+        compiled, graph = namespace, model
         for part in (*kernel.path, kernel.name):
             compiled, graph = getattr(compiled, part), getattr(graph, part)
         states = []
@@ -58,6 +67,30 @@ def pairs(small, arm):
     return found
 
 
+def side_by_side(gradients, count):
+    """Gradients of several cotangents, as CasADi stacks them, with a column for each."""
+    return np.hstack([each.reshape(-1, 1, order="F") for each in np.split(np.array(gradients), count, axis=1)])
+
+
+def of_motions(function, i, given, gradients):
+    """Gradients (entries, count) by argument i, entries column by column; those by the base's pose along motions.
+
+    Of a pose only motions mean something: the graph differentiates by entries as if they were free.
+    """
+    if function.name_in(i) != "base_pose":
+        return gradients
+    motions = []
+    for k in range(6):
+        twist = np.zeros((4, 4))
+        if k < 3:
+            twist[k, 3] = 1.0
+        else:
+            a, b = (k - 2) % 3, (k - 1) % 3
+            twist[b, a], twist[a, b] = 1.0, -1.0
+        motions.append((given[i] @ twist).ravel(order="F"))
+    return np.array(motions) @ gradients
+
+
 def each_close(found, expected, name):
     assert len(found) == len(expected)
     for a, b in zip(found, expected, strict=True):
@@ -66,9 +99,9 @@ def each_close(found, expected, name):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(b).max(initial=0)), err_msg=name)
 
 
-def test_signature_and_values(pairs):
+def test_signature_and_values(robot, pairs):
     for name, compiled, graph, states in pairs:
-        assert compiled.name() == f"arm_casadi_{name}"
+        assert compiled.name() == f"{robot.name}_casadi_{name}"
         assert (compiled.name_in(), compiled.name_out()) == (graph.name_in(), graph.name_out())
         assert [compiled.size_in(i) for i in range(graph.n_in())] == [graph.size_in(i) for i in range(graph.n_in())]
         for given, _ in states:
@@ -83,9 +116,23 @@ def test_derivatives(pairs):
             for count in (1, 3):
                 seeds = [np.hstack([(k + 1.0) * each for k in range(count)]) for each in cotangents]
                 operands = [*given, *results, *seeds]
-                each_close(compiled.reverse(count).call(operands), graph.reverse(count).call(operands), name)
+                found, expected = (
+                    [
+                        of_motions(graph, i, given, side_by_side(each, count))
+                        for i, each in enumerate(function.reverse(count).call(operands))
+                    ]
+                    for function in (compiled, graph)
+                )
+                each_close(found, expected, name)
             operands = [*given, *results]
-            each_close(compiled.jacobian().call(operands), graph.jacobian().call(operands), name)
+            found, expected = (
+                [
+                    of_motions(graph, k % graph.n_in(), given, np.array(each).T)
+                    for k, each in enumerate(function.jacobian().call(operands))
+                ]
+                for function in (compiled, graph)
+            )
+            each_close(found, expected, name)
 
 
 def test_inside_a_graph(small, arm):

@@ -23,6 +23,7 @@ from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import SpringOptions
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda
@@ -294,9 +295,11 @@ def test_cmake(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_nvcc_takes_mimic_joints_and_the_benchmark(folder, tmp_path):
+def test_nvcc_takes_mimic_joints_and_the_benchmark(tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(chain_urdf("rprmrr"))
     arm = stiffgen.generate(urdf, output=tmp_path, name="arm", build=False, cuda=True)
     nvcc("-c", arm / "arm.cu", "-o", tmp_path / "o")
-    nvcc("-c", f"-I{folder}", ROOT / "benchmarks" / "cuda_stiffness.cu", "-o", tmp_path / "b")
+    products = SpringOptions(derivatives=True)
+    robot = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True, springs=products)
+    nvcc("-c", f"-I{robot}", ROOT / "benchmarks" / "cuda_stiffness.cu", "-o", tmp_path / "b")

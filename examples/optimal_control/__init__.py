@@ -1,0 +1,1 @@
+"""Postures and task stiffnesses for wanted joint stiffnesses, along the bowl trajectory: ``make optimal-control``."""

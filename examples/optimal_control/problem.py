@@ -1,0 +1,188 @@
+"""The optimal control problem: postures and task stiffnesses along the bowl trajectory for a wanted joint stiffness.
+
+At every knot k of the trajectory the arm may choose its posture q_k (the tool's pose leaves it one freedom, the
+elbow's) and a task stiffness K_k (6, 6). Its joint stiffness under the load F_k is
+
+    S_k = Kq(q_k, F_k, K_k) + Kp,    Kp = POSTURE_STIFFNESS I.
+
+Minimised is the distance to the wanted joint stiffness W, every entry measured by the joints that it belongs to,
+
+    sum_k sum_ij (S_k - W)_ij^2 / (W_ii W_jj)  +  what changes of posture and of stiffness from knot to knot cost,
+
+subject to: the tool is where the trajectory has it; S_k - LEAST I is positive definite, which C_k C_k^T = S_k - LEAST I
+with a lower triangular C_k says; K_k = D (L_k L_k^T + FLOOR I) D is positive definite by construction (L_k lower
+triangular, D the usual size of a stiffness), and its diagonal stays below a limit; joints stay within their limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from examples.bowl_wiping.trajectory import RECORDED
+
+Array = NDArray[np.float64]
+
+PAPER_STIFFNESS: Array = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+"""The paper's, constant along the trajectory [N/m, N m/rad]."""
+POSTURE_STIFFNESS = 5.0
+"""[N m/rad] of every joint."""
+WANTED: Array = np.diag([200.0, 200.0, 120.0, 120.0, 40.0, 30.0, 15.0])
+"""[N m/rad]: joints that give way independently of each other, the shoulder stiffer than the wrist."""
+LEAST = 2.0
+"""[N m/rad] The smallest eigenvalue of the joint stiffness that is allowed."""
+SCALE: Array = np.sqrt([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+"""D: square roots of the usual entries."""
+FLOOR = 0.05
+"""Part of the usual size below which no direction of a task stiffness falls."""
+LIMIT: Array = np.array([3000.0, 3000.0, 3000.0, 200.0, 200.0, 200.0])
+"""Of the diagonal of a task stiffness [N/m, N m/rad]."""
+PRESS, FRICTION = 80.0, 0.3
+"""[N] with which the tool presses, along its z axis, and the friction's part of it, against the direction of travel."""
+SMOOTH_POSTURE, SMOOTH_STIFFNESS = 0.5, 0.02
+"""Costs of a change of the posture beyond the recording's [per rad^2] and of L [per 1] from knot to knot."""
+LOWER = np.tril_indices(6)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is given at every knot: recorded postures (N, 7) [rad], tool poses (N, 4, 4), wrenches (N, 6) [N, N m]."""
+
+    recorded: Array
+    poses: Array
+    wrenches: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Postures (N, 7) [rad], task stiffnesses (N, 6, 6), the cost, and how the solver found them."""
+
+    q: Array
+    task_stiffness: Array
+    cost: float
+    iterations: int
+    seconds: float
+    evaluating: float
+    """[s] of the seconds in the functions and their derivatives."""
+
+
+def bowl_task(robot: Any, knots: int) -> Task:
+    """The recorded bowl trajectory at equally spaced samples of its way there; ``robot`` is the NumPy module."""
+    recorded = np.loadtxt(RECORDED, delimiter=",").T
+    half = recorded[: len(recorded) // 2]
+    samples = np.linspace(0, len(half) - 1, knots).round().astype(int)
+    q = half[samples]
+    poses = np.asarray(robot.forward_kinematics(q))
+    ahead = robot.forward_kinematics(half[np.minimum(samples + 40, len(half) - 1)])
+    behind = robot.forward_kinematics(half[np.maximum(samples - 40, 0)])
+    travel = ahead[:, :3, 3] - behind[:, :3, 3]
+    travel /= np.linalg.norm(travel, axis=1)[:, None]
+    force = -PRESS * (poses[:, :3, 2] + FRICTION * travel)  # of the bowl on the tool
+    return Task(q, poses, np.concatenate([force, np.zeros_like(force)], axis=1))
+
+
+def joint_stiffness(robot: Any, task: Task, q: Array, task_stiffness: Array) -> Array:
+    """S of every knot (N, 7, 7) [N m/rad]; ``robot`` is the NumPy module."""
+    return np.asarray(robot.hybrid.joint_stiffness(q, task.wrenches, task_stiffness) + POSTURE_STIFFNESS * np.eye(7))
+
+
+def distance(stiffness: Array) -> Array:
+    """Distance to the wanted joint stiffness, as the cost has it, of (..., 7, 7)."""
+    size = np.sqrt(np.diag(WANTED))
+    return np.asarray((((stiffness - WANTED) / np.outer(size, size)) ** 2).sum((-1, -2)))
+
+
+def _upper(matrix: Any) -> Any:
+    rows, columns = np.triu_indices(matrix.shape[0])
+    return ca.vertcat(*(matrix[int(i), int(j)] for i, j in zip(rows, columns, strict=True)))
+
+
+def solve(
+    functions: Any, robot: Any, task: Task, *, exact_hessian: bool = False, options: dict[str, Any] | None = None
+) -> Solution:
+    """Solve the problem.
+
+    Args:
+        functions: forward_kinematics and hybrid.joint_stiffness as ``casadi.Function``: a ``StiffnessModel``, whose
+            functions are graphs that CasADi differentiates, or ``NAME.casadi``, compiled with their products.
+        robot: the NumPy module.
+        task: what is given.
+        exact_hessian: of the Lagrangian, which needs second derivatives; else IPOPT builds one up from gradients.
+        options: IPOPT's, further ones.
+
+    Raises:
+        RuntimeError: IPOPT did not converge.
+
+    """
+    knots, opti = len(task.recorded), ca.Opti()
+    size = np.sqrt(np.diag(WANTED))
+    weight = ca.DM(1 / np.outer(size, size))
+    cost: Any = 0
+    postures: list[Any] = []
+    factors: list[Any] = []
+    stiffnesses = np.linalg.cholesky(
+        joint_stiffness(robot, task, task.recorded, np.broadcast_to(3 * PAPER_STIFFNESS, (knots, 6, 6)))
+        + 30.0 * np.eye(7)
+    )
+    for k in range(knots):
+        q, entries, square = opti.variable(7), opti.variable(21), opti.variable(28)
+        factor, root = ca.MX(6, 6), ca.MX(7, 7)
+        for e, (i, j) in enumerate(zip(*LOWER, strict=True)):
+            factor[int(i), int(j)] = entries[e]
+        for e, (i, j) in enumerate(zip(*np.tril_indices(7), strict=True)):
+            root[int(i), int(j)] = square[e]
+        K = ca.DM(np.outer(SCALE, SCALE)) * (ca.mtimes(factor, factor.T) + FLOOR * ca.DM.eye(6))
+        S = functions.hybrid.joint_stiffness(q, task.wrenches[k], K) + POSTURE_STIFFNESS * ca.DM.eye(7)
+        pose = functions.forward_kinematics(q)
+        turn = ca.mtimes(pose[:3, :3].T, ca.DM(task.poses[k, :3, :3]))
+        opti.subject_to(10 * (pose[:3, 3] - task.poses[k, :3, 3]) == 0)
+        opti.subject_to(ca.vertcat(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]) == 0)
+        scaled_root = ca.mtimes(ca.DM(np.diag(size)), root)
+        opti.subject_to(_upper(weight * (S - LEAST * ca.DM.eye(7) - ca.mtimes(scaled_root, scaled_root.T))) == 0)
+        opti.subject_to(opti.bounded(robot.LOWER, q, robot.UPPER))
+        opti.subject_to(ca.diag(K) / LIMIT <= 1)
+        cost += ca.sumsqr(ca.sqrt(weight) * (S - WANTED) * ca.sqrt(weight))
+        if k:
+            recorded_step = task.recorded[k] - task.recorded[k - 1]
+            cost += SMOOTH_POSTURE * knots * ca.sumsqr(q - postures[-1] - recorded_step)
+            cost += SMOOTH_STIFFNESS * knots * ca.sumsqr(entries - factors[-1])
+        opti.set_initial(q, task.recorded[k])
+        opti.set_initial(entries, np.eye(6)[LOWER])
+        opti.set_initial(square, (stiffnesses[k] / size[:, None])[np.tril_indices(7)])
+        postures.append(q)
+        factors.append(entries)
+    opti.minimize(cost)
+    hessian = {} if exact_hessian else {"ipopt.hessian_approximation": "limited-memory"}
+    quiet: dict[str, Any] = {"print_time": False, "record_time": True, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+    opti.solver(
+        "ipopt",
+        {
+            **quiet,
+            **hessian,
+            "ipopt.max_iter": 3000,
+            "ipopt.limited_memory_max_history": 20,
+            "ipopt.tol": 1e-5,
+            "ipopt.acceptable_tol": 1e-4,
+            "ipopt.acceptable_iter": 10,
+            **(options or {}),
+        },
+    )
+    found = opti.solve()
+    statistics = opti.stats()
+    evaluating = sum(value for name, value in statistics.items() if name.startswith("t_proc_nlp_"))
+    L = np.zeros((knots, 6, 6))
+    for k, entries in enumerate(factors):
+        L[k][LOWER] = found.value(entries)
+    task_stiffness = np.outer(SCALE, SCALE) * (L @ L.swapaxes(-1, -2) + FLOOR * np.eye(6))
+    return Solution(
+        q=np.array([found.value(q) for q in postures]),
+        task_stiffness=task_stiffness,
+        cost=float(found.value(cost)),
+        iterations=int(statistics["iter_count"]),
+        seconds=float(statistics["t_proc_total"]),
+        evaluating=float(evaluating),
+    )
