@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from stiffgen.emit import render
 from stiffgen.emit.rounding import ErrorBounds, NoBound, Ranges, rounded_up
 from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
-from support.project import require_compiler
+from support.project import ROOT, require_compiler
 from support.quad import WIDTHS, Measured, can_run, climbed, digits_of_reference, kernels_with_bounds
 from support.sine_cosine_proof import NotProvedError, proved_units
 
@@ -158,3 +159,14 @@ def test_rounding_goes_up_to_two_digits():
     assert rounded_up(1.5100001e-12) == 1.6e-12
     assert rounded_up(9.91e-3) == 1e-2
     assert rounded_up(5e-324) == 0.0
+
+
+def test_what_overflows_has_no_bound(tmp_path):
+    """A URDF that says of a joint's rate that there is no limit, with a number."""
+    text = (ROOT / "urdf" / "iiwa14.urdf").read_text()
+    urdf = tmp_path / "fast.urdf"
+    urdf.write_text(re.sub(r'velocity="[^"]*"', 'velocity="1e300"', text))
+    folder = stiffgen.generate(urdf, output=tmp_path, build=False)
+    stated = json.loads((folder / "manifest.json").read_text())["rounding"]
+    assert "forward_kinematics" in json.dumps(stated)
+    assert "bias_forces" not in json.dumps(stated)

@@ -274,7 +274,7 @@ class ErrorBounds:
         the arguments as they are handed over.
 
         Raises:
-            NoBound: the kernel divides, chooses, or has an argument of which no range is known.
+            NoBound: the kernel divides, chooses, overflows, or has an argument of which no range is known.
 
         """
         own = kernel.scope(self.chain)
@@ -286,7 +286,10 @@ class ErrorBounds:
             for argument in kernel.arguments
         }
         self._run(own, kernel.steps(self.chain), arrays, kernel.tip.name if kernel.tip else "")
-        return {result.name: [bound.error for bound in arrays[result.name]] for result in kernel.results}
+        found = {result.name: [bound.error for bound in arrays[result.name]] for result in kernel.results}
+        if not all(math.isfinite(bound) for bounds in found.values() for bound in bounds):
+            raise NoBound("numbers beyond the largest double")
+        return found
 
     def stated(self, kernel: Kernel) -> tuple[Stated, ...]:
         """The largest bounds of the entries of one kind, rounded up to two digits; none where there are none."""

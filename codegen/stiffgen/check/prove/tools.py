@@ -18,6 +18,8 @@ from stiffgen.errors import MissingExtraError, StiffgenError
 
 _KEPT = 400_000_000
 """Bytes of what a program says that are kept: its end."""
+_MEMORY = 8 * 2**30
+"""Bytes of address space that a program may take: a formula that grows beyond is "unproved"."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def _bundled() -> str | None:
 
 
 def run(command: Sequence[str], folder: Path, timeout: float) -> Run:
-    """Run a program in ``folder``, for at most ``timeout`` seconds of wall clock; its children end with it."""
+    """Run one in ``folder``, for at most ``timeout`` seconds of wall clock, in 8 GiB; its children end with it."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     timed_out = False
     with tempfile.TemporaryFile() as output:
@@ -96,6 +98,8 @@ def run(command: Sequence[str], folder: Path, timeout: float) -> Run:
             start_new_session=True,
             env=os.environ | {"LC_ALL": "C.UTF-8"},
         )
+        if hasattr(resource, "prlimit"):  # Linux
+            resource.prlimit(process.pid, resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         try:
             process.wait(timeout)
         except subprocess.TimeoutExpired:
