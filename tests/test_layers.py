@@ -11,7 +11,7 @@ from support.project import ROOT
 PACKAGE = Path(stiffgen.__file__).parent
 LAYERS = (
     ("errors", "_version"),
-    ("names", "folder", "page"),
+    ("names", "folder", "page", "rendering"),
     ("robot",),
     ("symbolic",),
     ("emit",),

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 
@@ -24,6 +23,7 @@ from stiffgen.analyze.measures import (
 )
 from stiffgen.analyze.recording import Array, Recording
 from stiffgen.page import STYLE as PAGE_STYLE
+from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain
 
 LABELS: Mapping[str, str] = {
@@ -129,24 +129,20 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
             )
         (folder / "moment.svg").write_text(_moment_figure(chain, result, summary), encoding="utf-8")
         shown.append(("moment.svg", "Antisymmetric part against the moment", text))
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stiffgen.analyze"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    page = environment.get_template("report.html.j2").render(
-        summary=summary,
-        statements=statements(recording, result, summary),
-        warnings=warnings(recording, result),
-        head=TABLE_HEAD,
-        table=table_rows(summary),
-        figures=shown,
-        envelope=result.envelope is not None and result.envelope.shift > 0,
-        bin_rows=1 << result.envelope.shift if result.envelope else 1,
-        style=Markup(PAGE_STYLE),
+    page = (
+        environment("stiffgen.analyze", escaped=True)
+        .get_template("report.html.j2")
+        .render(
+            summary=summary,
+            statements=statements(recording, result, summary),
+            warnings=warnings(recording, result),
+            head=TABLE_HEAD,
+            table=table_rows(summary),
+            figures=shown,
+            envelope=result.envelope is not None and result.envelope.shift > 0,
+            bin_rows=1 << result.envelope.shift if result.envelope else 1,
+            style=Markup(PAGE_STYLE),
+        )
     )
     (folder / "report.html").write_text(page, encoding="utf-8")
 

@@ -11,7 +11,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 
@@ -21,6 +20,7 @@ from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.page import STYLE
+from stiffgen.rendering import environment
 
 _DECADES = (-18, -8)
 """Powers of ten that errors are drawn over."""
@@ -35,7 +35,7 @@ _CONTRACTS = (
     ),
     (
         "NaN or infinity in gives NaN out, in every entry that depends on it",
-        "row 'NaN and infinity' of the comparisons",
+        "rows 'NaN and infinity in' of the comparisons",
     ),
     ("Batches give what single calls give", "rows on batches and stacks"),
     ("Files are the generator's, unchanged", "rows on files and tables: SHA-256 against the manifest"),
@@ -87,38 +87,34 @@ def write_page(
     """
     robot = open_robot(folder)
     filed = filed_for(robot, proofs) if proofs is not None else None
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stiffgen.check"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    page = environment.get_template("safety.html.j2").render(
-        style=Markup(STYLE),
-        robot=robot,
-        manifest=robot.manifest,
-        versions=dict(robot.manifest["versions"]) | {"checked with numpy": version("numpy")},
-        digests=robot.manifest["files"],
-        postures=postures,
-        seed=seed,
-        urdf=urdf.name if urdf is not None else None,
-        date=date,
-        checks=checks,
-        failed=[check for check in checks if not check.passed],
-        groups=_groups(checks),
-        least=_DECADES[0],
-        most=_DECADES[1],
-        bound=(math.log10(BOUND) - _DECADES[0]) / (_DECADES[1] - _DECADES[0]),
-        contracts=_CONTRACTS,
-        filed=filed,
-        tally=_tally(filed.verdicts) if filed else {},
-        rounding=_rounding(robot.manifest.get("rounding")),
-        ranges=", ".join(
-            f"{name} {value:g}" for name, value in robot.manifest.get("rounding", {}).get("ranges", {}).items()
-        ),
-        uncovered=_uncovered(robot, filed, urdf is not None),
+    page = (
+        environment("stiffgen.check", escaped=True)
+        .get_template("safety.html.j2")
+        .render(
+            style=Markup(STYLE),
+            robot=robot,
+            manifest=robot.manifest,
+            versions=dict(robot.manifest["versions"]) | {"checked with numpy": version("numpy")},
+            digests=robot.manifest["files"],
+            postures=postures,
+            seed=seed,
+            urdf=urdf.name if urdf is not None else None,
+            date=date,
+            checks=checks,
+            failed=[check for check in checks if not check.passed],
+            groups=_groups(checks),
+            least=_DECADES[0],
+            most=_DECADES[1],
+            bound=(math.log10(BOUND) - _DECADES[0]) / (_DECADES[1] - _DECADES[0]),
+            contracts=_CONTRACTS,
+            filed=filed,
+            tally=_tally(filed.verdicts) if filed else {},
+            rounding=_rounding(robot.manifest.get("rounding")),
+            ranges=", ".join(
+                f"{name} {value:g}" for name, value in robot.manifest.get("rounding", {}).get("ranges", {}).items()
+            ),
+            uncovered=_uncovered(robot, filed, urdf is not None),
+        )
     )
     try:
         file.write_text(page, encoding="utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -21,6 +21,7 @@ from stiffgen.emit.rounding import ErrorBounds, Ranges, Stated
 from stiffgen.emit.target import BATCH, DOUBLE, SINGLE, Target
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
+from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS
 from stiffgen.symbolic.potentials import SpringOptions
@@ -58,7 +59,7 @@ def render(
     error_bounds = ErrorBounds(chain, ranges)
     bounds = {kernel.qualified_name: error_bounds.stated(kernel) for kernel, _ in single.kernels}
     pages = _pages(chain, name, single, batch, threads, bounds, ranges)
-    environment = _environment()
+    templates = _templates()
     files = {
         f"{name}.h": "header.h.j2",
         f"{name}.c": "source.c.j2",
@@ -83,7 +84,7 @@ def render(
             "torch.py": "torch.py.j2",
         }
     texts = {
-        file: environment.get_template(template).render(vars(pages), banner=_banner(file, pages.banner_line))
+        file: templates.get_template(template).render(vars(pages), banner=_banner(file, pages.banner_line))
         for file, template in files.items()
     }
     texts["py.typed"] = ""
@@ -101,16 +102,9 @@ def _with_sources(texts: dict[str, str]) -> dict[str, str]:
 
 
 @cache
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stiffgen.emit"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # C and Python, not HTML; what comes from the robot file goes through the filters below
-    )
-    environment.filters |= {
+def _templates() -> jinja2.Environment:
+    # C and Python, not HTML: what comes from the robot file goes through these filters
+    filters: dict[str, Callable[..., str]] = {
         "c_string": c_string,
         "c_double": DOUBLE.constant,
         "comment": comment,
@@ -118,7 +112,7 @@ def _environment() -> jinja2.Environment:
         "python_float": lambda x: repr(x) if math.isfinite(x) else f"float('{x}')",
         "short": lambda x: f"{x:.6g}" if math.isfinite(x) else "none",
     }
-    return environment
+    return environment("stiffgen.emit", filters)
 
 
 def _banner(file: str, line: str) -> str:

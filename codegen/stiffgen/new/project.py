@@ -8,14 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
-
 from stiffgen.emit.controller import has_controller
 from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
 from stiffgen.folder import swapped_in
 from stiffgen.generate import generate
 from stiffgen.names import c_string, checked_identifier, comment, identifier
 from stiffgen.new.questions import Answers, Ask, Given, decide
+from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain, Coordinate, Tool, load_chain
 from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.potentials import SpringOptions
@@ -202,13 +201,6 @@ def _start(index: int, coordinate: Coordinate) -> float:
 
 
 def _rendered(page: _Page) -> dict[str, str]:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stiffgen.new"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # C++, Python and Markdown; what comes from the robot's file goes through the filters
-    )
-    environment.filters |= {"comment": comment, "c_string": c_string, "python": ascii}
-    return {file: environment.get_template(template).render(vars(page)) for file, template in FILES.items()}
+    # C++, Python and Markdown: what comes from the robot's file goes through the filters
+    templates = environment("stiffgen.new", {"comment": comment, "c_string": c_string, "python": ascii})
+    return {file: templates.get_template(template).render(vars(page)) for file, template in FILES.items()}

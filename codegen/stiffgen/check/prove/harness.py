@@ -13,6 +13,7 @@ import jinja2
 from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO
 from stiffgen.emit.fields import CONFIG, FAULTS, REASONS, Field
 from stiffgen.opened import GeneratedRobot
+from stiffgen.rendering import environment
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
 
@@ -153,18 +154,10 @@ def widths(robot: GeneratedRobot, kernels: Sequence[Function], most: int) -> str
 
 
 @cache
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("stiffgen.check.prove"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # C; names in it are identifiers that stiffgen has checked
-    )
-    environment.filters["prefixed"] = lambda text, prefix: prefix + text
-    return environment
+def _templates() -> jinja2.Environment:
+    # C; names in it are identifiers that stiffgen has checked
+    return environment("stiffgen.check.prove", {"prefixed": lambda text, prefix: prefix + text})
 
 
 def _render(template: str, **context: object) -> str:
-    return _environment().get_template(template).render(**context)
+    return _templates().get_template(template).render(**context)
