@@ -66,5 +66,5 @@ def require_32_bits(compiler: str) -> None:
     command = [compiler, "-m32", "-x", "c", "-", "-o", os.devnull, "-lm"]
     if subprocess.run(command, input=program, capture_output=True, text=True, check=False).returncode != 0:
         if os.environ.get("CI"):
-            pytest.fail(f"{compiler} -m32 does not work; .ci/run installs gcc-multilib")
-        pytest.skip("no 32-bit x86 (Debian: apt-get install gcc-multilib)")
+            pytest.fail(f"{compiler} -m32 does not work; .ci/run installs gcc-12-multilib or the like")
+        pytest.skip("no 32-bit x86 (Debian: apt-get install gcc-$(gcc -dumpversion)-multilib)")
