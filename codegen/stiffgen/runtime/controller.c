@@ -123,7 +123,7 @@ static uint64_t checksum(const state_t *state)
         memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
         sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
     }
-    return (sums[0] ^ sums[1] >> 29) + (sums[2] ^ sums[3] << 17) + sums[1] + sums[3];
+    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3]; /* any one word changed changes it */
 }
 
 /* What two of three copies say, bit by bit. */
@@ -221,12 +221,10 @@ static void latch(memory_t *m, int reason)
 /* U at q of the springs of all tips and of the posture, unscaled; the paper's law has none. */
 static double energy_at(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
 {
-    double energy = robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness);
-    for (int i = 0; i < N; ++i) {
-        const double e = q[i] - posture[i];
-        energy += 0.5 * m->posture_stiffness[i] * e * e;
-    }
-    return m->law == ID(LAW_PAPER) ? 0.0 : energy;
+    return m->law == ID(LAW_PAPER)
+               ? 0.0
+               : robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness) +
+                     robot_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* What is stored at q. */
@@ -316,22 +314,20 @@ static double farthest(const memory_t *m, int i)
 /*
  * What the torques on their way can put out, whatever the environment does, until the last of them has gone to zero at the
  * rate limit: no joint faster than its limit, and only one of missed_limit calls made. The torque is held for missed_limit
- * such calls without a sample, and, in a fault, for one. With l times the torque it is all - (1 - l) parts[0] -
- * (1 - l^2) parts[1].
+ * such calls without a sample, and, in a fault, for one. With l times the torque: parts[0] + l parts[1] + l^2 parts[2].
  */
 static double reserve(const frame *f, const double *last, const double *torque, double *parts)
 {
     const memory_t *const m = f->m;
     const double calls = f->c->missed_limit, held = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
-    double way = 0.0;
-    parts[0] = parts[1] = 0.0;
+    parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest(m, i);
-        parts[0] += far * calls * held * size;
-        parts[1] += far * calls * 0.5 * size * (size / m->rate[i]);
-        way += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
+        parts[0] += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
+        parts[1] += far * calls * held * size;
+        parts[2] += far * calls * 0.5 * size * (size / m->rate[i]);
     }
-    return way + parts[0] + parts[1];
+    return parts[0] + parts[1] + parts[2];
 }
 
 /* What there is for it. */
@@ -506,7 +502,7 @@ static int doubt(frame *f, const double *last)
     for (int i = 0; i < N; ++i) {
         const double way = m->known ? in->q[i] - m->q[i] : in->dq[i] * elapsed;
         const double far = m->velocity_limit[i] * elapsed, measured = way / elapsed;
-        const int still = frozen(c, m, in->q[i], in->dq[i], i);
+        const int stuck = frozen(c, m, in->q[i], in->dq[i], i);
         const int differ =
             fabs(in->dq[i] * elapsed - way) > fmax(0.5 * far, 0.3 * fabs(way)) + 2.0 * c->position_quantum;
         f->velocity[i] = in->dq[i];
@@ -514,8 +510,8 @@ static int doubt(frame *f, const double *last)
             f->velocity[i] = 0.0;
             f->jumped = 1;
             reason = ID(REASON_JUMP);
-        } else if (still != 0) {
-            f->velocity[i] = still == FROZEN_VELOCITY ? measured : in->dq[i];
+        } else if (stuck != 0) {
+            f->velocity[i] = stuck == FROZEN_VELOCITY ? measured : in->dq[i];
             reason = ID(REASON_FROZEN);
         } else if (differ) {
             f->velocity[i] = measured * in->dq[i] <= 0.0 ? 0.0 : fabs(measured) < fabs(in->dq[i]) ? measured : in->dq[i];
@@ -745,8 +741,9 @@ static int want(frame *f, int by_posture)
         if (f->commanded && !frozen) {
             difference(m->wanted_equilibrium + 16 * t, goal, moved);
         }
-        m->joined &= relative(6, 3, away, tip_limits) <= 1e-12;
-        moving |= relative(6, 3, away, tip_limits) > 1e-12;
+        const int arrived = relative(6, 3, away, tip_limits) <= 1e-12;
+        m->joined &= arrived;
+        moving |= !arrived;
         approach(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return moving;
@@ -1065,7 +1062,7 @@ static void vary_scale(frame *f, const double *last, const double *pull, double 
 {
     memory_t *const m = f->m;
     const config_t *const c = f->c;
-    double target = cap, fastest_fall = 2.0, parts[2];
+    double target = cap, fastest_fall = 2.0, parts[3];
     for (int i = 0; i < N; ++i) {
         const double size = fabs(pull[i]);
         if (size > 1e-9) {
@@ -1075,8 +1072,8 @@ static void vary_scale(frame *f, const double *last, const double *pull, double 
         }
     }
     f->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    const double least = reserve(f, last, pull, parts) - parts[0] - parts[1], a = parts[0], b = parts[1];
-    const double most = fmax(COVERED * cover(m) - least, 0.0);
+    reserve(f, last, pull, parts);
+    const double most = fmax(COVERED * cover(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
         f->status |= ID(STATUS_RESERVE);
@@ -1118,7 +1115,7 @@ static void limit_torque(frame *f, const double *last)
 static int choose(frame *f, const double *last, double share)
 {
     output_t *const out = f->out;
-    double least[N], parts[2];
+    double least[N], parts[3];
     fall(last, f->m->rate, least);
     for (int i = 0; i < N; ++i) {
         const double rate = f->m->rate[i];
@@ -1152,9 +1149,9 @@ static void act(frame *f, const double *last, int moved)
             m->q, m->tool_pose, out->wrench, f->input->task_stiffness, out->joint_stiffness);
         multiply(out->joint_stiffness, slip, pull);
     } else {
-        robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness, out->spring_wrench,
-                     pull, out->joint_stiffness);
-        energy = energy_at(m, m->q, m->equilibrium, m->posture);
+        energy = robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                              out->spring_wrench, pull, out->joint_stiffness);
+        energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
     if (by_pose) {
         robot_spring_torque(m->q, m->tool_pose, f->old_equilibrium, m->translation_stiffness, m->rotation_stiffness, follow);
