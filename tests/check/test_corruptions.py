@@ -7,12 +7,11 @@ must fail is a comparison of values.
 from __future__ import annotations
 
 import json
-import os
+import multiprocessing
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ import pytest
 
 import stiffgen
 from stiffgen.check.files import check_files
+from stiffgen.check.verify import verify
 from stiffgen.emit import build
 from support.project import URDF
 
@@ -137,15 +137,33 @@ def corrupted(text: str, fault: Fault) -> str:
     return text[:start] + changed
 
 
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(["stiffgen.check.verify"])
+"""Runs each verification in a process of its own, since a fault may write where it should not; imports are made once."""
+
+
+def _verify(folder: Path, urdf: Path | None, send: Connection) -> None:
+    build._LIBRARY_FLAGS = ("-O0",)
+    checks = verify(folder, urdf=urdf, count=10)
+    send.send([f"{check.kernel}: {check.oracle}" for check in checks if not check.passed and check.kernel != "files"])
+
+
 def failures(folder: Path, urdf: Path | None = None) -> list[str]:
-    """Rows of the table that say FAILED, without the digests'. Run apart: a fault may write where it should not."""
-    command = [sys.executable, "-m", "stiffgen.cli", "verify", str(folder), "--samples", "10"]
-    command += [] if urdf is None else ["--urdf", str(urdf)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"COLUMNS": "200"})
-    if done.returncode < 0:
-        return [f"killed by signal {-done.returncode}"]
-    assert done.returncode in (0, 1), done.stderr
-    return [line for line in done.stdout.splitlines() if "FAILED" in line and not line.startswith("files ")]
+    """The comparisons that fail, without the digests'."""
+    receive, send = SERVER.Pipe(duplex=False)
+    process = SERVER.Process(target=_verify, args=(folder, urdf, send))
+    process.start()
+    send.close()
+    try:
+        failed = receive.recv()
+    except EOFError:
+        failed = []
+    process.join()
+    assert process.exitcode is not None
+    if process.exitcode < 0:
+        return [f"killed by signal {-process.exitcode}"]
+    assert process.exitcode == 0
+    return failed
 
 
 @pytest.fixture

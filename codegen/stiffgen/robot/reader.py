@@ -18,9 +18,8 @@ import os
 import re
 import select
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
-import yourdfpy
 from lxml import etree
 
 from stiffgen.errors import DescriptionError, printable
@@ -35,6 +34,9 @@ from stiffgen.robot.description import (
     Vector,
 )
 from stiffgen.robot.geometry import unit
+
+if TYPE_CHECKING:
+    import yourdfpy
 
 # The largest description in docs/robots.md has 0.2 MB. A parsed byte can cost 50 bytes of memory.
 _WRITER_WITHIN = 2  # [s] that a pipe may be without data at first
@@ -169,6 +171,8 @@ def _drop_default_namespace(root: etree._Element) -> None:
 
 def _read_with_yourdfpy(checker: Checker) -> yourdfpy.urdf.Robot:
     """Hand yourdfpy the links and joints alone, without what failed the checks of single elements."""
+    import yourdfpy  # here: with its mesh libraries it takes as long as all other imports together
+
     copy = etree.Element("robot", {"name": checker.robot.get("name", "")})
     for name, link in checker.links.items():
         kept = etree.SubElement(copy, "link", {"name": name})
@@ -229,8 +233,8 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
     axis = (0.0, 0.0, 0.0)
     if joint.type in MOVING_TYPES and any(joint.axis):
         axis = unit(joint.axis.tolist())
-    limit = joint.limit or yourdfpy.urdf.Limit()
-    bounds = (limit.lower, limit.upper)
+    limit = joint.limit
+    bounds = (limit.lower, limit.upper) if limit else (None, None)
     bounded = joint.type in ("revolute", "prismatic") and bounds != (None, None)
     # The format's default of a left-out bound is 0; but where both are left out, a joint that moves is meant.
     lower, upper = (bound or 0.0 for bound in bounds) if bounded else (-math.inf, math.inf)
@@ -245,8 +249,8 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
         axis=axis,
         lower=lower,
         upper=upper,
-        velocity=math.inf if limit.velocity is None else limit.velocity,
-        effort=math.inf if limit.effort is None else limit.effort,
+        velocity=limit.velocity if limit and limit.velocity is not None else math.inf,
+        effort=limit.effort if limit and limit.effort is not None else math.inf,
         mimic=None if mimic is None else Mimic(mimic.joint, float(mimic.multiplier), float(mimic.offset)),
     )
 
