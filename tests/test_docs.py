@@ -1,90 +1,247 @@
-"""What the pages say: programs run and print what stands below them, commands and links exist."""
+"""What the pages say: every block of code is run or held by a test, and prints what stands below it; links exist."""
 
 from __future__ import annotations
 
 import ast
+import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from stiffgen.cli import _parser as stiffgen_parser
-from support.project import ROOT, require_compiler
+import stiffgen
+from stiffgen.cli import _parser, main
+from stiffgen.symbolic.potentials import SpringOptions
+from support.chains import chain_urdf
+from support.pages import PAGES, Block, blocks, commands
+from support.project import ROOT, URDF, Once, require_compiler, require_program
 
-PAGES = sorted(
-    ROOT / page for page in ("README.md", "CONTRIBUTING.md", "codegen/stiffgen/emit/README.md", "urdf/README.md")
-) + sorted((ROOT / "docs").glob("*.md"))
-TEXTS = {page: page.read_text() for page in PAGES}
-GIVEN = {
-    "analyze.md": "from generated import iiwa14\nimport dask.array, numpy\nq = dask.array.zeros((4, 7))\n",
-}
-"""What a page's programs take for granted."""
-RUN = ("frames.md", "springs.md", "embedding.md", "conventions.md", "analyze.md")
-"""Pages whose Python runs here; tests of their own have start.md, README.md, derivatives.md and experiment.md."""
+BLOCKS = {page: blocks(page) for page in PAGES}
+ALL = [block for page in PAGES for block in BLOCKS[page]]
+LANGUAGES = ("python", "c", "cpp", "cmake", "sh", "console", "text")
+MAKEFILE = (ROOT / "Makefile").read_text()
 
 
-def programs(text: str) -> list[tuple[str, str]]:
-    """Language and text of each program."""
-    return re.findall(r"^```(\w+)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+def of(page: Path, *languages: str) -> list[Block]:
+    """The blocks of a page that run here."""
+    return [block for block in BLOCKS[page] if block.language in languages and not block.marker]
 
 
-def printed(text: str, language: str) -> str:
-    """What the programs in a language print, one after the other: the text that follows "prints"."""
-    pattern = rf"^```{language}\n(?:(?!```).)*^```\n(?:(?!```).)*prints\n\n```text\n(.*?)^```$"
-    return "".join(re.findall(pattern, text, re.MULTILINE | re.DOTALL))
+def having(*languages: str) -> list[Path]:
+    return [page for page in PAGES if any(block.shown for block in of(page, *languages))]
 
 
-def run(command: list[str], folder: Path) -> str:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+def pages(which: list[Path]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("page", which, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def printed(page: Path, *languages: str) -> str:
+    """What the programs of these languages print, one after the other."""
+    out, last = "", ""
+    for block in BLOCKS[page]:
+        if block.prints and last in languages:
+            out += block.code
+        last = block.language if block.shown else last
+    return out
+
+
+def run(command: list[str], folder: Path, **environment: str) -> str:
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
+        env=os.environ | environment,
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_python_is_python_and_data_is_data(page):
-    for language, code in programs(TEXTS[page]):
-        assert language in ("python", "c", "cpp", "text", "console", "toml", "bash", "sh", "cmake", "json"), language
-        if language == "python":
-            ast.parse(code)
+def bare(code: str) -> str:
+    """Code without comments, white space, and commas before a bracket."""
+    code = re.sub(r"/\*.*?\*/|(?://|#)\s.*?$", "", code, flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r",(?=[)}\]])", "", re.sub(r"\s+", "", code))
 
 
-@pytest.mark.parametrize("name", RUN)
-def test_python_runs_and_prints_what_the_page_says(name, robot_folder, tmp_path):
-    text = TEXTS[ROOT / "docs" / name]
-    (tmp_path / "generated").symlink_to(robot_folder.parent)
-    (tmp_path / "urdf").symlink_to(ROOT / "urdf")
-    code = GIVEN.get(name, "") + "\n".join(code for language, code in programs(text) if language == "python")
-    if code:
-        assert run([sys.executable, "-c", code], tmp_path) == printed(text, "python")
+@pytest.fixture(scope="session")
+def derived(once: Once) -> Path:
+    """The iiwa 14 with derivatives and CUDA, compiled without optimisation."""
+
+    def make(output: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CFLAGS", "-O0")
+            stiffgen.generate(URDF, springs=SpringOptions(derivatives=True), cuda=True, output=output)
+
+    return once("derived", make) / "iiwa14"
+
+
+@pages(PAGES)
+def test_every_block_says_its_language(page: Path) -> None:
+    text = page.read_text()
+    fences = re.findall(r"^ *```(.*)$", text, re.MULTILINE)
+    assert len(fences) == 2 * sum(block.shown for block in BLOCKS[page])
+    assert set(fences[::2]) <= set(LANGUAGES) and set(fences[1::2]) <= {""}
+    assert "\n\n    " not in re.sub(
+        r"^(?:\d+\.|[-*]) (?:.*\n|\n(?= ))*|^```.*?^```$|<!--.*?-->", "", text, flags=re.M | re.S
+    )
+    assert text.count("<!-- ") == sum(not block.shown or bool(block.marker) for block in BLOCKS[page])
+    for block in BLOCKS[page]:
+        if block.language == "text" and not block.prints:  # pictures, formulas, results
+            assert not re.search(r"^(#include|import |from \w+ import|\$ )|[)\]];$|\{$", block.code, re.MULTILINE), (
+                block
+            )
+
+
+def test_a_marker_names_what_is_there() -> None:
+    for block in ALL:
+        if block.marker == "held by":
+            file, _, test = block.what.partition("::")
+            assert f"def {test}(" in (ROOT / file).read_text(), block
+        elif block.marker == "quoted from":
+            assert bare(block.code) in bare((ROOT / block.what).read_text()), block
+
+
+def test_blocks_that_nobody_runs_are_listed() -> None:
+    """CONTRIBUTING.md has the whole list, with the reasons of the markers."""
+    listed = re.findall(r"^\| `(\S+)` \| (.*) \|$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    marked = [(str(block.page.relative_to(ROOT)), block.what) for block in ALL if block.marker == "not run:"]
+    assert listed == list(dict.fromkeys(marked))
+    for block in ALL:
+        if block.language == "python":
+            ast.parse(block.code)
+
+
+@pages(having("python"))
+def test_python_prints_what_the_page_says(page: Path, robot_folder: Path, tmp_path: Path, request) -> None:
+    if page.name == "CONTRIBUTING.md":
+        pytest.skip("followed in tests/test_contributing.py")
+    code = "\n".join(block.code for block in of(page, "python"))
+    folder = request.getfixturevalue("derived") if re.search(r"_vjp|\.jax|\.casadi", code) else robot_folder
+    (tmp_path / "generated").symlink_to(folder.parent)
+    for name in ("urdf", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    out = run([sys.executable, "-c", code], tmp_path, PYTHONPATH=os.pathsep.join([*sys.path, str(tmp_path)]))
+    expected = printed(page, "python")
+    assert out == expected or not expected
 
 
 @pytest.mark.parametrize(("language", "compiler"), [("c", "gcc"), ("cpp", "g++")])
-def test_c_and_cpp_of_the_embedding_page(language, compiler, robot_folder, tmp_path):
-    text = TEXTS[ROOT / "docs" / "embedding.md"]
-    folder = robot_folder
+def test_c_and_cpp_print_what_the_page_says(language, compiler, robot_folder, derived, tmp_path) -> None:
+    """Programs are compiled and run; declarations and fragments are parts of what is generated."""
     standard = {"c": "-std=c99", "cpp": "-std=c++17"}[language]
-    run(["cc", "-std=c99", "-O0", "-c", str(folder / "iiwa14.c"), "-o", "kernels.o"], tmp_path)
-    out = ""
-    for found, code in programs(text):
-        if found == language:
-            (tmp_path / f"main.{language}").write_text(code)
-            flags = [standard, "-Wall", "-Wextra", "-Werror", f"-I{folder}", "-isystem", "/usr/include/eigen3"]
-            command = [require_compiler(compiler), *flags, f"main.{language}", "kernels.o", "-o", "a", "-lm"]
-            run(command, tmp_path)
-            out += run([str(tmp_path / "a")], tmp_path)
-    assert out and out == printed(text, language)
+    flags = [standard, "-Wall", "-Wextra", "-Werror", f"-I{robot_folder}", "-isystem", "/usr/include/eigen3"]
+    for name in ("iiwa14", "iiwa14_impedance"):
+        run(["cc", "-std=c99", "-O0", "-c", str(robot_folder / f"{name}.c"), "-o", f"{name}.o"], tmp_path)
+    generated = bare("".join(file.read_text() for file in sorted(derived.iterdir()) if file.suffix in (".c", ".h")))
+    compiled = 0
+    for page in having(language):
+        out, code = "", ""
+        for block in of(page, language):
+            code += block.code
+            if code.count("{") == code.count("}") and "int main" in code:
+                (tmp_path / f"main.{language}").write_text(code)
+                objects = ["iiwa14_impedance.o", "iiwa14.o", "-o", "a", "-lm"]
+                run([require_compiler(compiler), *flags, f"main.{language}", *objects], tmp_path)
+                out, code, compiled = out + run(["./a"], tmp_path), "", compiled + 1
+            elif "int main" not in code:
+                assert bare(code.replace("NAME", "iiwa14")) in generated, block
+                code = ""
+        assert not code
+        assert out == printed(page, language)
+    assert compiled >= {"c": 3, "cpp": 1}[language]
 
 
-def test_the_ros_page_says_that_nobody_compiled_it():
-    assert "not compiled by us" in TEXTS[ROOT / "docs" / "ros2.md"]
+def test_c_example_is_built_as_the_page_says(robot_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "generated").symlink_to(robot_folder.parent)
+    for page in (ROOT / "README.md", ROOT / "docs" / "embedding.md"):
+        (tmp_path / "example.c").write_text(of(page, "c")[0].code)
+        command = re.search(r"`(cc -std=c99 .*?)`", page.read_text())[1].split()
+        run([*command, "-O0"], tmp_path)
+        assert run(["./a.out"], tmp_path) == printed(page, "c")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page):
-    for link in re.findall(r"\]\(([^)\s]+)\)", TEXTS[page]):
+def project(folder: Path, robot_folder: Path) -> None:
+    """A scratch copy of the repository, with the files that the pages' reader is said to have."""
+    shutil.copytree(robot_folder.parent, folder / "generated")
+    for name in ("urdf", "tests", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+    arm = chain_urdf("rrrrrr")
+    names = re.findall(r'<link name="([^"]+)"', arm)
+    for old, new in ((names[0], "base_link"), (names[-1], "tool0")):
+        arm = arm.replace(f'"{old}"', f'"{new}"')
+    for name in ("my_arm", "my_robot"):
+        (folder / f"{name}.urdf").write_text(arm)
+    dual = (ROOT / "tests" / "data" / "dual_arm.urdf").read_text()
+    soles = dual.replace('"left hand"', '"left_sole_link"').replace('"right-hand"', '"right_sole_link"')
+    (folder / "robot.urdf").write_text(soles)
+    columns = ["time", *(f"q_{k}" for k in range(7)), *(f"wrench_{k}" for k in range(6))]
+    rows = np.random.default_rng(0).uniform(-1, 1, (50, 14))
+    rows[:, 0] = 0.01 * np.arange(50)
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header=",".join(columns), comments="")
+
+
+def make(words: list[str]) -> None:
+    """Every target is one that a test runs (tests/test_make.py)."""
+    for target in (word for word in words if "=" not in word):
+        assert re.search(rf"^(?:[^\n:]* )?{re.escape(target)}\b[^\n=]*:", MAKEFILE, re.MULTILINE), target
+
+
+def install(words: list[str]) -> None:
+    """The extras of pip are declared; Debian's packages are those that CI installs or has."""
+    extras = re.findall(r"\[(\w+)\]", " ".join(words))
+    assert all(re.search(rf"^{extra} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE) for extra in extras)
+    if words[0] == "install" and not extras:
+        known = re.findall(r"missing\+=\((.*?)\)", (ROOT / ".ci" / "run").read_text())
+        assert {"cmake", "clang", *" ".join(known).split()} >= set(words[1:]), words
+
+
+@pytest.mark.usefixtures("unoptimised")
+@pages(having("sh"))
+def test_commands(page: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every line runs in a scratch copy but those of make, pip and apt-get, whose words are looked up."""
+    seen = [line for other in PAGES[: PAGES.index(page)] for block in of(other, "sh") for line in commands(block)]
+    lines = [line for block in of(page, "sh") for line in commands(block) if line not in seen]
+    if any(not re.match(r"make |(\S*/)?pip |apt-get ", line) for line in lines):
+        project(tmp_path, robot_folder)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BROWSER", "true")  # that program is the browser
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    for line in lines:
+        words = shlex.split(line)
+        while "=" in words[0]:
+            monkeypatch.setenv(*words.pop(0).split("=", 1))
+        program = Path(words[0]).name
+        if program == "make":
+            make(words[1:])
+        elif program in ("pip", "apt-get"):
+            install(words[1:])
+        elif program == "stiffgen":
+            quick = words[1] in ("generate", "new") and "CFLAGS" not in os.environ
+            assert main([*words[1:], *(["--no-build"] if quick and "--no-build" not in words else [])]) == 0, line
+        else:
+            run([require_program(words[0], "gcc-arm-none-eabi"), *words[1:]], tmp_path / "generated" / "iiwa14")
+
+
+@pages(PAGES)
+def test_commands_in_sentences_exist(page: Path) -> None:
+    """Commands that are held elsewhere, and those within sentences, are ones that the command line takes."""
+    text = page.read_text()
+    for block in BLOCKS[page]:
+        for line in commands(block) if block.language == "sh" and block.marker else ():
+            words = shlex.split(line)
+            if Path(words[0]).name == "stiffgen" and "..." not in words:
+                _parser().parse_args(words[1:])
+            elif words[0] == "make":
+                make(words[1:])
+    for target in re.findall(r"`make ([a-z-]+)", text):
+        make([target])
+
+
+@pages(PAGES)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
         if link.startswith(("http://", "https://", "mailto:")):
             continue
         file, _, anchor = link.partition("#")
@@ -94,18 +251,3 @@ def test_links_lead_somewhere(page):
             headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
             slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
             assert anchor in slugs, link
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_commands_and_targets_exist(page):
-    """Every line ``stiffgen ...`` is one that the command line takes; every ``make ...`` is a target."""
-    makefile = (ROOT / "Makefile").read_text()
-    for line in re.findall(r"^    (?:\.venv/bin/)?(stiffgen .*|make [a-z].*)$", TEXTS[page], re.MULTILINE):
-        if "..." in line:  # the rest is on the page before
-            continue
-        words = shlex.split(line, comments=True)
-        if words[0] == "stiffgen":
-            stiffgen_parser().parse_args(words[1:])
-        else:
-            target = next(word for word in words[1:] if "=" not in word)
-            assert re.search(rf"^[^\n]*\b{re.escape(target)}\b[^\n]*:", makefile, re.MULTILINE), target

@@ -1,43 +1,11 @@
-"""The README's examples print what the README says, and its file names exist."""
+"""Tests and messages that pages name are there."""
 
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 
 from stiffgen.emit import fields
 from support.project import ROOT
-
-README = (ROOT / "README.md").read_text()
-
-
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
-
-
-def test_python_examples(robot_folder, tmp_path):
-    (tmp_path / "generated").symlink_to(robot_folder.parent)
-    code, expected = "\n".join(blocks("python")), blocks("text")[0]
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout == expected
-
-
-def test_c_example(robot_folder, tmp_path):
-    (tmp_path / "generated").symlink_to(robot_folder.parent)
-    (code,), expected = blocks("c"), blocks("text")[1]
-    (tmp_path / "example.c").write_text(code)
-    command = re.search(r"`(cc -std=c99 .*?)`", README)[1].split()
-    subprocess.run(command, cwd=tmp_path, check=True)
-    assert subprocess.run(["./a.out"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout == expected
-
-
-def test_links_and_targets_exist():
-    for link in re.findall(r"\]\(([^)#]+)\)", README):
-        assert (ROOT / link).exists(), link
-    makefile = (ROOT / "Makefile").read_text()
-    for target in re.findall(r"(?:`|^    )make ([a-z-]+)", README, re.MULTILINE):
-        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
 
 
 def test_every_test_that_the_design_names_exists():

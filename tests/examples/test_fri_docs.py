@@ -11,6 +11,7 @@ from examples.fri_robot import demo
 from examples.fri_robot.__main__ import arguments
 from examples.fri_robot.faults import KINDS, parse_faults
 from stiffgen.cli import _parser as stiffgen_parser
+from support.pages import blocks, commands
 from support.project import ROOT
 
 PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("fri.md", "fri_robot.md")}
@@ -22,15 +23,15 @@ OTHERS = {"build", "set-eee", "quiet", "name", "output", "tool-xyz", "tool-mass"
 """Of cmake, ethtool and stiffgen generate."""
 
 
-def blocks(page: str) -> list[str]:
-    """Lines of the indented blocks that are commands."""
-    programs = ("cmake", "make", "apt-get", "build/", ".venv/", "python")
-    return [line.strip() for line in PAGES[page].splitlines() if re.match(f"    ({'|'.join(programs)})", line)]
+def lines(page: str) -> list[str]:
+    """Commands of the page's blocks."""
+    return [line for block in blocks(ROOT / "docs" / page) if block.language == "sh" for line in commands(block)]
 
 
 def code(page: str) -> str:
     """All that is set as code."""
-    return "\n".join([*re.findall(r"`([^`]+)`", PAGES[page]), *re.findall(r"^    .*$", PAGES[page], re.M)])
+    fenced = "".join(block.code for block in blocks(ROOT / "docs" / page))
+    return "\n".join([*re.findall(r"`([^`\n]+)`", PAGES[page]), fenced])
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -56,7 +57,7 @@ def test_every_kind_of_fault_is_in_the_tables() -> None:
     faults = PAGES["fri_robot.md"].split("## Faults")[1].split("## Log")[0]
     rows = " ".join(line.split("|")[1] for line in faults.splitlines() if line.startswith("| `"))
     assert set(re.findall(r"`([a-z]+)", rows)) == set(KINDS)
-    for line in re.findall(r"^    --faults (\S+)", faults, re.M):
+    for line in re.findall(r"^--faults (\S+)", faults, re.M):
         parse_faults(line, "2.7")
 
 
@@ -66,9 +67,9 @@ def test_every_command_that_is_shown_can_be_given(page: str) -> None:
     variables = re.findall(
         r"(?:set\(|find_path\(|find_library\(|option\()(\w+)", (SOURCES / "CMakeLists.txt").read_text()
     )
-    commands = blocks(page)
-    assert len(commands) >= 4
-    for command in commands:
+    given = lines(page)
+    assert len(given) >= 4
+    for command in given:
         words = shlex.split(command)
         if words[0] == "make":
             assert set(words[1:]) <= targets

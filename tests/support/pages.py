@@ -1,0 +1,77 @@
+"""The pages of the documentation and the blocks of code in them.
+
+Every block is fenced and says its language. A comment of HTML before a block can say why no test of pages runs it:
+
+    <!-- held by tests/FILE.py::TEST -->       that test does
+    <!-- quoted from FILE -->                  it is a part of that file
+    <!-- not run: REASON -->                   nobody does
+
+and one that begins with a language has code that is run with the page's but not shown: what a reader has at hand, and
+what is to come out.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from support.project import ROOT
+
+PAGES = (
+    *(ROOT / page for page in ("README.md", "CONTRIBUTING.md", "codegen/stiffgen/emit/README.md", "urdf/README.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+)
+_PARTS = re.compile(
+    r"^<!-- (?P<marker>held by|quoted from|not run:) (?P<what>[^\n]*) -->$"
+    r"|^<!-- (?P<unseen>python|cpp|c)\n(?P<given>.*?)^-->$"
+    r"|^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<code>.*?)^(?P=indent)```$",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of code, where it stands, and what the comment before it says."""
+
+    page: Path
+    line: int
+    language: str
+    code: str
+    shown: bool = True
+    prints: bool = False
+    """It follows the word "prints": what the blocks before it write to standard output."""
+    marker: str = ""
+    """``held by``, ``quoted from`` or ``not run:``; empty where the page's own test runs it."""
+    what: str = ""
+    """The test, the file, or the reason."""
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+def blocks(page: Path) -> list[Block]:
+    """The blocks of a page in their order."""
+    text = page.read_text()
+    found: list[Block] = []
+    marker, what = "", ""
+    for part in _PARTS.finditer(text):
+        line = text.count("\n", 0, part.start()) + 1
+        if part["marker"]:
+            marker, what = part["marker"], part["what"]
+            following = text[part.end() :].lstrip("\n")
+            assert re.match(" *```", following), f"{page}:{line}: a marker stands before a block"
+        elif part["unseen"]:
+            found.append(Block(page, line, part["unseen"], part["given"], shown=False))
+        else:
+            code = re.sub(f"^{part['indent']}", "", part["code"], flags=re.MULTILINE)
+            prints = text[: part.start()].rstrip().endswith("prints")
+            found.append(Block(page, line, part["language"], code, prints=prints, marker=marker, what=what))
+            marker, what = "", ""
+    return found
+
+
+def commands(block: Block) -> list[str]:
+    """The lines of a block of commands, without their comments."""
+    lines = (re.sub(r"\s+# .*$", "", line).strip() for line in block.code.splitlines())
+    return [line for line in lines if line]
