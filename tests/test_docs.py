@@ -235,7 +235,7 @@ def test_commands_in_sentences_exist(page: Path) -> None:
                 _parser().parse_args(words[1:])
             elif words[0] == "make":
                 make(words[1:])
-    for target in re.findall(r"`make ([a-z-]+)", text):
+    for target in re.findall(r"`make ([a-z-]+)[` ]", text):
         make([target])
 
 
@@ -251,3 +251,14 @@ def test_links_lead_somewhere(page: Path) -> None:
             headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
             slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
             assert anchor in slugs, link
+
+
+def test_every_test_that_the_design_names_exists():
+    design = (ROOT / "docs" / "design.md").read_text()
+    file = ""
+    for named_file, test in re.findall(r"`(test_\w+\.py)?(?:::(test_\w+))?`", design):
+        file = named_file or file
+        if file:
+            [found] = (ROOT / "tests").rglob(file)
+            source = found.read_text()
+            assert not test or f"def {test}(" in source, (file, test)

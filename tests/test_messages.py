@@ -1,22 +1,32 @@
-"""Tests and messages that pages name are there."""
+"""docs/messages.md has every message of the sources, docs/troubleshooting.md none but those."""
 
 from __future__ import annotations
 
 import re
 
 from stiffgen.emit import fields
+from support.messages import messages
 from support.project import ROOT
 
+ROWS = re.findall(r"^\| (`.*?) \| ", (ROOT / "docs" / "messages.md").read_text(), re.MULTILINE)
+QUOTED = [text for row in ROWS for text in re.findall(r"`([^`]+)`", row)]
 
-def test_every_test_that_the_design_names_exists():
-    design = (ROOT / "docs" / "design.md").read_text()
-    file = ""
-    for named_file, test in re.findall(r"`(test_\w+\.py)?(?:::(test_\w+))?`", design):
-        file = named_file or file
-        if file:
-            [found] = (ROOT / "tests").rglob(file)
-            source = found.read_text()
-            assert not test or f"def {test}(" in source, (file, test)
+
+def quoted_in(message: str) -> list[str]:
+    """The texts of the page, ``...`` for anything, that a message has."""
+    return [text for text in QUOTED if re.search(".*?".join(map(re.escape, text.split("..."))), message)]
+
+
+def test_every_message_has_its_row() -> None:
+    found = messages()
+    assert len(found) > 200
+    assert [f"{file}: {text}" for text, file in found.items() if not quoted_in(text)] == []
+
+
+def test_every_row_is_about_a_message() -> None:
+    assert len(QUOTED) == len(set(QUOTED))
+    matched = [text for message in messages() for text in quoted_in(message)]
+    assert [text for text in QUOTED if not 1 <= matched.count(text) <= 5] == []  # more than five: says nothing
 
 
 def test_every_message_of_the_troubleshooting_page_is_one_of_ours():
