@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /*
  * The hybrid joint stiffness of the iiwa 14 and its vector-Jacobian product on a GPU, each against a device-to-device copy
  * that moves as many bytes: 41 doubles a configuration (7 of q, 6 of the wrench, 28 of the result), and 111 (49 of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How long ``stiffgen generate`` takes: the iiwa 14, and a chain of 40 joints with nothing aligned, and its C's size.
 
 Fresh processes, median of five (two for the long chain).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Time of a full controller step of the iiwa 14 (kernels, mass matrix, damping, safety, account), pinned to one core.
 
 Compiles benchmarks/impedance_step.c with the committed code. The worst time is that of the machine as much as of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Times the joint stiffness against what a user could take instead; writes RESULTS.md and results.svg beside this file.
 
 All C and C++ contenders run in one process on the same 4096 random inputs (iiwa14, hybrid form, dense task stiffness,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where the coefficients of the generated sine and cosine come from, and how exact the code is.
 
 ``python benchmarks/sine_cosine.py`` derives the polynomials by Remez' algorithm and the parts of pi/2, and prints them

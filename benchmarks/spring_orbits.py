@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Work of a torque field round closed orbits: springs beside the laws in common use. python benchmarks/spring_orbits.py
 
 Every orbit is a closed curve of the iiwa 14's joints, q(t) = c + a (cos t d1 + sin t d2 + ...), 0.05 to 1 rad large,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How much memory one call on a long array takes beyond its arguments and its result (Linux).
 
     python benchmarks/stream_memory.py generated/iiwa14 10000000 [spread]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Configurations a second on all cores: joint stiffness, Hessian, and their products, beside what else computes them.
 
 Part of ``make bench`` (run.py). float64, iiwa14, hybrid form, one task stiffness for all. Values agree to 1e-9 of the

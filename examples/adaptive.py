@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A stiffness that adapts while the arm works, under the bound of the controller's tank: ``make adaptive``.
 
     python -m examples.adaptive [--robot FOLDER] [--figure FILE]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Shared fixtures: the golden values, the iiwa 14's chain and model, and its folder, generated and compiled once."""
 
 from __future__ import annotations

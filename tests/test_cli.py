@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The command line: output, exit codes 0, 1 and 2, and messages without tracebacks."""
 
 from __future__ import annotations

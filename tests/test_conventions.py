@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The lines of docs/conventions.md about programs that are installed: Pinocchio and MuJoCo."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Wheel and source distribution: complete, and enough for a new user in an empty folder, as docs/start.md says."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the pages say: every block of code is run or held by a test, and prints what stands below it; links exist."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writing a robot's folder: same bytes, swapped in whole or not at all, movable, and never over foreign files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rooms of the package: a module imports its own room and those above it in this list, and nothing in a circle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every target of the Makefile is run by .ci/run or by a test: the programs that take long, for a moment."""
 
 from __future__ import annotations

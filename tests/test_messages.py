@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """docs/messages.md has every message of the sources, docs/troubleshooting.md none but those."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Names of any file become safe identifiers, strings and comments."""
 
 from __future__ import annotations

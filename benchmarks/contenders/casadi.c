@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* C that CasADi generated, called with its work arrays on the stack. SOURCE and FUNCTION come from the command line. */
 #include SOURCE
 

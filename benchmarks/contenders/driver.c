@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * Times contenders, each a shared library with run() and maybe run_batch(), in turn on the same inputs.
  * driver INPUTS COUNT ROUNDS LIBRARY... reads COUNT q (7) and wrenches (6) and one task stiffness (36) from INPUTS.

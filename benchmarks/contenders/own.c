@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* The generated code, single calls and batches. The robot's source is included to build it with any flags. */
 #include "iiwa14.c"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The joint stiffness with Pinocchio as an expert would write it: one forward pass, kinematic Hessian in the
 // LOCAL_WORLD_ALIGNED frame, everything preallocated, fixed sizes where the sizes are known.
 #include <pinocchio/algorithm/frames.hpp>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* The floor: seven sines and cosines of the C library. */
 #define _GNU_SOURCE
 #include <math.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * Springs against the plain hybrid joint stiffness: one process, in turn, the same postures.
  * Compiled with -DROBOT_C="..."; the iiwa 14 of benchmarks/run.py. springs INPUTS COUNT ROUNDS prints, a function a line,

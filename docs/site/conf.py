@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sphinx: the repository's own pages, staged by pages.py, with the reference made from the tables."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stages the site's pages: the repository's own files where they lie, and the reference made from the tables.
 
 python docs/site/pages.py FOLDER

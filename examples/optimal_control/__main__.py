@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Solve the problem with CasADi's graph and with the compiled functions, timed in one run: ``make optimal-control``.
 
     python -m examples.optimal_control [--robot FOLDER] [--knots N] [--figure FILE]

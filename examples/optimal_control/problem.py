@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The optimal control problem: postures and task stiffnesses along the bowl trajectory for a wanted joint stiffness.
 
 At every knot k of the trajectory the arm may choose its posture q_k (the tool's pose leaves it one freedom, the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """stiffgen analyze: values against independent computation, formats, bad rows, cuts, Dask, refusals, memory."""
 
 from __future__ import annotations

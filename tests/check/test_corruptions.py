@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What ``stiffgen verify`` must not let pass: faults put into a generated folder by hand, one at a time.
 
 Each one compiles. The digests in the manifest would show any change of a file, so they are left out of account; what

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The running error analysis that tells rounding from faults."""
 
 from __future__ import annotations

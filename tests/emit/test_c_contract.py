@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The contract of the generated C: warnings, symbols, threads, bitwise symmetry, and use from other builds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NAME.casadi: compiled functions and their derivatives as CasADi sees them, against the graph of StiffnessModel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NAME.hpp: the C functions from C++, bit for bit, wherever the numbers lie; what does not fit is refused."""
 
 from __future__ import annotations

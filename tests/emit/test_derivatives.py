@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Vector-Jacobian products in C, batches and CUDA."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Nothing from a robot file reaches C, CMake, Python, Markdown or a path unescaped."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compiler flags that change floating-point arithmetic: right, refused, or found by the self-check. Nothing else.
 
 docs/performance.md has the table of all that were tried.

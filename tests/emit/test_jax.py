@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NAME.jax, in a process of its own: JAX has threads, and other tests fork."""
 
 from __future__ import annotations

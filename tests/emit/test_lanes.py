@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Chains whose rows fill lanes partly, exactly or several times over, in builds with every width of lanes."""
 
 from __future__ import annotations

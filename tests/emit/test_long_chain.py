@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Forty joints with nothing aligned: the size of the C source, and its values."""
 
 from __future__ import annotations

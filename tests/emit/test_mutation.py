@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every single entry of dJ^T/dq matters, and every sign of the generated code: falsify each one and see checks fail.
 
 The checks are those of ``stiffgen verify`` (:func:`stiffgen.check.verify.check_kernels`), run on the compiled kernels

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NaN or infinity in: NaN in every entry that depends on it, and never another number elsewhere."""
 
 from __future__ import annotations

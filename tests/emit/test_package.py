@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot's folder as a package: pip, find_package, pkg-config, the README's examples, and the tool said everywhere."""
 
 from __future__ import annotations

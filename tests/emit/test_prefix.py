@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Robots share programs and include folders: whatever a folder exports or installs carries the robot's prefix."""
 
 from __future__ import annotations

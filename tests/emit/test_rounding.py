@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Certified bounds of rounding errors: they hold, they are near, and what is broken goes beyond them."""
 
 from __future__ import annotations

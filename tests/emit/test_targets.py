@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The generated C on other machines, in QEMU: golden values, and as many instructions for every input."""
 
 from __future__ import annotations

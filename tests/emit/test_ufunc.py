@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The Python module: generalised ufuncs with everything NumPy's users expect of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """gcc finds nothing to warn of in the C of random robots, at any level; more in tests/long/compiler_warnings.py."""
 
 from __future__ import annotations

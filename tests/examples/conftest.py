@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fixtures: the C++ client built for the robot with the plate, and sessions of it with the simulated robot."""
 
 from __future__ import annotations

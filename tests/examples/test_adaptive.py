@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The stiffness that adapts under the tank: its gradient, and that neither learner gets more out than the tank had."""
 
 from __future__ import annotations

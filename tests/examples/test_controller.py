@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The pictures of docs/controller.md show what the page says, and the page names tests that exist."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Work round closed orbits: the closed form, the gradient's zero, and what the secant law of one energy is."""
 
 from __future__ import annotations

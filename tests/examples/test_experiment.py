@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The bowl-wiping experiment: trajectory, trials and report, with MuJoCo's kinematics as the oracle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What an unfriendly robot does to the C++ client: scenarios of the emulator (--faults), for each version."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The FRI client under the attack of tests/long/attack_fri.py: a short climb, and what longer ones have found."""
 
 from __future__ import annotations

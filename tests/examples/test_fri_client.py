@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The FRI client and its open library: the wire held against an independent codec, hostile traffic, the controller.
 
 The robot's messages come from examples/fri_robot/messages.py (protobuf, a schema of its own), so that the two codecs

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The commands in docs/fri.md and docs/fri_robot.md against the programs that take them."""
 
 from __future__ import annotations

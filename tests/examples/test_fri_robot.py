@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated robot that speaks FRI: messages, quality and states, faults, the controller, and sessions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The C++ client against the simulated robot, in lockstep over UDP: determinism, the torque on the wire, and faults."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The example that learns a stiffness and a tool from a recording."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The notebooks run from top to bottom in a kernel of their own, and are committed without what they print."""
 
 from __future__ import annotations

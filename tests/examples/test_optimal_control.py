@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The optimal control example: its formulas against independent ones, and the whole program with few knots."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated arm against the generated kernels, statics, and its own sensor."""
 
 from __future__ import annotations

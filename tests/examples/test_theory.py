@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The theory page's numbers: printed by its script, and held against differentiation of the energies."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The page on threads: its code runs as it stands, with fewer configurations, and gives what one call gives."""
 
 from __future__ import annotations

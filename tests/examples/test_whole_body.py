@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A quadruped on contact springs: kernels against MuJoCo, in rest, modes, and forces."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Hill-climbing attack on the FRI client: schedules of what a robot, a network, a machine and a person may do to it.
 
     python tests/long/attack_fri.py [FOLDER] [--sessions 100000] [--seed 1] [--version 2.7] [--sanitize]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random robots through gcc at every level: python tests/long/compiler_warnings.py [COUNT] [MOST_MOVING] [FIRST_SEED].
 
 The C of kernels and controller at -O0 to -O3 and -Os; the width of the vectors goes round from robot to robot, and so

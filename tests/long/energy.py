@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Adversarial schedules against the controller's energy bound, hill-climbed.
 
     python tests/long/energy.py [--count 100000] [--seed 1] [--climb 200]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Times of the FRI client's callback, against those of an older client in one run.
 
     python tests/long/fri_callback.py COMMIT [FOLDER] [--cycles 20000] [--repeats 5]

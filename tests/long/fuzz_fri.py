@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fuzzing of the FRI client with libFuzzer, under the address and undefined-behaviour sanitizers.
 
     python tests/long/fuzz_fri.py [FOLDER] [--version 2.7] [--nanopb-source DIR] [-runs=1000000] [-seed=1] ...

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Coverage-guided fuzzing of the URDF reader with atheris.
 
     python tests/long/fuzz_reader.py [FOLDER] [-max_total_time=600] [-runs=N -seed=S] ...

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * Hostile steps of the iiwa 14's controller: bad samples, commands, counters and calls, a configuration that changes while
  * it runs, valid and not, and single bit flips of the state. Checked at every step: the torque is finite, moves by no more

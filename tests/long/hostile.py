@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Hostile steps and bit flips of the controller's state, under the sanitizers of gcc and clang; see hostile.c.
 
     python tests/long/hostile.py [--steps 10000000] [--flips 100000]

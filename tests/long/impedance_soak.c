@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * Many controller steps of the iiwa 14 with hostile input, checked one by one. Arguments: steps, seed, threads.
  * Exit code 0, or 1 with the first failure on standard error. With -DABORTING_ALLOCATOR any allocation while stepping

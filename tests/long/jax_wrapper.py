@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NAME.jax: the functions under jit, vmap and grad, on XLA's own buffers.
 
 tests/emit/test_jax.py runs this in a process of its own: JAX's threads and the forks of other tests do not go together.

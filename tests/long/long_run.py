@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Many random chains against Pinocchio, and many broken files through the reader: ``python tests/long/long_run.py``.
 
 Every chain is held against Pinocchio at one posture: pose, mass matrix and the three Jacobians, and each twentieth

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every URDF of well-known robot packages against Pinocchio; writes docs/robots.md.
 
     python tests/long/robots_table.py FOLDER [docs/robots.md]

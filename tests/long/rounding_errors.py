@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The certified bounds of rounding errors against what is measured: ``python tests/long/rounding_errors.py``.
 
 Every function of a robot that has a bound is run at many states, half of them random (often at the ends of the stated

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random situations of an arm on springs: does it come to rest where statics says, and within the limits?
 
     python tests/long/settle.py [--count 500] [--seed 1]

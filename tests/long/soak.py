@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Long runs of the controller and the eigensolver, by ``make soak``; the tests run the same programs for a few steps.
 
 ``make soak``, with --steps N and --pencils N: hostile input (1 % NaN, infinity, 1e308, denormals, limits exceeded,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Springs against 60 digits over many poses: python tests/long/springs_digits.py [COUNT [WORKERS [SUBJECT...]]].
 
 Every spring with all axes, its centre of stiffness at the tip's origin and apart from it, at COUNT poses each: at

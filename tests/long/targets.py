@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a robot's functions cost on other machines: ``python tests/long/targets.py``.
 
 Compiles the folder for every machine of tests/support/targets, runs the golden values, counts the instructions of every

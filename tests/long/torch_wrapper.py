@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """NAME.torch: the functions as operators of PyTorch. ``make test-torch`` runs this: PyTorch is too large for CI."""
 
 from __future__ import annotations

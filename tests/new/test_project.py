@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """``stiffgen new``: the project builds, runs and passes its own test; what is ambiguous is asked, or refused."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The playground in headless Chromium: values, keys, mouse and touch, colours, phone width, reduced motion."""
 
 from __future__ import annotations

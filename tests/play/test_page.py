@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The playground's page: its kernels and its own mathematics held against Python, its file, and what is refused."""
 
 from __future__ import annotations

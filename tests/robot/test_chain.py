@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From description to chain: which joints are coordinates, what they carry, where the base is. Values by Pinocchio."""
 
 from __future__ import annotations

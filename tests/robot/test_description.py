@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reading URDF files: what is refused and with which words, and what real files have that must pass."""
 
 from __future__ import annotations

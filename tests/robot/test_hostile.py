@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Files made to do harm: each is refused (or read) within seconds and 500 MB, with exit code 2, one message, no
 traceback, and nothing written.
 """

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random valid robots agree with Pinocchio and with differentiation; random broken files are refused or read."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Angles and axes a little off a right angle: taken as right up to the one threshold, as written beyond it."""
 
 from __future__ import annotations

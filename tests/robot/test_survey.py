@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What ``inspect`` says of the chains of a description."""
 
 from __future__ import annotations

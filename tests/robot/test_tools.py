@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Tools, locked joints and several tips, against Pinocchio and against each other."""
 
 from __future__ import annotations

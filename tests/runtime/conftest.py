@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller in the loop with a simulated arm, compiled once for all workers."""
 
 from __future__ import annotations

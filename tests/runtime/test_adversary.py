@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Short runs of the adversaries in tests/long: settle.py, energy.py, hostile.py."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller in a closed loop with a plant: ordinary situations, and what a law that follows a tangent did there.
 
 Until the controller became the gradient of an energy, its torque was Kq(q, wrench) (q0 - q). What that law did in the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller's energy account: an identity at every step, and the bound of docs/controller.md."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller's step: values against a NumPy reference, faults, governor, configuration, and hostile input."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller's linear algebra against SciPy."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The plant of the closed-loop tests: against MuJoCo, by its energy, and its statics by differences."""
 
 from __future__ import annotations

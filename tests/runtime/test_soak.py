@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A few thousand hostile steps through sanitizers, valgrind, threads and an allocator that aborts."""
 
 from __future__ import annotations

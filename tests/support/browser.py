@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Headless Chromium through its DevTools pipe: pages, scripts in them, keys, mouse, touch and screenshots."""
 
 from __future__ import annotations

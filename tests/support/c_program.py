@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compile a generated robot together with a small main and read back what its kernels return, bit by bit."""
 
 from __future__ import annotations

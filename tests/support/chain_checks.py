@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A chain's expressions held against Pinocchio at one posture, without printing or compiling anything."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Small robots as text."""
 
 from __future__ import annotations

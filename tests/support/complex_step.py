@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Differentiation by complex steps: f(x + ih) has f'(x) as its imaginary part over h, with no difference to cancel.
 
 A ``casadi.Function`` of scalars is run instruction by instruction on complex numbers, a whole stack of states at a

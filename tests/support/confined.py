@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The command line under limits, in copies of one process that has loaded stiffgen: a second less for every run."""
 
 from __future__ import annotations

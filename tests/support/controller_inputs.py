@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random motions for the controller, sound and hostile."""
 
 from __future__ import annotations

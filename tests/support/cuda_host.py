@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The functions of a generated NAME.cu, compiled for the host and called from Python."""
 
 from __future__ import annotations

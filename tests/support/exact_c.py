@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A generated body without loops, run with 60 digits: what a sign in it changes, apart from rounding."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pose and mass matrix of a serial chain with 60 digits, straight from the numbers in the file.
 
 M = sum over the links of J_k^T I_k J_k: no composites, no link axes, no Steiner terms; angles and axes as written.

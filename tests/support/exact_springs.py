@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Energies of springs differentiated with 60 digits along the kinematics of the URDF's own numbers.
 
 Numbers carry their first and second derivatives (jets) through the textbook formula of each energy: nothing of the

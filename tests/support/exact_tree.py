@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Robots with branches, on a base that may move, with 60 digits: poses and energies straight from the numbers in the
 file, and their derivatives by differences along exponentials (steps so small that sixty digits leave forty).
 

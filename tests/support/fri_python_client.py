@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """For tests of the simulated robot: sessions in this process, and a little FRI client in Python."""
 
 from __future__ import annotations

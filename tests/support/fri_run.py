@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The C++ client against the simulated robot over UDP: what both saw."""
 
 from __future__ import annotations

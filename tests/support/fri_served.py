@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """fri_wiping as a process, with a plain socket in the robot's place."""
 
 from __future__ import annotations

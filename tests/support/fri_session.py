@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Building the FRI client's test programs, and sessions for them, made by the robot's own, independent codec."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The golden file's samples as calls of kernels, with what is expected."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every message that stiffgen, and what it generates, can raise: collected from the sources."""
 
 from __future__ import annotations

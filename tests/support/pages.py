@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The pages of the documentation and the blocks of code in them.
 
 Every block is fenced and says its language. A comment of HTML before a block can say why no test of pages runs it:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A chain of a URDF by Pinocchio, read apart from stiffgen: tree, mimic relations and order of q by ElementTree.
 
 Pinocchio ignores ``<mimic>`` here (its default): every joint is free, and the follower's relation to its master comes

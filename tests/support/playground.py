@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The playground's scripts under node, and random arguments for the kernels that its page calls."""
 
 from __future__ import annotations

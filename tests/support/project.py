@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where the project lies, its compilers, and when two arrays agree."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot's functions beside the same statements in __float128 (34 digits), to measure the error of every entry.
 
 The second copy is NAME.c itself with ``double`` read as ``__float128``, without vectors, its sines and cosines from

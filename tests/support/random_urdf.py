@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Random robots as URDF text, valid ones and broken ones, from any source of random decisions.
 
 The source is either Hypothesis (failures shrink) or a plain generator (long runs): see :class:`Source`.

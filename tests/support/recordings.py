@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The same recording written in every format that ``stiffgen analyze`` reads."""
 
 from __future__ import annotations

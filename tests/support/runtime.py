@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot-independent C of stiffgen, compiled for tests, and its functions on NumPy arrays."""
 
 from __future__ import annotations

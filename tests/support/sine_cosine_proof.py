@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A proof that the printed sine and cosine are within so many units of 2^-53 of those of the angle.
 
 What is proved is the text of templates/sine_cosine.c: its constants are read there, and the statements of the two

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Errors of springs against 60 digits: of the energy's derivatives at given poses, and of the kernels along q."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a compiler says about the C of a random robot, at every level of optimisation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the tests of the wrappers for JAX and PyTorch share: every function with arguments, results and gradients."""
 
 from __future__ import annotations

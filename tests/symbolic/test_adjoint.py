@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reverse mode: every kernel's vector-Jacobian product against complex steps of the kernel itself."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The exact connection: the paper's coefficient lists, its torsion-free condition, and its appendix examples."""
 
 from __future__ import annotations

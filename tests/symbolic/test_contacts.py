@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Contacts and springs at all tips in one pass over the tree, against the sum of the tips' own functions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The mass matrix: exact to the last digits wherever the base stands and however small the robot is; gravity and bias.
 
 Values by support/exact_chain.py and support/exact_tree.py, which know no composites, no link axes and no Steiner terms,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A floating base: coordinates, connection and values, against sixty digits along exponentials, and Pinocchio."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Values against the 80-digit golden file: CasADi functions, the compiled Python module, and a C program."""
 
 from __future__ import annotations

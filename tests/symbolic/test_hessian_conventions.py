@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """docs/derivatives.md: which entry of the Hessian is which at Pinocchio's and MuJoCo's, and the manipulability."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Potentials of the joint positions against 60-digit differentiation, at their edges, and with NaN."""
 
 from __future__ import annotations

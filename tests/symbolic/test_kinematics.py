@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The closed forms against CasADi's own differentiation, symbolically independent of each other."""
 
 from __future__ import annotations

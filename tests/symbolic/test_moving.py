@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A spring moved between representations: the same joint stiffness, or, moved as the paper does, another one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pinocchio as the oracle: Jacobians, joint Hessians and the mass matrix of all robots in urdf/."""
 
 from __future__ import annotations

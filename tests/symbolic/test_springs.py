@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Springs against 60-digit differentiation of their energies, at random poses, near the equilibrium and at the edge.
 
 tests/long/springs_digits.py runs the same over thousands of poses.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * Preloaded into fri_wiping: counts allocations from the moment its port is bound until that socket is closed, in all
  * threads, and page faults of the thread that receives, from the first datagram until then. Writes allocations,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /*
  * Sessions of the client with a hostile robot, in one process and in a time of their own: a virtual clock, network and
  * arm. Reads schedules from stdin, one a line, and prints what each came to as a line of JSON.

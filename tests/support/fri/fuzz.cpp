@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /*
  * libFuzzer target: a hostile datagram through the decoder, and in the middle of a session through the whole client.
  *

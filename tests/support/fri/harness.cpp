@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /*
  * Sessions without sockets. Reads datagrams from stdin, each after its length (uint32, little-endian; 0xffffffff stands
  * for a timeout), steps a client application through them, and prints one line of JSON a step.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 #include "episode.h"
 
 #include "iiwa14.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * A closed loop of plant, sensors and controller at the sample time, told by segments; everything that is claimed of a
  * controller is measured here, from the plant's exact state and the torque that really acted.

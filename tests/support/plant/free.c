@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* No controller: the arm floats. For checks of the plant itself. */
 #include "law.h"
 

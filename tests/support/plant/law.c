@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* The generated controller as a law of the episodes. */
 #include "law.h"
 

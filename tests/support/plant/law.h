@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* A controller as the episodes see it: one file per control law implements these functions on its own structs. */
 #ifndef LAW_H
 #define LAW_H

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Episodes of plant, sensors and controller, compiled from C; Python sets them up and reads what was measured.
 
 The structs of the headers are read from the headers: their fields are here under the same names, with the same units.

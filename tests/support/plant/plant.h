@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * A rigid arm as a plant, on the iiwa 14's generated mass matrix, Jacobian and forward kinematics:
  *

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where an arm on springs comes to rest under a load, found without the controller and without its kernels of a spring.
 
 The spring at the tip is written out here from its energy (trace form; p, R the tip, p0, R0 the equilibrium):

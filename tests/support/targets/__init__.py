@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot's C code on other machines than this one: cross-compiled, run in QEMU, its instructions counted.
 
 Of :data:`MACHINES`. A guest program prints the results of functions at given arguments bit by bit and then, if asked

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* Start of a Cortex-M with an FPU, up to newlib's own start, whose input and output are the debugger's (semihosting). */
 extern void _start(void);
 

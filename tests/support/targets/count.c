@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * A plugin of QEMU (API 1; the prototypes are those of its qemu-plugin.h, which Debian does not pack): instructions
  * executed between two calls of marking functions, the fewest and the most of all pairs since the last report.

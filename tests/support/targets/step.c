@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * The controller's step at many states, between marks: half of them of smooth motions, half hostile (samples missed or
  * not finite, counters that leap, stiffnesses that change, resets), so that every loop is seen at its longest.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* A library in the place of KUKA's, for tests: README.md. */
 #ifndef FRI_STANDIN_CLIENT_APPLICATION_H
 #define FRI_STANDIN_CLIENT_APPLICATION_H

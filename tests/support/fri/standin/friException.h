@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* A library in the place of KUKA's, for tests: README.md. Uses strncpy without <cstring>, as that one. */
 #ifndef FRI_STANDIN_EXCEPTION_H
 #define FRI_STANDIN_EXCEPTION_H

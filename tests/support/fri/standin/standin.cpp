@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 /* A library in the place of KUKA's, for tests: README.md. */
 #include <cmath>
 #include <cstdint>
