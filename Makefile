@@ -1,6 +1,7 @@
 # make generate   virtual environment, then generate and build every robot in urdf/, and print one real result
 # make test       the tests to wait for (4 min)  make check-generated   regenerate the robots of urdf/ and compare with
 # make test-torch the wrapper for PyTorch, which is too large for the others: in none of them (TORCH= another wheel)
+# make test-drake  Drake's conventions (docs/conventions.md), likewise
 # make test-slow  the rest of the tests                                what is committed
 # make lint       ruff and mypy                  make clean             remove what the above made (not generated/)
 # make fuzz       the URDF reader, ten minutes   make random-robots     many random chains against Pinocchio
@@ -17,7 +18,7 @@
 # make fri-attack  hill-climbing attack on the FRI client, 20 000 hostile sessions in each version (some 20 minutes)
 # make spring-digits  every spring with all axes against 60 digits, 1000 poses a case (some minutes)
 # make random-warnings  gcc at every level on random robots
-# make docs       these pages and the reference as a site, into build/site/html/
+# make docs       these pages and the reference as a site, into build/site/html/, without network; its links are followed
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 # make closed-loop  the controller on a simulated arm: 500 random situations, 100 000 adversarial energy schedules, 10^7
 #                   hostile steps with 10^5 bit flips under sanitizers; each part also alone: settle, energy, hostile
@@ -37,7 +38,7 @@ COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-torch test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors targets
+.PHONY: generate test test-torch test-drake test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors targets
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -66,6 +67,13 @@ $(VENV)/installed-torch: $(VENV)/installed-test
 
 test-torch: $(VENV)/installed-torch
 	$(BIN)/python -m pytest tests/long/torch_wrapper.py
+
+$(VENV)/installed-drake: $(VENV)/installed-test
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,drake]'
+	@touch $@
+
+test-drake: $(VENV)/installed-drake
+	$(BIN)/python -m pytest tests/long/drake_conventions.py
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .
@@ -183,9 +191,7 @@ $(VENV)/installed-docs: $(VENV)/installed
 	@touch $@
 
 docs: $(VENV)/installed-docs
-	$(BIN)/python docs/site/pages.py build/site/pages
-	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -E -c docs/site build/site/pages build/site/html
-	@echo "open build/site/html/index.html"
+	$(BIN)/python docs/site/build.py build/site
 
 clean:
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis

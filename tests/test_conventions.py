@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The lines of docs/conventions.md about programs that are installed: Pinocchio and MuJoCo."""
+"""The lines of docs/conventions.md about programs that are installed: Pinocchio, MuJoCo, and the messages of ROS 2."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 from support.project import ROOT, URDF, assert_close
 
@@ -90,16 +91,21 @@ def test_mujoco_quaternions_begin_with_the_real_part():
     assert np.array_equal(identity, [1.0, 0.0, 0.0, 0.0])
 
 
-def test_the_page_has_a_line_for_each():
+def test_ros_messages_have_the_order_of_the_page():
+    """As they go over the wire: force, torque; linear, angular; x, y, z, w."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    geometry = {name: store.types[f"geometry_msgs/msg/{name}"] for name in ("Wrench", "Twist", "Vector3", "Quaternion")}
+    first, second = (geometry["Vector3"](*values) for values in ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
+    for kind, names in (("Wrench", ("force", "torque")), ("Twist", ("linear", "angular"))):
+        message = geometry[kind](**dict(zip(names, (first, second), strict=True)))
+        wire = bytes(store.serialize_cdr(message, f"geometry_msgs/msg/{kind}"))
+        assert np.array_equal(np.frombuffer(wire[-48:]), [1, 2, 3, 4, 5, 6])
+    turn = geometry["Quaternion"](x=1.0, y=2.0, z=3.0, w=4.0)
+    wire = bytes(store.serialize_cdr(turn, "geometry_msgs/msg/Quaternion"))
+    assert np.array_equal(np.frombuffer(wire[-32:]), [1, 2, 3, 4])
+
+
+def test_the_page_has_a_section_for_each():
     page = (ROOT / "docs" / "conventions.md").read_text()
-    for program in (
-        "libfranka",
-        "KUKA FRI",
-        "UR (`ur_rtde`)",
-        "ROS 2",
-        "`ros2_control`",
-        "MuJoCo",
-        "Drake",
-        "Pinocchio",
-    ):
-        assert f"\n| {program}" in page, program
+    for program in ("libfranka", "KUKA FRI", "UR", "ROS 2 messages", "ros2_control", "MuJoCo", "Drake", "Pinocchio"):
+        assert f"\n## {program}" in page, program

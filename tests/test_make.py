@@ -40,8 +40,8 @@ ELSEWHERE = {
     "closed-loop": "tests/test_make.py",
 }
 """Targets that a test runs in another way. closed-loop is settle, energy and hostile."""
-BY_HAND = {"clean", "robots", "test-torch", "identify-torch"}
-"""Removes files; downloads packages of robots; downloads PyTorch."""
+BY_HAND = {"clean", "robots", "test-torch", "test-drake", "identify-torch"}
+"""Removes files; downloads packages of robots; downloads PyTorch, Drake."""
 
 
 def test_every_target_is_run_by_somebody():

@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Stages the site's pages: the repository's own files where they lie, and the reference made from the tables.
-
-python docs/site/pages.py FOLDER
-"""
+"""Stages the site's pages: the repository's own files where they lie, and the reference made from the tables."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import stiffgen
@@ -49,7 +45,8 @@ CONTENTS = {
         "urdf/README",
     ),
     "Reference": (
-        "reference/functions", "reference/controller", "reference/faults", "reference/python", "reference/command_line",
+        "reference/functions", "reference/controller", "reference/faults", "reference/cpp", "reference/python",
+        "reference/command_line",
     ),
     "Development": ("docs/README", "docs/design", "CONTRIBUTING", "codegen/stiffgen/emit/README", "CHANGELOG"),
 }  # fmt: skip
@@ -157,6 +154,60 @@ def faults() -> str:
     )
 
 
+def declarations(text: str) -> Iterator[tuple[str, list[str], str]]:
+    """Of a C++ header: namespace, lines of the comment, and the declaration below it, without its body."""
+    place: list[str] = []
+    comment: list[str] = []
+    declared, inside = "", False
+    for line in map(str.strip, text.splitlines()):
+        if line.startswith("/**"):
+            comment, inside = [], True
+        elif inside:
+            comment.append(line.removeprefix("*").removeprefix(" "))
+            inside = "*/" not in line
+        elif line.startswith("/// "):
+            comment.append(line.removeprefix("/// "))
+        elif comment and comment[0].startswith("@file"):
+            comment = []
+        elif comment:
+            declared = f"{declared} {line}".strip()
+            if end := re.search(r"[;{]|(?<=noexcept) : ", declared):
+                yield "::".join(place), [each for each in comment if each != "/"], declared[: end.start()].strip()
+                comment, declared = [], ""
+        elif found := re.match(r"namespace ([\w:]+) \{$", line):
+            place.append(found[1])
+        elif line.startswith("} // namespace"):
+            place.pop()
+
+
+def cpp() -> str:
+    """What NAME.hpp declares, read from the header itself: each comment with the declaration that follows it."""
+    text = (ROOT / "generated" / "iiwa14" / "iiwa14.hpp").read_text()
+    text = re.sub(r"^/// What is behind Input.*?^\} // namespace detail$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^private:\n.*?^\};$", "", text, flags=re.MULTILINE | re.DOTALL)
+    about = re.search(r" \* Every function comes twice.*?(?=^ \*/)", text, re.MULTILINE | re.DOTALL)
+    assert about is not None
+    parts = [
+        "# C++: NAME.hpp\n\nOf the iiwa 14; another robot has its own name for `iiwa14`. "
+        f"[Embedding](../docs/embedding.md) has a program.\n\n{re.sub(r'^ [*] ?', '', about[0], flags=re.MULTILINE).replace('  - ', '- ')}"
+    ]
+    before = ""
+    for place, comment, declaration in declarations(text):
+        if place != before:
+            parts.append(f"## `{place}`\n")
+            before = place
+        said, *given = re.split(r"^@param", "\n".join(comment).replace("@brief ", ""), flags=re.MULTILINE)
+        rows = []
+        for each in given:
+            way, name, extents, unit, meaning = re.findall(  # [in] q (7) [rad]: meaning
+                r"\[(\w+)\] (\w+)(?: \(([^)]*)\))?(?: \[([^]]*)\])?: (.*)", " ".join(each.split())
+            )[0]
+            rows.append((way, f"`{name}`", extents or "1", unit, meaning))
+        parts.append(f"```cpp\n{declaration}\n```\n\n{said.strip()}\n")
+        parts += [table(("", "name", "shape", "unit", "meaning"), rows)] if rows else []
+    return "\n".join(parts)
+
+
 def python() -> str:
     """Public names of the package, for Sphinx' autodoc."""
     parts = ["# The generator in Python\n"]
@@ -213,12 +264,6 @@ def stage(folder: Path) -> None:
                 shutil.copyfile(file, target)
     (folder / "index.md").write_text(index())
     (folder / "reference").mkdir()
-    for page in (functions, controller, faults, python, command_line):
+    for page in (functions, controller, faults, cpp, python, command_line):
         (folder / "reference" / f"{page.__name__}.md").write_text(page())
     playground(folder)
-
-
-if __name__ == "__main__":
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("folder", type=Path)
-    stage(arguments.parse_args().folder)

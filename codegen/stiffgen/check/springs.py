@@ -42,7 +42,7 @@ def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX
     square = ca.dot(v, v)
     angle = 2 * ca.atan2(ca.sqrt(square), w)
     form = v.T @ K @ v / square
-    return form * (angle**2 / 2 if rotation == "rotation_vector" else 4 * (1 - ca.cos(angle / 2)))
+    return form * {"rotation_vector": angle**2 / 2, "quaternion": 4 * (1 - ca.cos(angle / 2))}[rotation]
 
 
 def _quaternion(E: ca.SX) -> tuple[ca.SX, ca.SX]:
