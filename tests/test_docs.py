@@ -10,6 +10,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import _parser, main
+from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
 from support.pages import PAGES, Block, blocks, commands
@@ -263,3 +265,14 @@ def test_every_test_that_the_design_names_exists():
             [found] = (ROOT / "tests").rglob(file)
             source = found.read_text()
             assert not test or f"def {test}(" in source, (file, test)
+
+
+def test_the_cpp_reference_has_every_function(monkeypatch: pytest.MonkeyPatch, chain: stiffgen.Chain) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    text = import_module("pages").cpp()
+    sections = dict(re.findall(r"^## `iiwa14(?:::)?(.*?)`\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL))
+    for kernel in chain_kernels(chain):
+        section = sections["::".join(filter(None, (kernel.tip, kernel.group)))]
+        for argument in (*kernel.arguments, *kernel.results):
+            assert f"`{argument.name}`" in section, kernel.name
+        assert len(re.findall(rf"\b{kernel.name}\(", section)) >= 2, kernel.name

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
@@ -187,15 +188,14 @@ def cpp() -> str:
     text = re.sub(r"^private:\n.*?^\};$", "", text, flags=re.MULTILINE | re.DOTALL)
     about = re.search(r" \* Every function comes twice.*?(?=^ \*/)", text, re.MULTILINE | re.DOTALL)
     assert about is not None
+    intro = re.sub(r"^ [*] ?", "", about[0], flags=re.MULTILINE).replace("  - ", "- ")
     parts = [
         "# C++: NAME.hpp\n\nOf the iiwa 14; another robot has its own name for `iiwa14`. "
-        f"[Embedding](../docs/embedding.md) has a program.\n\n{re.sub(r'^ [*] ?', '', about[0], flags=re.MULTILINE).replace('  - ', '- ')}"
+        f"[Embedding](../docs/embedding.md) has a program.\n\n{intro}"
     ]
-    before = ""
+    sections: dict[str, list[str]] = {}
     for place, comment, declaration in declarations(text):
-        if place != before:
-            parts.append(f"## `{place}`\n")
-            before = place
+        section = sections.setdefault(place, [f"## `{place}`\n"])
         said, *given = re.split(r"^@param", "\n".join(comment).replace("@brief ", ""), flags=re.MULTILINE)
         rows = []
         for each in given:
@@ -203,9 +203,9 @@ def cpp() -> str:
                 r"\[(\w+)\] (\w+)(?: \(([^)]*)\))?(?: \[([^]]*)\])?: (.*)", " ".join(each.split())
             )[0]
             rows.append((way, f"`{name}`", extents or "1", unit, meaning))
-        parts.append(f"```cpp\n{declaration}\n```\n\n{said.strip()}\n")
-        parts += [table(("", "name", "shape", "unit", "meaning"), rows)] if rows else []
-    return "\n".join(parts)
+        section.append(f"```cpp\n{declaration}\n```\n\n{said.strip()}\n")
+        section += [table(("", "name", "shape", "unit", "meaning"), rows)] if rows else []
+    return "\n".join([*parts, *itertools.chain(*sections.values())])
 
 
 def python() -> str:
