@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Where the coefficients of the generated sine and cosine come from, and how exact the code is.
 
-``python benchmarks/sine_cosine.py`` derives the polynomials by Remez' algorithm and the parts of pi/2, and prints them
-with their errors; ``python benchmarks/sine_cosine.py POINTS`` compiles the generated iiwa14.c and holds that many
+``python benchmarks/sine_cosine.py`` derives the polynomials by Remez' algorithm and the parts of pi, for doubles and for
+floats, and prints them with their errors; ``python benchmarks/sine_cosine.py POINTS`` compiles the generated iiwa14.c and holds that many
 angles against mpmath (a million takes minutes); ``--search SECONDS`` climbs the error, against long double, and prints
 the worst angle of each build.
 """
@@ -12,30 +12,30 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import mpmath as mp
 import numpy as np
 
-TERMS = 6
+TERMS, FLOAT_TERMS = 6, 3
 ROBOT = Path(__file__).resolve().parent.parent / "generated" / "iiwa14"
 Function = Callable[[mp.mpf], mp.mpf]
 
 
-def remez(wanted: Function, weight: Function, low: mp.mpf, high: mp.mpf) -> tuple[list[mp.mpf], mp.mpf]:
-    """Polynomial of TERMS coefficients with the least largest ``weight * (p - wanted)`` on [low, high]."""
+def remez(wanted: Function, weight: Function, low: mp.mpf, high: mp.mpf, terms: int) -> tuple[list[mp.mpf], mp.mpf]:
+    """Polynomial of so many coefficients with the least largest ``weight * (p - wanted)`` on [low, high]."""
     middle, half = (low + high) / 2, (high - low) / 2
-    points = [middle + half * mp.cos(mp.pi * (TERMS - k) / TERMS) for k in range(TERMS + 1)]
+    points = [middle + half * mp.cos(mp.pi * (terms - k) / terms) for k in range(terms + 1)]
     grid = [middle - half * mp.cos(mp.pi * k / 400) for k in range(401)]
     for _ in range(20):
-        system, right = mp.matrix(TERMS + 1, TERMS + 1), mp.matrix(TERMS + 1, 1)
+        system, right = mp.matrix(terms + 1, terms + 1), mp.matrix(terms + 1, 1)
         for r, x in enumerate(points):
-            for c in range(TERMS):
+            for c in range(terms):
                 system[r, c] = x**c
-            system[r, TERMS] = (-1) ** r / weight(x)
+            system[r, terms] = (-1) ** r / weight(x)
             right[r] = wanted(x)
-        coefficients = list(mp.lu_solve(system, right))[:TERMS]
+        coefficients = list(mp.lu_solve(system, right))[:terms]
         errors = [weight(x) * (mp.polyval(coefficients[::-1], x) - wanted(x)) for x in grid]
         extremes, run = [], [0]
         for k in range(1, len(grid)):
@@ -44,13 +44,21 @@ def remez(wanted: Function, weight: Function, low: mp.mpf, high: mp.mpf) -> tupl
                 run = []
             run.append(k)
         extremes.append(max(run, key=lambda n: abs(errors[n])))
-        points = [grid[k] for k in extremes[: TERMS + 1]]
+        points = [grid[k] for k in extremes[: terms + 1]]
     return coefficients, max(map(abs, errors))
 
 
 def derive() -> None:
     mp.mp.prec = 200
-    limit = (mp.pi / 4 * (1 + mp.mpf(2) ** -30)) ** 2
+    print("doubles")
+    derive_for(float, TERMS, mp.mpf(2) ** -30, (37, 76))
+    print("floats")
+    derive_for(np.float32, FLOAT_TERMS, mp.mpf(2) ** -10, (10, 22, 34))
+
+
+def derive_for(number: type[float | np.float32], terms: int, beyond: mp.mpf, bits: Sequence[int]) -> None:
+    """Print what a type of number needs: ``beyond`` pi/4 the reduced angle gets, pi's parts end at these ``bits``."""
+    limit = (mp.pi / 4 * (1 + beyond)) ** 2
     tiny = mp.mpf(10) ** -12
     root = mp.sqrt
     cases = {
@@ -58,16 +66,16 @@ def derive() -> None:
         "Q": (lambda z: (mp.cos(root(z)) - 1 + z / 2) / z**2, lambda z: z**2 / mp.cos(root(z))),
     }
     for name, (wanted, weight) in cases.items():
-        coefficients, error = remez(wanted, weight, tiny, limit)
+        coefficients, error = remez(wanted, weight, tiny, limit, terms)
         print(f"{name}: largest relative error 2^{float(mp.log(error, 2)):.1f}")
         for coefficient in coefficients:
-            print(f"    {float(coefficient)!r}")
+            print(f"    {number(coefficient)!s}")
     rest = +mp.pi
-    for bits in (37, 76):
-        part = mp.floor(rest * mp.mpf(2) ** bits) / mp.mpf(2) ** bits
-        print(f"pi, up to 2^-{bits}: {float(part)!r}")
+    for bit in bits:
+        part = mp.floor(rest * mp.mpf(2) ** bit) / mp.mpf(2) ** bit
+        print(f"pi, up to 2^-{bit}: {number(part)!s}")
         rest -= part
-    print(f"pi, the rest: {float(rest)!r}, off by 2^{float(mp.log(abs(rest - mp.mpf(float(rest))), 2)):.1f}")
+    print(f"pi, the rest: {number(rest)!s}, off by 2^{float(mp.log(abs(rest - mp.mpf(float(number(rest)))), 2)):.1f}")
 
 
 MAIN = """

@@ -41,6 +41,7 @@ from stiffgen.check.safety_page import filed_for
 from stiffgen.check.safety_page import write_page as write_safety_page
 from stiffgen.check.verify import default_count, verify
 from stiffgen.emit.rounding import Ranges
+from stiffgen.emit.target import DOUBLE, SCALARS
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
 from stiffgen.names import comment
@@ -222,6 +223,12 @@ def _parser() -> argparse.ArgumentParser:
         "--derivatives",
         action="store_true",
         help="also a function NAME_vjp for every function: reverse mode, gradients by all that it takes",
+    )
+    command.add_argument(
+        "--scalar",
+        choices=list(SCALARS),
+        default=DOUBLE.name,
+        help="type of all numbers (default: double); float has no controller, no --derivatives, and half the digits",
     )
     command.add_argument("--no-build", action="store_true", help="write the sources only, do not compile")
     command.add_argument(
@@ -493,6 +500,7 @@ def _generate(options: argparse.Namespace) -> int:
             springs=_springs(options),
             floating_base=options.floating_base,
             ranges=replace(Ranges(), **dict(options.range)),
+            scalar=options.scalar,
             force=options.force,
             progress=progress,
         )

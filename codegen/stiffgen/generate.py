@@ -10,8 +10,8 @@ from stiffgen.emit.build import build_module
 from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
 from stiffgen.emit.render import render
 from stiffgen.emit.rounding import Ranges
-from stiffgen.emit.target import CUDA
-from stiffgen.errors import OutputError, listed
+from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
+from stiffgen.errors import ChainError, OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
 from stiffgen.names import checked_identifier, identifier
 from stiffgen.robot.chain import Chain, ChainOptions, Tool, read_chain
@@ -36,6 +36,7 @@ def generate(
     springs: SpringOptions | None = None,
     floating_base: bool = False,
     ranges: Ranges | None = None,
+    scalar: str = "double",
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write the folder ``output/name`` with a robot's C code and Python module.
@@ -59,6 +60,7 @@ def generate(
         springs: springs beyond the default one, their axes and centre, and potentials of your own.
         floating_base: the base link is free: its pose is an argument, its body twist comes before the joints' rates.
         ranges: of the arguments for which the header states bounds of the rounding errors.
+        scalar: "double", or "float": functions of single precision, without controller and derivatives.
         progress: called with a few words before each step.
 
     Returns:
@@ -66,13 +68,14 @@ def generate(
 
     Raises:
         DescriptionError, ChainError: see :func:`stiffgen.load_chain`; ChainError also for ``cuda`` and a chain too
-            long for it.
+            long for it, and for a ``scalar`` that does not go with the other options.
         OutputError: the folder cannot be written, something else stands in its place, or the robot in it has other
             joints, tips or arguments (``force`` replaces it).
         PotentialError: a spring or potential is refused.
         BuildError: the C code did not compile.
 
     """
+    number = _checked_scalar(scalar, springs or SpringOptions())
     progress(f"reading {Path(urdf).name}")
     options = ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base)
     chain = read_chain(urdf, options)
@@ -86,7 +89,7 @@ def generate(
     if not force:
         refuse_another_robot(target, chain)
     progress(f"deriving and printing the kernels of {name}")
-    texts = render(chain, name, cuda=CUDA if cuda else None, options=springs, ranges=ranges)
+    texts = render(chain, name, scalar=number, cuda=cuda, options=springs, ranges=ranges)
     with swapped_in(target) as staging:
         for file, text in texts.items():
             (staging / file).write_text(text, encoding="utf-8", newline="\n")
@@ -94,6 +97,23 @@ def generate(
             progress(f"compiling {name}")
             build_module(staging, name)
     return target
+
+
+def _checked_scalar(name: str, springs: SpringOptions) -> Scalar:
+    """The type of a number; ChainError if there is none like it, or what was asked for beside it needs doubles."""
+    if name not in SCALARS:
+        raise ChainError(f"--scalar {name}: is not one of {listed(list(SCALARS))}")
+    needs_doubles = {
+        "--derivatives": springs.derivatives,
+        "--spring rotation_vector": "rotation_vector" in springs.kinds,  # its series ends where doubles want it to
+    }
+    for option, given in needs_doubles.items():
+        if given and name != DOUBLE.name:
+            raise ChainError(
+                f"--scalar {name} does not go with {option}, which is made for doubles; leave out one of the two, or "
+                "generate a second folder of doubles with another --name"
+            )
+    return SCALARS[name]
 
 
 def refuse_foreign(target: Path) -> None:

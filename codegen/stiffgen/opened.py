@@ -12,7 +12,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
+from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
+from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.errors import OutputError, StiffgenError
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
@@ -25,7 +26,7 @@ class GeneratedRobot:
     """A folder that ``stiffgen generate`` wrote; from :func:`open_robot`.
 
     ``chain`` and ``springs`` are what it was generated from, ``manifest`` the parsed manifest.json, ``name`` the prefix
-    of its C names.
+    of its C names, ``scalar`` the type of its numbers.
     """
 
     folder: Path
@@ -33,11 +34,20 @@ class GeneratedRobot:
     chain: Chain
     springs: SpringOptions
     manifest: Mapping[str, Any]
+    scalar: Scalar
 
     @cached_property
     def table(self) -> tuple[Kernel, ...]:
         """The kernel table's records of its functions."""
         return chain_kernels(self.chain, self.springs)
+
+    def require_doubles(self, what: str) -> None:
+        """Raise OutputError unless the folder's numbers are doubles, as ``what`` takes them."""
+        if self.scalar != DOUBLE:
+            raise OutputError(
+                f"{self.folder}: was generated with --scalar {self.scalar.name}, and {what} takes doubles; generate a "
+                "second folder without --scalar, with another --name"
+            )
 
     @cached_property
     def module(self) -> ModuleType:
@@ -114,10 +124,11 @@ def open_robot(folder: str | Path) -> GeneratedRobot:
         chain = chain_from_manifest(manifest)
         name = checked_identifier(manifest["name"])
         springs = springs_of_manifest(manifest)
+        scalar = scalar_of_manifest(manifest)
         chain_kernels(chain, springs)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, StiffgenError) as error:
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise OutputError(
             f"{folder / MANIFEST}: is damaged or of another version ({what}); generate it again"
         ) from error
-    return GeneratedRobot(folder, name, chain, springs, manifest)
+    return GeneratedRobot(folder, name, chain, springs, manifest, scalar)

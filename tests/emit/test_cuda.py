@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from stiffgen.check.result import as_results, relative_error
 from stiffgen.check.verify import Samples, argument_samples
 from stiffgen.cli import main
 from stiffgen.emit.render import render
-from stiffgen.emit.target import CUDA, FLOAT
+from stiffgen.emit.target import FLOAT
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
@@ -79,7 +78,7 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
 
 def test_single_precision_is_one_record(host, chain, tmp_path):
     """A target with floats: no double is named, none computed with, and the values are those of doubles to 7 digits."""
-    texts = render(chain, "iiwa14", cuda=replace(CUDA, scalar=FLOAT))
+    texts = render(chain, "iiwa14", scalar=FLOAT, cuda=True)
     source = tmp_path / "iiwa14.cu"
     for file in (source.name, "iiwa14_cuda.h"):
         (tmp_path / file).write_text(texts[file])

@@ -18,12 +18,13 @@ import casadi as ca
 import numpy as np
 from flint import arb, ctx
 
-from stiffgen.emit.rounding import FAR, ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, NoBound, Precision, Ranges, argument_sizes, chain_reach
 from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.program import Array, evaluate
 
+DOUBLES = PRECISIONS[DOUBLE.name]
 WIDTHS = {
     "no vectors": ["-DSTIFFGEN_NO_VECTORS"],
     "SSE2": ["-mno-avx"],
@@ -195,24 +196,33 @@ def _in_quad(source: str, number: str) -> str:
     return f"{head}#define STIFFGEN_NO_VECTORS\n#define {number} __float128\n{source}"
 
 
-def draw(chain: Chain, kernel: Kernel, ranges: Ranges, count: int, random: np.random.Generator) -> list[np.ndarray]:
+def draw(
+    chain: Chain,
+    kernel: Kernel,
+    ranges: Ranges,
+    count: int,
+    random: np.random.Generator,
+    precision: Precision = DOUBLES,
+) -> list[np.ndarray]:
     """Random arguments of a kernel within the ranges that its bounds are stated for; half of them at the ends."""
     given = []
-    for argument, sizes in zip(kernel.arguments, argument_ends(chain, kernel, ranges), strict=True):
+    for argument, sizes in zip(kernel.arguments, argument_ends(chain, kernel, ranges, precision), strict=True):
         values = random.uniform(-1, 1, (count, len(sizes)))
         if argument.name != "q":
             ends = random.random((count, 1)) < 0.5
             values = np.where(ends, np.sign(values), values)
-        given.append(within(argument.name, values * sizes, chain))
+        given.append(within(argument.name, values * sizes, chain, precision))
     return given
 
 
-def within(name: str, values: np.ndarray, chain: Chain) -> np.ndarray:
+def within(name: str, values: np.ndarray, chain: Chain, precision: Precision) -> np.ndarray:
     """The same values where they may be: joint positions in their limits, poses with a rotation."""
     if name == "q":
         lower, upper = (np.array([getattr(c, side) for c in chain.coordinates]) for side in ("lower", "upper"))
         inside: np.ndarray = np.clip(
-            values, np.where(np.isfinite(lower), lower, -FAR), np.where(np.isfinite(upper), upper, FAR)
+            values,
+            np.where(np.isfinite(lower), lower, -precision.far),
+            np.where(np.isfinite(upper), upper, precision.far),
         )
         return inside
     if name in ("equilibrium", "base_pose", "tool_pose"):
@@ -244,16 +254,17 @@ def climbed(
 
     """
     arguments = [argument.array(measured.chain) for argument in kernel.arguments]
-    sizes = argument_ends(measured.chain, kernel, ranges)
+    precision = PRECISIONS[measured.number]
+    sizes = argument_ends(measured.chain, kernel, ranges, precision)
     worst, parents, worst_of_parents, count = np.zeros(1), None, np.zeros(0), 0
     while count < states:
-        given = draw(measured.chain, kernel, ranges, pool, random)
+        given = draw(measured.chain, kernel, ranges, pool, random, precision)
         if parents is not None:
             for k, (array, size) in enumerate(zip(arguments, sizes, strict=True)):
                 chosen = parents[k][random.integers(0, len(parents[k]), pool // 2)]
                 steps = 10.0 ** random.uniform(-14, 0, (pool // 2, 1)) * random.normal(size=chosen.shape)
                 moved = np.clip(chosen + size * steps * (random.random(chosen.shape) < 0.3), -size, size)
-                given[k][: pool // 2] = within(array.name, moved, measured.chain)
+                given[k][: pool // 2] = within(array.name, moved, measured.chain, precision)
         errors = measured.errors(kernel.qualified_name, given)
         worst = np.maximum(worst, errors.max(axis=0))
         of_states = errors.max(axis=1)
@@ -268,10 +279,10 @@ def climbed(
     return worst, count
 
 
-def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges) -> list[np.ndarray]:
+def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges, precision: Precision = DOUBLES) -> list[np.ndarray]:
     """What the entries of a kernel's arguments are at most."""
-    reach = chain_reach(kernel.scope(chain), ranges)
-    return [np.array(argument_sizes(chain, argument, ranges, reach)) for argument in kernel.arguments]
+    reach = chain_reach(kernel.scope(chain), ranges, precision)
+    return [np.array(argument_sizes(chain, argument, ranges, reach, precision)) for argument in kernel.arguments]
 
 
 def digits_of_reference(measured: Measured, ranges: Ranges, states: int, random: np.random.Generator) -> float:

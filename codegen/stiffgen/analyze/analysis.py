@@ -171,7 +171,9 @@ def _one_of(representation: str) -> Representation:
 
 
 def _chain(robot: Path) -> Chain:
-    chain = open_robot(robot).chain
+    opened = open_robot(robot)
+    opened.require_doubles("'stiffgen analyze'")
+    chain = opened.chain
     if chain.runtime_tool:
         raise RecordingError(
             f"{robot}: its functions take the tool's pose at run time, which a recording does not hold; "

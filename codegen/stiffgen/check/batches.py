@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.check.result import BOUND, Array, Check, Kernels, as_results, faultless, relative_error
+from stiffgen.check.result import Array, Check, Kernels, as_results, bound_of, faultless, relative_error
 from stiffgen.check.rounding import beyond_rounding, rounding_errors
+from stiffgen.emit.target import DOUBLE, FLOAT, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 
-LENGTHS = range(18)
-"""0 to two blocks of the widest lanes (8) and one more."""
+LENGTHS = (*range(18), 33)
+"""0 to two blocks of the widest lanes and one more, of doubles (8) and of floats (16)."""
 LONG = 131
 """More than two of the chunks of 64 in which the Python module copies arguments that do not lie in a row."""
 _UNTOUCHED = -7.25
@@ -42,7 +43,7 @@ def check_stacks(
         expected = as_results(reference(*stacks))
         faults = []
         for length in (*LENGTHS, LONG):
-            out = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED) for each in expected)
+            out = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED, each.dtype) for each in expected)
             kept = tuple(each[:length] for each in out)
             call(*(stack[:length] for stack in stacks), out=kept)
             if not _agree(kept, [each[:length] for each in expected]):
@@ -52,7 +53,7 @@ def check_stacks(
         for title, order in (("backwards", slice(None, None, -1)), ("every second", slice(1, None, 2))):
             if not _agree(as_results(call(*(stack[order] for stack in stacks))), [each[order] for each in expected]):
                 faults.append(f"a stack {title}")
-        out = tuple(np.empty(each.shape[::-1]).T for each in expected)
+        out = tuple(np.empty(each.shape[::-1], each.dtype).T for each in expected)
         call(*(np.asfortranarray(stack) for stack in stacks), out=out)
         if not _agree(out, expected):
             faults.append("columns first in memory")
@@ -76,21 +77,24 @@ def check_c_batches(
     table: tuple[Kernel, ...],
     chain: Chain,
     pool: Mapping[Argument, Array],
+    scalar: Scalar,
 ) -> list[Check]:
     """NAME_..._batch called from C's side: counts 0 to 17, steps of every sign, NaN around arguments, sentinels."""
     checks = []
     for kernel in table:
         if kernel.batch:
-            faults = _batch_faults(library[f"{name}_{kernel.qualified_name}_batch"], single, kernel, chain, pool)
+            faults = _batch_faults(
+                library[f"{name}_{kernel.qualified_name}_batch"], single, kernel, chain, pool, scalar
+            )
             checks.append(faultless(f"{kernel.qualified_name}_batch", "C: counts, steps, ends", faults))
     return checks
 
 
 def _batch_faults(
-    call: Any, single: Kernels, kernel: Kernel, chain: Chain, pool: Mapping[Argument, Array]
+    call: Any, single: Kernels, kernel: Kernel, chain: Chain, pool: Mapping[Argument, Array], scalar: Scalar
 ) -> list[str]:
     most = LENGTHS[-1]
-    stacks = [pool[argument][:most].reshape(most, -1) for argument in kernel.arguments]
+    stacks = [pool[argument][:most].reshape(most, -1).astype(scalar.dtype) for argument in kernel.arguments]
     names = [argument.name for argument in kernel.arguments]
     sizes = [result.array(chain).size for result in kernel.results]
     reference = single[kernel.qualified_name]
@@ -108,11 +112,11 @@ def _batch_faults(
         expected = [np.asarray(each).reshape(most, -1) for each in as_results(reference(*full))]
         for length in LENGTHS:
             laid = [_laid_out(stack[:length], kind) for stack, kind in zip(given, kinds, strict=True)]
-            outs = [np.full(2 * 16 + length * size, _UNTOUCHED) for size in sizes]
+            outs = [np.full(2 * 16 + length * size, _UNTOUCHED, scalar.dtype) for size in sizes]
             arguments: list[Any] = [ctypes.c_size_t(length)]
             for memory, first, step in laid:
-                arguments += [ctypes.c_void_p(memory.ctypes.data + 8 * first), ctypes.c_ssize_t(step)]
-            arguments += [ctypes.c_void_p(out.ctypes.data + 8 * 16) for out in outs]
+                arguments += [ctypes.c_void_p(memory[first:].ctypes.data), ctypes.c_ssize_t(step)]
+            arguments += [ctypes.c_void_p(out[16:].ctypes.data) for out in outs]
             call(*arguments)
             values = [out[16:-16].reshape(length, size) for out, size in zip(outs, sizes, strict=True)]
             if not _agree(tuple(values), [each[:length] for each in expected]):
@@ -123,14 +127,14 @@ def _batch_faults(
 
 
 def _laid_out(stack: Array, kind: str) -> tuple[Array, int, int]:
-    """(memory with NaN around and between, place of the first configuration, step), in doubles."""
+    """(memory with NaN around and between, place of the first configuration, step), in numbers."""
     length, size = stack.shape
     if kind == "shared":
-        memory = np.full(size + 32, np.nan)
+        memory = np.full(size + 32, np.nan, stack.dtype)
         memory[16 : 16 + size] = stack[0] if length else 0.0
         return memory, 16, 0
     step = size + 5 if kind == "spread" else size
-    memory = np.full(max(length, 1) * step + 32, np.nan)
+    memory = np.full(max(length, 1) * step + 32, np.nan, stack.dtype)
     order = range(length - 1, -1, -1) if kind == "backwards" else range(length)
     for place, configuration in enumerate(order):
         memory[16 + place * step : 16 + place * step + size] = stack[configuration]
@@ -143,7 +147,8 @@ def _agree_but_for_rounding(
     chain: Chain, kernel: Kernel, stacks: list[Any], values: tuple[Any, ...], expected: tuple[Any, ...]
 ) -> bool:
     """Whether values agree where their contributions do not cancel, and elsewhere up to what rounding explains."""
-    errors = rounding_errors(chain, kernel, stacks)
+    scalar = FLOAT if np.asarray(values[0]).dtype == np.float32 else DOUBLE
+    errors = rounding_errors(chain, kernel, stacks, scalar)
     return errors is not None and _agree(
         tuple(
             each + beyond_rounding(np.asarray(value) - each, error)
@@ -155,6 +160,6 @@ def _agree_but_for_rounding(
 
 def _agree(values: tuple[Any, ...], expected: list[Any] | tuple[Any, ...]) -> bool:
     return all(
-        np.shape(value) == np.shape(reference) and relative_error(value, np.asarray(reference)) <= BOUND
+        np.shape(value) == np.shape(reference) and relative_error(value, np.asarray(reference)) <= bound_of(reference)
         for value, reference in zip(values, expected, strict=True)
     )

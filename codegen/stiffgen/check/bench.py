@@ -63,7 +63,7 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
         for kernel in robot.table:
             progress(f"timing {kernel.qualified_name}")
             function = kernels[kernel.qualified_name]
-            stacks = [pool[argument] for argument in kernel.arguments]
+            stacks = [pool[argument].astype(robot.scalar.dtype) for argument in kernel.arguments]
             first = [stack[0].copy() for stack in stacks]
             out = function(*stacks)
             call = _median(function, first, {})
@@ -84,7 +84,7 @@ def _c_loops(robot: GeneratedRobot, build: Path) -> ctypes.CDLL | None:
         sizes = [array.array(robot.chain).size for array in (*kernel.arguments, *kernel.results)]
         blocks = ", ".join(f"blocks[{k}] + {size} * c" for k, size in enumerate(sizes))
         lines += [
-            f"void loop_{kernel.qualified_name}(double *const *blocks)",
+            f"void loop_{kernel.qualified_name}({robot.scalar.name} *const *blocks)",
             f"{{ for (size_t c = 0; c < {_BATCH}; ++c) {{ {robot.name}_{kernel.qualified_name}({blocks}); }} }}",
         ]
     driver = build / "loops.c"

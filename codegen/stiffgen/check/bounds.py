@@ -17,24 +17,30 @@ from functools import partial
 from typing import Any
 
 from stiffgen.check.result import Array, Check, faultless
+from stiffgen.emit.target import Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 
-COUNTS = (*range(1, 10), 17)
+COUNTS = (*range(1, 10), 16, 17)
 _KEPT: list[ctypes.c_char] = []
 """Memory that a child process uses up to its end; the parent has none."""
 
 
 def check_bounds(
-    library: ctypes.CDLL, name: str, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
+    library: ctypes.CDLL,
+    name: str,
+    table: tuple[Kernel, ...],
+    chain: Chain,
+    pool: Mapping[Argument, Array],
+    scalar: Scalar,
 ) -> list[Check]:
     """Every C function and batch with guard pages before and behind what it is given; nothing without ``fork``."""
     if not hasattr(os, "fork"):
         return []
     checks = []
     for kernel in table:
-        stacks = [pool[argument][: COUNTS[-1]] for argument in kernel.arguments]
+        stacks = [pool[argument][: COUNTS[-1]].astype(scalar.dtype) for argument in kernel.arguments]
         sizes = [result.array(chain).size for result in kernel.results]
         public = f"{name}_{kernel.qualified_name}"
         plans = [
@@ -65,8 +71,8 @@ def _survive(works: Sequence[Callable[[], None]]) -> bool:
 
 
 def _guarded(size: int, *, behind: bool) -> int:
-    """Address of ``size`` doubles between pages that cannot be touched, close to the one behind or before them."""
-    length = -(-8 * size // mmap.PAGESIZE) * mmap.PAGESIZE
+    """Address of ``size`` bytes between pages that cannot be touched, close to the one behind or before them."""
+    length = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
     memory = ctypes.c_char.from_buffer(mmap.mmap(-1, length + 2 * mmap.PAGESIZE))
     _KEPT.append(memory)
     start = ctypes.addressof(memory)
@@ -74,18 +80,23 @@ def _guarded(size: int, *, behind: bool) -> int:
     for page in (start, start + mmap.PAGESIZE + length):
         if protect(ctypes.c_void_p(page), ctypes.c_size_t(mmap.PAGESIZE), 0) != 0:
             raise OSError("mprotect")
-    return start + mmap.PAGESIZE + (length - 8 * size if behind else 0)
+    return start + mmap.PAGESIZE + (length - size if behind else 0)
 
 
 def _filled(values: Array, *, behind: bool) -> int:
-    address = _guarded(values.size, behind=behind)
-    ctypes.memmove(address, values.tobytes(), 8 * values.size)
+    address = _guarded(values.nbytes, behind=behind)
+    ctypes.memmove(address, values.tobytes(), values.nbytes)
     return address
 
 
 def _single(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) -> None:
     given = [_filled(stack[0], behind=behind) for stack in stacks]
-    call(*(ctypes.c_void_p(each) for each in (*given, *(_guarded(size, behind=behind) for size in sizes))))
+    call(
+        *(
+            ctypes.c_void_p(each)
+            for each in (*given, *(_guarded(stacks[0].itemsize * size, behind=behind) for size in sizes))
+        )
+    )
 
 
 def _batch(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) -> None:
@@ -94,4 +105,6 @@ def _batch(call: Any, stacks: list[Array], sizes: list[int], *, behind: bool) ->
         for stack in stacks:
             address = _filled(stack[:count], behind=behind)
             arguments += [ctypes.c_void_p(address), ctypes.c_ssize_t(stack[0].size)]
-        call(*arguments, *(ctypes.c_void_p(_guarded(count * size, behind=behind)) for size in sizes))
+        call(
+            *arguments, *(ctypes.c_void_p(_guarded(stacks[0].itemsize * count * size, behind=behind)) for size in sizes)
+        )

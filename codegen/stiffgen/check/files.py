@@ -73,11 +73,14 @@ def check_tables(robot: GeneratedRobot, library: ctypes.CDLL | None) -> list[Che
     links = [tip.link for tip in chain.tips]
     checks = [faultless("constants in Python", "chain", _python_faults(module, chain, rows, joints, links))]
     if library is not None:
-        n = len(chain.coordinates)
+        n, number = len(chain.coordinates), np.ctypeslib.as_ctypes_type(robot.scalar.dtype)
         faults = [
             f"{robot.name}_{limit}"
             for limit in LIMITS
-            if list((ctypes.c_double * n).in_dll(library, f"{robot.name}_{limit}")) != rows[limit]
+            if not np.array_equal(
+                np.array((number * n).in_dll(library, f"{robot.name}_{limit}")),
+                np.array(rows[limit], robot.scalar.dtype),
+            )
         ]
         if _strings(library, f"{robot.name}_joints", n) != joints:
             faults.append(f"{robot.name}_joints")

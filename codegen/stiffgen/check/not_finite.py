@@ -6,23 +6,26 @@ Nor does infinity come of numbers so large that a result overflows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from stiffgen.check.result import Array, Check, Kernels, as_results, faultless
+from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 
 STACK = 11
 """Configurations of a stack: neither a block of lanes nor several."""
 _DEPENDS = 1e-9
-LARGE = (1e155, 1e200, 1e306, 1.7e308)
+LARGE = {"double": (1e155, 1e200, 1e306, 1.7e308), "float": (1e20, 1e28, 1e37, 3.3e38)}
 """What overflows in a product of two, of two at all, in a sum of a hundred, in a sum of two."""
 
 
-def check_not_finite(kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array]) -> list[Check]:
+def check_not_finite(
+    kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array], scalar: Scalar = DOUBLE
+) -> list[Check]:
     """Put NaN and infinity into every entry of every argument, single and in a stack.
 
     What depends on an entry is found by changing it: no table of dependences is believed.
@@ -35,7 +38,9 @@ def check_not_finite(kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[
             for kernel in table
         ] + [
             faultless(
-                kernel.qualified_name, "large numbers in", _overflows(kernels[kernel.qualified_name], kernel, pool)
+                kernel.qualified_name,
+                "large numbers in",
+                _overflows(kernels[kernel.qualified_name], kernel, pool, LARGE[scalar.name]),
             )
             for kernel in table
         ]
@@ -75,11 +80,11 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[s
     return faults
 
 
-def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[str]:
+def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, Array], larges: Sequence[float]) -> list[str]:
     """Infinite results, single and in a stack, of large numbers in one entry, in one argument and in all of them."""
     stacks = [pool[argument][:STACK] for argument in kernel.arguments]
     faults = []
-    for large in LARGE:
+    for large in larges:
         whole = [np.copysign(large, stack) for stack in stacks]
         plans = [("everywhere", whole)]
         for k, (argument, stack) in enumerate(zip(kernel.arguments, stacks, strict=True)):

@@ -15,6 +15,7 @@ Kernels = Mapping[str, Callable[..., Any]]
 """Functions by qualified name ("hybrid_joint_stiffness"), taking stacks of arguments."""
 
 BOUND = 1e-12
+_FLOAT_BOUND = 1e-4
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,15 @@ class Check:
         return self.error <= self.bound
 
 
+def bound_of(value: Any) -> float:
+    """How far numbers of this type may be apart: 1e-12 relative to the largest, and 1e-4 where they are floats."""
+    return _FLOAT_BOUND if np.asarray(value).dtype == np.float32 else BOUND
+
+
 def compared(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
-    """The check that ``value`` is ``reference`` to 1e-12."""
+    """The check that ``value`` is ``reference`` within its type's bound."""
     errors = relative_errors(value, reference)
-    return Check(kernel, oracle, _largest(errors), BOUND, errors=errors)
+    return Check(kernel, oracle, _largest(errors), bound_of(value), errors=errors)
 
 
 def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:

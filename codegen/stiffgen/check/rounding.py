@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """What rounding does to the results of a kernel: a running error analysis of its CasADi function.
 
-Every operation is followed with its value and the size of the error that it carries, in units of 2^-53: its own, and
+Every operation is followed with its value and the size of the error that it carries, in units of the last place: its own, and
 those of its operands times its derivatives by them, as if they were independent. A result whose contributions cancel
 has an error that nothing relative to the result itself could tell from a fault.
 """
@@ -14,11 +14,11 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.check.result import Array
+from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.model import casadi_function
 
-UNIT = 2.0**-53
 SIGMAS = 8.0
 """Errors beyond so many times their size are none of rounding."""
 
@@ -66,8 +66,12 @@ _RULES: dict[int, _Rule] = {
 }
 
 
-def rounding_errors(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> list[Array] | None:
+def rounding_errors(
+    chain: Chain, kernel: Kernel, stacks: Sequence[Array], scalar: Scalar = DOUBLE
+) -> list[Array] | None:
     """Standard errors of every entry of a kernel's results, one array a result, for stacks of its arguments.
+
+    Where ``scalar`` has fewer digits than the arguments, which are doubles, these are rounded, too.
 
     None where a user's potential has a function that has no rule here.
     """
@@ -88,7 +92,8 @@ def rounding_errors(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> li
             operation, taken = function.instruction_id(k), function.instruction_input(k)
             into = function.instruction_output(k)
             if operation == ca.OP_INPUT:
-                work[into[0]] = given[taken[0]][:, taken[1]], nothing
+                value = given[taken[0]][:, taken[1]]
+                work[into[0]] = value, nothing if scalar == DOUBLE else np.abs(value)
             elif operation == ca.OP_CONST:
                 work[into[0]] = np.full(count, function.instruction_constant(k)), nothing
             elif operation == ca.OP_OUTPUT:
@@ -103,7 +108,7 @@ def rounding_errors(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> li
             else:
                 return None
     return [
-        UNIT * each.reshape(count, *function.size_out(k)[::-1]).transpose(0, 2, 1)
+        scalar.unit * each.reshape(count, *function.size_out(k)[::-1]).transpose(0, 2, 1)
         for k, each in enumerate(found)
     ]  # fmt: skip
 

@@ -40,6 +40,7 @@ from stiffgen.check.result import Array, Check, Kernels, as_results, compared, o
 from stiffgen.check.rounding import beyond_rounding, rounding_errors
 from stiffgen.check.springs import by_hand, differentiated
 from stiffgen.emit.build import build_library
+from stiffgen.emit.target import DOUBLE, FLOAT
 from stiffgen.errors import BuildError, StiffgenError
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
@@ -637,15 +638,15 @@ def _against_casadi(
             reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
             check = compared(name, "closed form in CasADi", value, reference)
             if not check.passed:  # contributions that cancel leave their rounding, which is each program's own
-                value = reference + beyond_rounding(np.asarray(value) - reference, errors()[result.name])
-                check = compared(name, check.oracle, value, reference)
+                rest = beyond_rounding(np.asarray(value) - reference, errors(np.asarray(value).dtype)[result.name])
+                check = compared(name, check.oracle, (reference + rest).astype(np.asarray(value).dtype), reference)
             checks.append(check)
     return checks
 
 
-def _rounding(chain: Chain, kernel: Kernel, given: list[Array]) -> dict[str, Array]:
+def _rounding(chain: Chain, kernel: Kernel, given: list[Array], dtype: np.dtype[Any]) -> dict[str, Array]:
     """Standard errors of a kernel's results by name, zero where they are not known."""
-    found = rounding_errors(chain, kernel, given)
+    found = rounding_errors(chain, kernel, given, FLOAT if dtype == np.float32 else DOUBLE)
     return {
         result.name: np.zeros((len(given[0]), *result.array(chain).shape)) if found is None else found[k]
         for k, result in enumerate(kernel.results)
@@ -727,15 +728,17 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
-        ("NaN and infinity", lambda: check_not_finite(kernels, table, pool)),
+        ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
         ("stepping the controller", lambda: check_controller(robot, seed)),
     ]
     if springs.derivatives:
         steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
     if library is not None:
         loaded = library
-        steps.append(("batches in C", lambda: check_c_batches(loaded, robot.name, single, table, chain, pool)))
-        steps.append(("bounds of memory", lambda: check_bounds(loaded, robot.name, table, chain, pool)))
+        steps.append(
+            ("batches in C", lambda: check_c_batches(loaded, robot.name, single, table, chain, pool, robot.scalar))
+        )
+        steps.append(("bounds of memory", lambda: check_bounds(loaded, robot.name, table, chain, pool, robot.scalar)))
     if urdf is not None:
         file = urdf
         steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))

@@ -16,8 +16,8 @@ from types import MappingProxyType
 
 import casadi as ca
 
-from stiffgen.emit.expressions import WIDEST, Named, Operations, Printed, eights, print_statements, wrap_list
-from stiffgen.emit.target import Target
+from stiffgen.emit.expressions import Named, Operations, Printed, grouped, print_statements, wrap_list
+from stiffgen.emit.target import Scalar, Target
 from stiffgen.names import c_comment, comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
@@ -66,6 +66,7 @@ class Scope:
 
     chain: Chain
     prefix: str
+    scalar: Scalar
 
     @property
     def size(self) -> str:
@@ -85,7 +86,7 @@ class Scope:
     @property
     def padded_size(self) -> int:
         """Numbers in these lanes."""
-        return -(-len(self.chain.joints) // WIDEST) * WIDEST
+        return self.scalar.filled(len(self.chain.joints))
 
     @property
     def title(self) -> str:
@@ -132,7 +133,7 @@ class _TargetPrinter:
 
     def kernel(self, kernel: Kernel) -> CFunction:
         prefix = f"{kernel.tip.name}_" if kernel.tip else ""
-        scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix))
+        scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix, self.target.scalar))
         program = kernel.steps(self.chain)
         printer = _KernelPrinter(self, scope, kernel)
         printer.arguments(program)
@@ -265,7 +266,7 @@ def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
     count, m = target.shape
     lines = ["", f"const lanes rows_of_{target.name}[{count}][{scope.padded}] = {{"]
     for k in range(count):
-        lines += _indented(wrap_list("{" + ", ".join(eights(texts[m * k : m * (k + 1)])) + "},"), 1)
+        lines += _indented(wrap_list("{" + ", ".join(grouped(texts[m * k : m * (k + 1)], scope.scalar)) + "},"), 1)
     return [*lines, "};", f"put_rows(rows_of_{target.name}[0], {count}, {scope.padded}, {target.name}[0]);"]
 
 
@@ -842,7 +843,7 @@ class _KernelPrinter:
             accumulate=True,
         )
         self.calls |= printed.calls
-        room = -(-len(stored) // WIDEST) * WIDEST if whole and self.target.joint_lanes else len(stored)
+        room = self.target.scalar.filled(len(stored)) if whole and self.target.joint_lanes else len(stored)
         opening = [f"{self.target.row} sum[{room}];", "memset(sum, 0, sizeof sum);"]
         if not self.target.lanes:
             opening = [f"{self.target.row} sum[{room}] = {{{self.target.scalar.constant(0.0)}}};"]
@@ -893,7 +894,7 @@ class _KernelPrinter:
         count = sum(not value.is_zero() for value in results)
         source = "sum"
         if self.target.joint_lanes:
-            room = -(-count // WIDEST) * WIDEST
+            room = self.target.scalar.filled(count)
             lines += [
                 f"lanes total_of[{room} / LANES];",
                 self._called("add_lanes", "sum", count, "total_of"),

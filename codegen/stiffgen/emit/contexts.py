@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from stiffgen.emit.c import CFunction, Scope, TargetCode, suffix_of
 from stiffgen.emit.expressions import Operations
 from stiffgen.emit.rounding import Stated
-from stiffgen.emit.target import BATCH, SINGLE, Target
+from stiffgen.emit.target import Scalar, Target
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
@@ -225,10 +225,12 @@ def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
     )
 
 
-def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction, bounds: Sequence[Stated]) -> KernelPage:
+def kernel_page(
+    chain: Chain, name: str, scalar: Scalar, kernel: Kernel, function: CFunction, bounds: Sequence[Stated]
+) -> KernelPage:
     """A kernel that was printed for one configuration; ``name`` is the robot's, ``bounds`` those of its errors."""
-    parameters = [f"const {SINGLE.number} {_declared(array)}" for array in function.inputs]
-    parameters += [f"{SINGLE.number} {_declared(array)}" for array in function.outputs]
+    parameters = [f"const {scalar.name} {_declared(array)}" for array in function.inputs]
+    parameters += [f"{scalar.name} {_declared(array)}" for array in function.outputs]
     prototype = _fill(f"void {name}_{kernel.qualified_name}(", parameters) + ")"
     arrays, outputs = (*function.inputs, *function.outputs), len(function.outputs)
     return KernelPage(
@@ -256,15 +258,15 @@ def kernel_page(chain: Chain, name: str, kernel: Kernel, function: CFunction, bo
     )
 
 
-def batch_page(name: str, kernel: Kernel, function: CFunction) -> BatchPage:
+def batch_page(name: str, target: Target, kernel: Kernel, function: CFunction) -> BatchPage:
     """A kernel that was printed for vectors of configurations; ``name`` is the robot's."""
-    number, parameters = BATCH.scalar.name, ["size_t count"]
+    number, parameters = target.scalar.name, ["size_t count"]
     for array in function.inputs:
         parameters += [f"const {number} *{array.name}", f"ptrdiff_t {array.name}_step"]
     parameters += [f"{number} *{array.name}" for array in function.outputs]
-    within = [f"const {BATCH.number} {_declared(array)}" for array in function.inputs]
-    within += [f"{BATCH.number} {_declared(array)}" for array in function.outputs]
-    one_vector = _fill(f"{BATCH.qualifier} void {kernel.qualified_name}{suffix_of(BATCH)}(", within) + ")"
+    within = [f"const {target.number} {_declared(array)}" for array in function.inputs]
+    within += [f"{target.number} {_declared(array)}" for array in function.outputs]
+    one_vector = _fill(f"{target.qualifier} void {kernel.qualified_name}{suffix_of(target)}(", within) + ")"
     return BatchPage(
         definition=Definition(_explained(kernel, function), one_vector, function.lines),
         prototype=_fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
@@ -362,7 +364,7 @@ def sections_of(single: TargetCode, batch: TargetCode) -> dict[str, Section]:
 
     shared = [function.name for _, function in single.shared]
     kernels = [kernel.qualified_name for kernel, _ in single.kernels]
-    batches = [function.name + BATCH.suffix for _, function in batch.shared]
+    batches = [function.name + batch.target.suffix for _, function in batch.shared]
     batches += [f"{kernel.qualified_name}_batch" for kernel, _ in batch.kernels]
     found = {
         "robot": section("Arithmetic, and the robot's sizes, names and limits", []),

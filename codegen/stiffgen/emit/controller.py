@@ -19,6 +19,7 @@ from stiffgen.emit.fields import (
     STATUS,
     Field,
 )
+from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 
 RUNTIME = Path(__file__).parent.parent / "runtime"
@@ -37,14 +38,14 @@ _STRUCTS = (
 _FIRST_FIELD_ERROR = -20
 
 
-def has_controller(chain: Chain) -> bool:
-    """Whether a robot can have the controller: it needs masses, a base that stands, and few enough coordinates."""
-    return chain.masses and not chain.floating and chain.dof <= MAX_DOF
+def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
+    """Whether a robot can have the controller: masses, a base that stands, few enough coordinates, and doubles."""
+    return scalar == DOUBLE and chain.masses and not chain.floating and chain.dof <= MAX_DOF
 
 
-def controller_files(name: str, chain: Chain) -> dict[str, str]:
+def controller_files(name: str, chain: Chain, scalar: Scalar) -> dict[str, str]:
     """Template by file name; empty without a controller."""
-    if not has_controller(chain):
+    if not has_controller(chain, scalar):
         return {}
     return {
         f"{name}_impedance.h": "impedance.h.j2",
@@ -124,9 +125,9 @@ class ControllerPage:
     joint_defaults: list[str]
 
 
-def controller_page(name: str, chain: Chain) -> ControllerPage | None:
+def controller_page(name: str, chain: Chain, scalar: Scalar) -> ControllerPage | None:
     """What the templates are to know of a robot's controller; None without one."""
-    if not has_controller(chain):
+    if not has_controller(chain, scalar):
         return None
     prefix = name.upper()
     return ControllerPage(

@@ -14,12 +14,9 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from stiffgen.emit.target import Target
+from stiffgen.emit.target import Scalar, Target
 
 _WIDTH = 100
-WIDEST = 8
-"""Numbers in the widest vector of the generated code (lanes.c); rows are padded to multiples of it."""
-
 _SUM, _PRODUCT, _UNARY, _ATOM = range(4)
 
 Key = tuple[str, int | float, int]
@@ -311,12 +308,12 @@ class _Writer:
             self._prepare(angle)
         self.calls.add("sine_cosine")
         values = [self._expression(angle)[0] for angle in angles]
-        scalar = self.target.scalar.name
+        scalar = self.target.scalar
         batch = all(angle in self.wide for angle in angles)
         if batch:
             count, padded = str(len(values)), [", ".join(values)]
         else:
-            count, padded = f"{-(-len(values) // WIDEST) * WIDEST} / LANES", eights(values)
+            count, padded = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
         self.lines += [
             f"const {self.target.row} angle[{count}] = {{",
             *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
@@ -326,8 +323,12 @@ class _Writer:
         ]
         view = {"sin": "sine", "cos": "cosine"}
         if not batch:
-            self.lines += [f"const {scalar} *const s = (const {scalar} *)sine;"] if self._any(used, "sin") else []
-            self.lines += [f"const {scalar} *const c = (const {scalar} *)cosine;"] if self._any(used, "cos") else []
+            self.lines += (
+                [f"const {scalar.name} *const s = (const {scalar.name} *)sine;"] if self._any(used, "sin") else []
+            )
+            self.lines += (
+                [f"const {scalar.name} *const c = (const {scalar.name} *)cosine;"] if self._any(used, "cos") else []
+            )
             view = {"sin": "s", "cos": "c"}
         for number in used:
             kind, argument, _ = self.graph.keys[number]
@@ -473,10 +474,11 @@ class _Writer:
         self.lines += wrap(statement)
 
 
-def eights(values: Sequence[str]) -> list[str]:
-    """Values in groups of WIDEST for the initialiser of an array of lanes, the last group filled with zeros."""
-    filled = [*values, *["0.0"] * (-len(values) % WIDEST)]
-    return [f"EIGHT({', '.join(filled[k : k + WIDEST])})" for k in range(0, len(filled), WIDEST)]
+def grouped(values: Sequence[str], scalar: Scalar) -> list[str]:
+    """Values in groups for the initialiser of an array of lanes, the last group filled with zeros."""
+    widest = scalar.widest
+    filled = [*values, *[scalar.constant(0.0)] * (scalar.filled(len(values)) - len(values))]
+    return [f"{scalar.group}({', '.join(filled[k : k + widest])})" for k in range(0, len(filled), widest)]
 
 
 def wrap_list(text: str) -> list[str]:

@@ -15,6 +15,7 @@ from typing import Any
 from stiffgen._version import __version__
 from stiffgen.emit.expressions import Operations
 from stiffgen.emit.rounding import Ranges, Stated
+from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.symbolic.potentials import SpringOptions
 
@@ -25,6 +26,7 @@ _GENERATOR = "stiffgen"
 def manifest_text(
     chain: Chain,
     name: str,
+    scalar: Scalar,
     kernels: Mapping[str, tuple[str, Operations]],
     texts: Mapping[str, str],
     options: SpringOptions,
@@ -36,6 +38,7 @@ def manifest_text(
     Args:
         chain: the robot.
         name: its identifier.
+        scalar: type of its numbers; the manifest names it where it is not double.
         kernels: signature and operation count of every function, by qualified name.
         texts: the other files by name; the manifest has their SHA-256.
         options: what was asked of springs.
@@ -58,6 +61,7 @@ def manifest_text(
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
         "springs": options.to_manifest(),
+        **({"scalar": scalar.name} if scalar != DOUBLE else {}),
         **({"derivatives": True} if options.derivatives else {}),
         "chain": _finite(asdict(chain)),
     }
@@ -72,6 +76,11 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
         return None
     known = isinstance(content, dict) and content.get("generator") == _GENERATOR
     return content if known and isinstance(content.get("files"), dict) else None
+
+
+def scalar_of_manifest(content: Mapping[str, Any]) -> Scalar:
+    """The type of a folder's numbers; KeyError if there is none like it."""
+    return SCALARS[content.get("scalar", DOUBLE.name)]
 
 
 def _finite(value: Any) -> Any:

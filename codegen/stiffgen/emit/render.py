@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import jinja2
@@ -17,8 +17,8 @@ from stiffgen.emit.c import Scope, TargetCode, print_kernels
 from stiffgen.emit.controller import ControllerPage, controller_files, controller_page
 from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.emit.manifest import MANIFEST, manifest_text
-from stiffgen.emit.rounding import ErrorBounds, Ranges, Stated
-from stiffgen.emit.target import BATCH, DOUBLE, SINGLE, Target
+from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, Ranges, Stated
+from stiffgen.emit.target import BATCH, CUDA, DOUBLE, SINGLE, Scalar, Target
 from stiffgen.errors import ChainError
 from stiffgen.names import c_string, comment
 from stiffgen.rendering import environment
@@ -33,7 +33,8 @@ def render(
     chain: Chain,
     name: str,
     *,
-    cuda: Target | None = None,
+    scalar: Scalar = DOUBLE,
+    cuda: bool = False,
     options: SpringOptions | None = None,
     ranges: Ranges | None = None,
 ) -> dict[str, str]:
@@ -42,7 +43,8 @@ def render(
     Args:
         chain: the robot.
         name: an identifier (:mod:`stiffgen.names`), the prefix of all C names.
-        cuda: also NAME.cu and NAME_cuda.h for this target, with the kernels that have a batch.
+        scalar: type of a number. The controller is made for doubles alone.
+        cuda: also NAME.cu and NAME_cuda.h, with the kernels that have a batch.
         options: springs beyond the default one, their axes and centre.
         ranges: of the arguments for which bounds of the rounding errors are stated.
 
@@ -54,9 +56,10 @@ def render(
 
     """
     options, ranges = options or SpringOptions(), ranges or Ranges()
-    single, batch = (print_kernels(chain, name, target, options) for target in (SINGLE, BATCH))
-    threads = contexts.cuda_pages(chain, name, _threads(chain, name, cuda, options)) if cuda else None
-    error_bounds = ErrorBounds(chain, ranges)
+    targets = [replace(target, scalar=scalar) for target in (SINGLE, BATCH, CUDA)]
+    single, batch = (print_kernels(chain, name, target, options) for target in targets[:2])
+    threads = contexts.cuda_pages(chain, name, _threads(chain, name, targets[2], options)) if cuda else None
+    error_bounds = ErrorBounds(chain, ranges, scalar)
     bounds = {kernel.qualified_name: error_bounds.stated(kernel) for kernel, _ in single.kernels}
     pages = _pages(chain, name, single, batch, threads, bounds, ranges)
     templates = _templates()
@@ -70,7 +73,7 @@ def render(
         "__init__.pyi": "init.pyi.j2",
         "pyproject.toml": "pyproject.toml.j2",
         "README.md": "README.md.j2",
-    } | controller_files(name, chain)
+    } | controller_files(name, chain, scalar)
     if cuda:
         files |= {f"{name}_cuda.h": "cuda.h.j2", f"{name}.cu": "cuda.cu.j2"}
     if pages.functions:
@@ -90,7 +93,7 @@ def render(
     texts["py.typed"] = ""
     texts = _with_sources(texts)
     signed = {k.qualified_name: (k.signature(chain), f.operations) for k, f in single.kernels}
-    texts[MANIFEST] = manifest_text(chain, name, signed, texts, options, bounds, ranges)
+    texts[MANIFEST] = manifest_text(chain, name, scalar, signed, texts, options, bounds, ranges)
     return texts
 
 
@@ -106,7 +109,6 @@ def _templates() -> jinja2.Environment:
     # C and Python, not HTML: what comes from the robot file goes through these filters
     filters: dict[str, Callable[..., str]] = {
         "c_string": c_string,
-        "c_double": DOUBLE.constant,
         "comment": comment,
         "python": ascii,
         "python_float": lambda x: repr(x) if math.isfinite(x) else f"float('{x}')",
@@ -128,6 +130,7 @@ class _RobotPages:
         name, macro: prefixes of C names and macros.
         version, compatible: stiffgen's, and the part of it that has to agree with a user's demand.
         sources: what the digest of the C sources takes the place of.
+        scalar: type of a number.
         robot, n, positions: the chain, the number of its velocity coordinates, and that of its joint positions.
         fixed: what stands still, the base or the world.
         tool: what is to be said of the tool, in lines.
@@ -144,6 +147,7 @@ class _RobotPages:
         cuda: if it was asked for.
         targets, calls, sections: of NAME.c: how it is printed, the helpers that it calls, and its parts.
         rounding: the ranges of arguments for which bounds of errors are stated, in lines.
+        digits: of rotations in arguments, for these.
         libm, libm_of_two, own: functions that lanes are given.
 
     """
@@ -154,6 +158,7 @@ class _RobotPages:
     version: str
     compatible: str
     sources: str
+    scalar: Scalar
     robot: Chain
     n: int
     positions: int
@@ -177,6 +182,7 @@ class _RobotPages:
     calls: frozenset[str]
     sections: dict[str, contexts.Section]
     rounding: list[str]
+    digits: int
     libm: tuple[str, ...] = LIBM
     libm_of_two: tuple[str, ...] = LIBM_OF_TWO
     own: tuple[str, ...] = OWN
@@ -192,7 +198,7 @@ def _pages(
     ranges: Ranges,
 ) -> _RobotPages:
     kernels = [
-        contexts.kernel_page(chain, name, kernel, function, bounds[kernel.qualified_name])
+        contexts.kernel_page(chain, name, single.target.scalar, kernel, function, bounds[kernel.qualified_name])
         for kernel, function in single.kernels
     ]
     groups = contexts.groups_of(kernels)
@@ -209,13 +215,14 @@ def _pages(
         version=__version__,
         compatible=".".join(__version__.split(".")[:2]),
         sources=_SOURCES,
+        scalar=single.target.scalar,
         robot=chain,
         n=chain.dof,
         positions=len(chain.coordinates),
         fixed="world" if chain.floating else "base",
         tool=contexts.tool_lines(chain),
         example=contexts.example_of(chain),
-        controller=controller_page(name, chain),
+        controller=controller_page(name, chain, single.target.scalar),
         scopes=single.scopes,
         shared=contexts.shared_functions(single),
         batch_shared=contexts.shared_functions(batch),
@@ -224,14 +231,15 @@ def _pages(
         overview=contexts.overview(groups),
         public=list(dict.fromkeys(k.tip or k.group or k.name for k in kernels)),
         argument_lists=list(dict.fromkeys((tuple(k.inputs), len(k.outputs)) for k in kernels)),
-        batches=[contexts.batch_page(name, kernel, function) for kernel, function in batch.kernels],
+        batches=[contexts.batch_page(name, batch.target, kernel, function) for kernel, function in batch.kernels],
         functions=functions,
         called=[page for page in kernels if page.qualified_name in differentiable],
         cuda=cuda,
-        targets={"single": SINGLE, "batch": BATCH},
+        targets={"single": single.target, "batch": batch.target},
         calls=single.calls | batch.calls,
         sections=contexts.sections_of(single, batch),
-        rounding=ranges.lines,
+        rounding=ranges.lines(PRECISIONS[single.target.scalar.name]),
+        digits=PRECISIONS[single.target.scalar.name].digits,
     )
 
 

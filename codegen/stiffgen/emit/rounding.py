@@ -50,10 +50,6 @@ from stiffgen.symbolic.program import (
     writes,
 )
 
-FAR = 1e4
-"""Largest angle of the fast path of sine and cosine [rad] (templates/sine_cosine.c)."""
-_ROTATION = 1.0 + 2.0**-36
-"""What an entry of a product of at most 128 rotations is at most: each has entries rounded to doubles."""
 _ENLARGED = 1.0 + 2.0**-46
 """After a few operations on doubles that are not negative, more than these can have lost."""
 
@@ -65,19 +61,28 @@ class Precision:
     Attributes:
         unit: largest relative error of an operation, half the distance from 1 to the next number.
         smallest: largest error of an operation whose result is too small for that.
-        sine: largest error of a sine or cosine of an exact angle.
+        largest: number.
+        far: largest angle of the fast path of sine and cosine [rad] (templates/sine_cosine.c).
+        sine: largest error of a sine or cosine of an exact angle up to ``far``.
+        digits: of which rotations in arguments are rotations.
+        rotation: what an entry of a product of at most 128 of these, or of the chain's, is at most.
 
     """
 
     unit: float
     smallest: float
+    largest: float
+    far: float
     sine: float
+    digits: int
+    rotation: float
 
 
 PRECISIONS = {
     # Proved of templates/sine_cosine.c: 1.22 units (tests/support/sine_cosine_proof.py); CUDA documents two ulps.
-    "double": Precision(2.0**-53, 2.0**-1074, 2.0**-52),
-    "float": Precision(2.0**-24, 2.0**-149, 2.0**-23),
+    "double": Precision(2.0**-53, 2.0**-1074, 2.0**1023, 1e4, 2.0**-52, 11, 1.0 + 2.0**-36),
+    # 0.96 units, of all floats up to far (tests/long/float_sines.py); CUDA documents two ulps.
+    "float": Precision(2.0**-24, 2.0**-149, 2.0**127, 6e3, 2.0**-23, 6, 1.0 + 2.0**-19),
 }
 """By the name of the type."""
 
@@ -86,8 +91,8 @@ PRECISIONS = {
 class Ranges:
     """What arguments are at most, entry by entry, for the bounds to hold.
 
-    Joint positions stay inside the limits of the URDF: :data:`FAR` where a joint turns without end, ``slide`` where one
-    slides without. Blocks of a stiffness that couple translation and rotation are at most the geometric mean of the two
+    Joint positions stay inside the limits of the URDF: :attr:`Precision.far` where a joint turns without end, ``slide``
+    where one slides without. Blocks of a stiffness that couple translation and rotation are at most the geometric mean of the two
     others: no positive definite matrix has more. The equilibrium's origin lies no farther away than the robot reaches.
 
     Attributes:
@@ -111,12 +116,12 @@ class Ranges:
     rate: float = 10.0
     gravity: float = 10.0
 
-    @property
-    def lines(self) -> list[str]:
+    def lines(self, precision: Precision) -> list[str]:
         """In words, for a comment."""
         coupling = math.sqrt(self.translation_stiffness * self.rotation_stiffness)
         return [
-            f"joint positions within the limits (up to {FAR:g} rad or {self.slide:g} m where there are none), every",
+            f"joint positions within the limits (up to {precision.far:g} rad or {self.slide:g} m where there are none)"
+            ", every",
             f"force up to {self.force:g} N and moment up to {self.moment:g} N m, entries of stiffnesses up to",
             f"{self.translation_stiffness:g} N/m, {self.rotation_stiffness:g} N m/rad and, where they couple the two, "
             f"{coupling:.0f} N, gravity up to",
@@ -160,6 +165,8 @@ class _Analysis:
             bound = self._bound(number)
             size = min(bound.size, self.known.get(number, math.inf))
             self.found[number] = Bound(size, bound.error)
+            if not size + bound.error < self.precision.largest:
+                raise NoBound("numbers beyond the largest one")
         return [self.found[number] for number in numbers]
 
     def _bound(self, number: int) -> Bound:
@@ -176,14 +183,14 @@ class _Analysis:
             return self._sum(int(a), b)
         if kind in ("sin", "cos"):
             angle = self.found[int(a)]
-            if angle.size > FAR:
-                raise NoBound(f"angles beyond {FAR:g} rad")
+            if angle.size > self.precision.far:
+                raise NoBound(f"angles beyond {self.precision.far:g} rad")
             return Bound(1.0, (self.precision.sine + angle.error) * _ENLARGED)
         raise NoBound(f"the operation {kind}")
 
     def _constant(self, value: float) -> Bound:
         unit = self.precision.unit
-        exact = unit == PRECISIONS["double"].unit or math.frexp(value)[0] * 2.0**24 % 1 == 0
+        exact = unit == PRECISIONS["double"].unit or math.frexp(value)[0] / unit % 1 == 0
         return Bound(abs(value), 0.0 if exact else abs(value) * unit * _ENLARGED + self.precision.smallest)
 
     def _is_power(self, number: int) -> bool:
@@ -278,17 +285,17 @@ class ErrorBounds:
 
         """
         own = kernel.scope(self.chain)
-        reach = chain_reach(own, self.ranges)
+        reach = chain_reach(own, self.ranges, self.precision)
         arrays = {
             argument.array(self.chain).name: [
-                Bound(size) for size in argument_sizes(self.chain, argument, self.ranges, reach)
+                Bound(size) for size in argument_sizes(self.chain, argument, self.ranges, reach, self.precision)
             ]
             for argument in kernel.arguments
         }
         self._run(own, kernel.steps(self.chain), arrays, kernel.tip.name if kernel.tip else "")
         found = {result.name: [bound.error for bound in arrays[result.name]] for result in kernel.results}
-        if not all(math.isfinite(bound) for bounds in found.values() for bound in bounds):
-            raise NoBound("numbers beyond the largest double")
+        if not all(bound < self.precision.largest for bounds in found.values() for bound in bounds):
+            raise NoBound("numbers beyond the largest one")
         return found
 
     def stated(self, kernel: Kernel) -> tuple[Stated, ...]:
@@ -298,7 +305,7 @@ class ErrorBounds:
         except NoBound:
             return ()
         return tuple(
-            Stated(result.name, what, unit, rounded_up(max(bounds[result.name][k] for k in entries)))
+            Stated(result.name, what, unit, rounded_up(max(bounds[result.name][k] for k in entries), self.precision))
             for result in kernel.results
             for what, unit, entries in _kinds(result, result.array(self.chain))
         )
@@ -309,7 +316,7 @@ class ErrorBounds:
             if isinstance(step, Block):
                 key = tip, step.name
                 if not step.name or key not in self._shared:
-                    reach = chain_reach(chain, self.ranges)
+                    reach = chain_reach(chain, self.ranges, self.precision)
                     self._shared[key] = _block(chain, step, arrays, reach, self.precision)
                 arrays |= dict(zip((target.name for target in step.targets), self._shared[key], strict=True))
             elif isinstance(step, Sum):
@@ -355,9 +362,9 @@ class Stated:
         return f"{self.what} {size}"
 
 
-def rounded_up(value: float) -> float:
+def rounded_up(value: float, precision: Precision = PRECISIONS["double"]) -> float:
     """To two digits; what only underflow can cause is 0."""
-    if value < 1e-300:
+    if value < 2.0**50 * precision.smallest:
         return 0.0
     return float(Context(prec=2, rounding=ROUND_UP).create_decimal_from_float(value))
 
@@ -382,12 +389,13 @@ def _kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
     return [(f"every entry of {result.name}" if array.size > 1 else result.name, result.unit, list(every))]
 
 
-def chain_reach(chain: Chain, ranges: Ranges) -> float:
+def chain_reach(chain: Chain, ranges: Ranges, precision: Precision) -> float:
     """How far a point of a tip's frame is from the base at most [m]: all lengths of a chain one after the other."""
     joints = chain.joints[chain.base_joints :]
     ways = [math.sqrt(sum(x * x for x in place)) for place in (*(j.translation for j in joints), *_tips(chain))]
     slides = [
-        abs(joint.multiplier) * _largest(chain, joint.coordinate - chain.base_joints, ranges) + abs(joint.offset)
+        abs(joint.multiplier) * _largest(chain, joint.coordinate - chain.base_joints, ranges, precision)
+        + abs(joint.offset)
         for joint in joints
         if joint.prismatic
     ]
@@ -396,21 +404,21 @@ def chain_reach(chain: Chain, ranges: Ranges) -> float:
     total = 0.0
     for way in (*ways, *slides, base, tool):
         total = (total + way) * _ENLARGED
-    return total * _ROTATION
+    return total * precision.rotation
 
 
 def _tips(chain: Chain) -> Iterator[tuple[float, float, float]]:
     return (tip.translation for tip in chain.tips)
 
 
-def _largest(chain: Chain, coordinate: int, ranges: Ranges) -> float:
+def _largest(chain: Chain, coordinate: int, ranges: Ranges, precision: Precision) -> float:
     """How far from zero a joint position gets [rad or m]."""
     own = chain.coordinates[coordinate]
     size = max(abs(own.lower), abs(own.upper))
-    return size if math.isfinite(size) else (ranges.slide if own.type == "prismatic" else FAR)
+    return size if math.isfinite(size) else (ranges.slide if own.type == "prismatic" else precision.far)
 
 
-def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: float) -> list[float]:
+def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: float, precision: Precision) -> list[float]:
     """What the entries of a kernel's argument are at most, row-major.
 
     Raises:
@@ -422,12 +430,12 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
     pose = {"equilibrium": reach, "base_pose": ranges.distance, "tool_pose": ranges.tool}
     name, size = argument.name, argument.array(chain).size
     if name == "q":
-        return [_largest(chain, k, ranges) for k in range(size)]
+        return [_largest(chain, k, ranges, precision) for k in range(size)]
     if name == "velocity":
         of_joints = [own.velocity if math.isfinite(own.velocity) else ranges.rate for own in chain.coordinates]
         return [ranges.rate] * chain.base_joints + of_joints
     if name in pose:
-        return [*([_ROTATION] * 3 + [pose[name]]) * 3, 0.0, 0.0, 0.0, 1.0]
+        return [*([precision.rotation] * 3 + [pose[name]]) * 3, 0.0, 0.0, 0.0, 1.0]
     blocks = {
         "wrench": [ranges.force] * 3 + [ranges.moment] * 3,
         "task_stiffness": ([linear] * 3 + [coupled] * 3) * 3 + ([coupled] * 3 + [angular] * 3) * 3,
@@ -455,13 +463,13 @@ def _block(
     result = ca.densify(expressions.result)
     entries = [result[r, c] for r in range(result.shape[0]) for c in range(result.shape[1])]
     named = [
-        (entry, _ROTATION if name.startswith("R") else reach)
+        (entry, precision.rotation if name.startswith("R") else reach)
         for section in expressions.sections
         for name, value in section.values.items()
         for entry in ca.vertsplit(ca.vec(ca.densify(value)))
         if step.moves and name[0] in "Rp"  # entries of rotations R, and points p
     ]
-    sizes = _columns_and_pose(chain, step, reach)
+    sizes = _columns_and_pose(chain, step, reach, precision)
     outputs = ca.densify(ca.vertcat(*entries, *(entry for entry, _ in named)))
     graph, numbers = build_graph(ca.Function("f", [ca.vertcat(*inputs)], [outputs]))
     known: dict[int, float] = {}
@@ -475,14 +483,14 @@ def _block(
     return written
 
 
-def _columns_and_pose(chain: Chain, step: Block, reach: float) -> list[float]:
+def _columns_and_pose(chain: Chain, step: Block, reach: float, precision: Precision) -> list[float]:
     """What the entries of Jacobian columns and of a pose are at most; none where a block has neither."""
     if not step.moves:
         return []
     sliding = [joint.prismatic for joint in chain.joints]
-    linear = [_ROTATION if slides else reach for slides in sliding]
-    columns = linear * 3 + [_ROTATION] * len(sliding) * 3
-    pose = [*([_ROTATION] * 3 + [reach]) * 3, 0.0, 0.0, 0.0, 1.0]
+    linear = [precision.rotation if slides else reach for slides in sliding]
+    columns = linear * 3 + [precision.rotation] * len(sliding) * 3
+    pose = [*([precision.rotation] * 3 + [reach]) * 3, 0.0, 0.0, 0.0, 1.0]
     return [
         size for k, target in enumerate(step.targets) for size in (columns if k < step.columns else pose)[: target.size]
     ]

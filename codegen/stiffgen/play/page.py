@@ -65,6 +65,7 @@ def write_page(
     """
     tell = progress or (lambda step: None)
     robot = open_robot(folder)
+    robot.require_doubles("the playground")
     target = Path(f"{robot.name}.html") if output is None else Path(output)
     if target.is_dir():
         raise OutputError(f"{printable(str(target), 200)}: is a folder; give the name of a file, as --output play.html")

@@ -70,6 +70,7 @@ def prove(
 
     """
     robot = open_robot(folder)
+    robot.require_doubles("'stiffgen prove'")
     functions = harness.functions(robot)
     names = [each.qualified_name for each in functions]
     unknown = [each for each in only if each not in names]

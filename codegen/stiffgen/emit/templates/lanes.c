@@ -1,35 +1,32 @@
+{% set letters = "abcdefghijklmnop"[:scalar.widest] | list %}
 /*
- * Lanes: LANES numbers side by side, as wide as the vectors of the machine that is compiled for, or one plain double
- * where the compiler has no vector types or computes with more bits than a double has. In single calls a lane is a
+ * Lanes: LANES numbers side by side, as wide as the vectors of the machine that is compiled for, or one plain {{ scalar.name }}
+ * where the compiler has no vector types or computes with more bits than a {{ scalar.name }} has. In single calls a lane is a
  * joint, and rows over joints are padded with zeros; in batches a lane is a configuration.
  */
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
-#define LANE_BYTES 8
-#define EIGHT(a, b, c, d, e, f, g, h) a, b, c, d, e, f, g, h
-typedef double lanes;
-typedef unsigned long long pattern;
+#define LANE_BYTES {{ scalar.bytes }}
+#define {{ scalar.group }}({{ letters | join(", ") }}) {{ letters | join(", ") }}
+typedef {{ scalar.name }} lanes;
+typedef {{ scalar.pattern }} pattern;
 #else
-#if defined(__AVX512F__)
-#define LANE_BYTES 64
-#define EIGHT(a, b, c, d, e, f, g, h) {a, b, c, d, e, f, g, h}
-#define LOWER_HALVES 0, 8, 1, 9, 2, 10, 3, 11
-#define UPPER_HALVES 4, 12, 5, 13, 6, 14, 7, 15
-#elif defined(__AVX__)
-#define LANE_BYTES 32
-#define EIGHT(a, b, c, d, e, f, g, h) {a, b, c, d}, {e, f, g, h}
-#define LOWER_HALVES 0, 4, 1, 5
-#define UPPER_HALVES 2, 6, 3, 7
-#else
-#define LANE_BYTES 16
-#define EIGHT(a, b, c, d, e, f, g, h) {a, b}, {c, d}, {e, f}, {g, h}
-#define LOWER_HALVES 0, 2
-#define UPPER_HALVES 1, 3
+{% for bytes, known in ((64, "#if defined(__AVX512F__)"), (32, "#elif defined(__AVX__)"), (16, "#else")) %}
+{% set count = bytes // scalar.bytes %}
+{{ known }}
+#define LANE_BYTES {{ bytes }}
+#define {{ scalar.group }}({{ letters | join(", ") }}) {% for lane in letters | batch(count) %}{ {{- lane | join(", ") -}} }{{ ", " if not loop.last }}{% endfor %}
+
+#define LOWER_HALVES {% for k in range(count // 2) %}{{ k }}, {{ k + count }}{{ ", " if not loop.last }}{% endfor %}
+
+#define UPPER_HALVES {% for k in range(count // 2, count) %}{{ k }}, {{ k + count }}{{ ", " if not loop.last }}{% endfor %}
+
+{% endfor %}
 #endif
-typedef double lanes __attribute__((vector_size(LANE_BYTES)));
-typedef unsigned long long pattern __attribute__((vector_size(LANE_BYTES)));
+typedef {{ scalar.name }} lanes __attribute__((vector_size(LANE_BYTES)));
+typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
 #endif
 
-#define LANES (LANE_BYTES / 8)
+#define LANES (LANE_BYTES / {{ scalar.bytes }})
 
 #if defined(__GNUC__)
 #define ALIGNED __attribute__((aligned(64)))
@@ -50,11 +47,11 @@ typedef union {
     pattern bits;
 } lane_bits;
 
-/* x with the bits that a double in memory has. */
-static inline double as_double(double x)
+/* x with the bits that a {{ scalar.name }} in memory has. */
+static inline {{ scalar.name }} as_{{ scalar.name }}({{ scalar.name }} x)
 {
 #if EXCESS_PRECISION
-    const volatile double stored = x;
+    const volatile {{ scalar.name }} stored = x;
     return stored;
 #else
     return x;

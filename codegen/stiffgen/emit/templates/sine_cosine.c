@@ -1,3 +1,5 @@
+{% set wide = scalar.name == "double" %}
+{% if wide %}
 /*
  * Sine and cosine of count lanes of angles: up to FAR within 1.1 ulp (tested; a search of 10^8 angles found at most
  * 1.056), by libm beyond it.
@@ -10,26 +12,39 @@
  * and 2^-64.0), found by Remez' algorithm (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets their
  * signs.
  */
-#define FAR 1e4
+{% else %}
+/*
+ * Sine and cosine of count lanes of angles, in floats alone: up to FAR within UNITS ulp (of all floats), by libm beyond it.
+ *
+ * k is the nearest integer to x / (pi/2): adding 1.5 * 2^23 leaves it in the low bits of a float. One is taken from
+ * the exponent, as an integer, before 0.75 * 2^23 is subtracted: the rest is the turn k/2, and no compiler can cancel
+ * the two constants. pi is taken in four parts; the first three have 12 bits, so that their products with the turn
+ * (12 bits) are exact, and so are the first two differences; the rest carries the sum to 2^-62. r + low is x - turn pi. On
+ * |r| <= pi/4, sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2) with the P and Q of least largest relative error
+ * (2^-28.0 and 2^-33.0), found by Remez' algorithm (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets
+ * their signs.
+ */
+{% endif %}
+#define FAR {{ "1e4" if wide else "6e3f" }}
 
-static void by_libm_beyond_far(const double *x, double *sine, double *cosine, int count)
+static void by_libm_beyond_far(const {{ scalar.name }} *x, {{ scalar.name }} *sine, {{ scalar.name }} *cosine, int count)
 {
     for (int k = 0; k < count; ++k) {
-        if (!(fabs(x[k]) <= FAR)) {
-            sine[k] = sin(x[k]);
-            cosine[k] = cos(x[k]);
+        if (!(fabs{{ scalar.suffix }}(x[k]) <= FAR)) {
+            sine[k] = sin{{ scalar.suffix }}(x[k]);
+            cosine[k] = cos{{ scalar.suffix }}(x[k]);
         }
     }
 }
 
 /*
- * x as a double, and as a whole: no sum that x is part of is put in another order across it. Costs no instruction, and
+ * x as a {{ scalar.name }}, and as a whole: no sum that x is part of is put in another order across it. Costs no instruction, and
  * is left out where the pragma above keeps the order already: it would only tie the registers' hands.
  */
 static inline lanes whole(lanes x)
 {
 #if EXCESS_PRECISION
-    x = as_double(x);
+    x = as_{{ scalar.name }}(x);
 #elif defined(__clang__) && __clang_major__ >= 13
 #elif defined(__GNUC__) && defined(__SSE2__)
     __asm__("" : "+x"(x));
@@ -41,26 +56,41 @@ static inline lanes whole(lanes x)
 
 static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int count)
 {
+{% if wide %}
     const double round = 6755399441055744.0;
     /* Variables, since constants may have more digits than a double (FLT_EVAL_METHOD). */
     const double pi_1 = 3.1415926535846666, pi_2 = 5.1266883031811465e-12, pi_3 = 7.891108333126411e-24;
+{% else %}
+    const float round = 12582912.0f;
+    /* Variables, since constants may have more digits than a float (FLT_EVAL_METHOD). */
+    const float pi_1 = 3.140625f, pi_2 = 0.0009675026f, pi_3 = 1.5099067e-07f, pi_4 = 5.126688e-12f;
+{% endif %}
     lanes reach = x[0] - x[0]; /* sum of all |x|: at most FAR if no angle is beyond it, or if it does not matter */
     for (int n = 0; n < count; ++n) {
         lane_bits size, turns, halved, s, c;
         size.number = x[n];
-        size.bits &= 0x7fffffffffffffffULL;
+        size.bits &= {{ "0x7fffffffffffffffULL" if wide else "0x7fffffffU" }};
         reach += size.number;
 
-        turns.number = x[n] * 0.6366197723675814 + round;
-        halved.bits = turns.bits - 0x0010000000000000ULL;
-        const lanes turn = halved.number - 0.5 * round;
+        turns.number = x[n] * {{ "0.6366197723675814" if wide else "0.63661975f" }} + round;
+        halved.bits = turns.bits - {{ "0x0010000000000000ULL" if wide else "0x00800000U" }};
+        const lanes turn = halved.number - 0.5{{ scalar.suffix }} * round;
+{% if wide %}
         const lanes r1 = whole(x[n] - turn * pi_1);
         const lanes w2 = turn * pi_2;
         const lanes r2 = whole(r1 - w2);
         const lanes w3 = turn * pi_3;
         const lanes r = whole(r2 - w3);
         const lanes low = (whole(r1 - r2) - w2) + (whole(r2 - r) - w3);
+{% else %}
+        const lanes r1 = whole(x[n] - turn * pi_1);
+        const lanes r2 = whole(r1 - turn * pi_2);
+        const lanes w3 = turn * pi_3;
+        const lanes r = whole(r2 - w3);
+        const lanes low = (whole(r2 - r) - w3) - turn * pi_4;
+{% endif %}
 
+{% if wide %}
         const lanes z = r * r, z2 = z * z, z4 = z2 * z2;
         const lanes P = (z * 0.008333333333322118 - 0.1666666666666663)
             + z2 * (z * 2.7557313621376058e-06 - 0.00019841269829589558)
@@ -68,22 +98,27 @@ static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int c
         const lanes Q = (0.041666666666666595 - z * 0.0013888888888873056)
             + z2 * (2.480158728885165e-05 - z * 2.755731417927551e-07)
             + z4 * (2.087570083855632e-09 - z * 1.1358536325839214e-11);
-        const lanes half = 0.5 * z;
-        const lanes rest = whole(1.0 - half);
+{% else %}
+        const lanes z = r * r, z2 = z * z;
+        const lanes P = (z * 0.008332157f - 0.16666655f) - z2 * 0.00019514647f;
+        const lanes Q = (0.041666646f - z * 0.001388731f) + z2 * 2.4432431e-05f;
+{% endif %}
+        const lanes half = 0.5{{ scalar.suffix }} * z;
+        const lanes rest = whole(1.0{{ scalar.suffix }} - half);
         s.number = r + (low + (z * r) * P);
-        c.number = rest + ((whole(1.0 - rest) - half) + (z2 * Q - r * low));
+        c.number = rest + ((whole(1.0{{ scalar.suffix }} - rest) - half) + (z2 * Q - r * low));
 
         const pattern exchanged = (s.bits ^ c.bits) & (0 - (turns.bits & 1));
-        s.bits ^= exchanged ^ ((turns.bits & 2) << 62);
-        c.bits ^= exchanged ^ (((turns.bits + 1) & 2) << 62);
+        s.bits ^= exchanged ^ ((turns.bits & 2) << {{ 62 if wide else 30 }});
+        c.bits ^= exchanged ^ (((turns.bits + 1) & 2) << {{ 62 if wide else 30 }});
         sine[n] = s.number;
         cosine[n] = c.number;
     }
-    double sum = 0.0;
+    {{ scalar.name }} sum = 0.0{{ scalar.suffix }};
     for (int n = 0; n < LANES; ++n) {
-        sum += ((const double *)&reach)[n];
+        sum += ((const {{ scalar.name }} *)&reach)[n];
     }
     if (!(sum <= FAR)) { /* also if it is NaN */
-        by_libm_beyond_far((const double *)x, (double *)sine, (double *)cosine, LANES * count);
+        by_libm_beyond_far((const {{ scalar.name }} *)x, ({{ scalar.name }} *)sine, ({{ scalar.name }} *)cosine, LANES * count);
     }
 }

@@ -1,7 +1,7 @@
 /* Transpose a square of LANES x LANES numbers: one round of pairing rows for every halving of their number. */
 static inline void transpose(lanes square[LANES])
 {
-#if LANE_BYTES > 8
+#if LANE_BYTES > {{ scalar.bytes }}
     for (int round = 1; round < LANES; round *= 2) {
         lanes paired[LANES];
         for (int k = 0; k < LANES / 2; ++k) {
@@ -24,11 +24,73 @@ static inline void transpose(lanes square[LANES])
 #endif
 }
 
+{% if scalar.name == "float" %}
+#if LANE_BYTES > 4
+/* Squares of four, for what is too short for one of LANES. */
+typedef float four __attribute__((vector_size(16)));
+
+static inline void transpose_four(four square[4])
+{
+    for (int round = 0; round < 2; ++round) {
+        four paired[4];
+        for (int k = 0; k < 2; ++k) {
+#if defined(__clang__)
+            paired[2 * k] = __builtin_shufflevector(square[k], square[k + 2], 0, 4, 1, 5);
+            paired[2 * k + 1] = __builtin_shufflevector(square[k], square[k + 2], 2, 6, 3, 7);
+#else
+            typedef unsigned order __attribute__((vector_size(16)));
+            const order lower = {0, 4, 1, 5}, upper = {2, 6, 3, 7};
+            paired[2 * k] = __builtin_shuffle(square[k], square[k + 2], lower);
+            paired[2 * k + 1] = __builtin_shuffle(square[k], square[k + 2], upper);
+#endif
+        }
+        for (int k = 0; k < 4; ++k) {
+            square[k] = paired[k];
+        }
+    }
+}
+
+/* Entries first to first + 3 of LANES configurations. */
+static inline void load_four(const float *const configuration[LANES], int first, lanes *to)
+{
+    for (int c = 0; c < LANES; c += 4) {
+        four square[4];
+        for (int k = 0; k < 4; ++k) {
+            memcpy(&square[k], configuration[c + k] + first, sizeof(four));
+        }
+        transpose_four(square);
+        for (int k = 0; k < 4; ++k) {
+            memcpy((float *)&to[first + k] + c, &square[k], sizeof(four));
+        }
+    }
+}
+
+/* The same the other way, for the configurations that are present. */
+static inline void store_four(const lanes *from, int first, int present, int size, float *to)
+{
+    lanes finite[4];
+    for (int k = 0; k < 4; ++k) {
+        finite[k] = finite_lanes(from[first + k]);
+    }
+    for (int c = 0; c < present; c += 4) {
+        four square[4];
+        for (int k = 0; k < 4; ++k) {
+            memcpy(&square[k], (const float *)&finite[k] + c, sizeof(four));
+        }
+        transpose_four(square);
+        for (int k = 0; k < 4 && c + k < present; ++k) {
+            memcpy(to + size * (c + k) + first, &square[k], sizeof(four));
+        }
+    }
+}
+#endif
+
+{% endif %}
 /* Entry k of LANES configurations becomes lanes k; where fewer are left, the last one stands in. */
-static inline void load_lanes(const double *from, ptrdiff_t step, size_t left, int size, lanes *to)
+static inline void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, size_t left, int size, lanes *to)
 {
     const int present = left < LANES ? (int)left : LANES;
-    const double *configuration[LANES];
+    const {{ scalar.name }} *configuration[LANES];
     for (int c = 0; c < LANES; ++c) {
         configuration[c] = from + step * (c < present ? c : present - 1);
     }
@@ -39,15 +101,25 @@ static inline void load_lanes(const double *from, ptrdiff_t step, size_t left, i
         }
         transpose(to + k);
     }
+{% if scalar.name == "float" %}
+#if LANE_BYTES > 4
+    for (int k = whole; k < size && size >= 4; k += 4) { /* the last ones perhaps once more */
+        load_four(configuration, k + 4 <= size ? k : size - 4, to);
+    }
+    if (size >= 4) {
+        return;
+    }
+#endif
+{% endif %}
     for (int k = whole; k < size; ++k) {
         for (int c = 0; c < LANES; ++c) {
-            ((double *)to)[LANES * k + c] = configuration[c][k];
+            (({{ scalar.name }} *)to)[LANES * k + c] = configuration[c][k];
         }
     }
 }
 
 /* Lanes k become entry k of LANES configurations, or of those that are left. */
-static inline void store_lanes(const lanes *from, size_t left, int size, double *to)
+static inline void store_lanes(const lanes *from, size_t left, int size, {{ scalar.name }} *to)
 {
     const int present = left < LANES ? (int)left : LANES;
     const int whole = size - size % LANES;
@@ -61,10 +133,20 @@ static inline void store_lanes(const lanes *from, size_t left, int size, double 
             memcpy(&to[size * c + k], &square[c], sizeof(lanes));
         }
     }
+{% if scalar.name == "float" %}
+#if LANE_BYTES > 4
+    for (int k = whole; k < size && size >= 4; k += 4) {
+        store_four(from, k + 4 <= size ? k : size - 4, present, size, to);
+    }
+    if (size >= 4) {
+        return;
+    }
+#endif
+{% endif %}
     for (int k = whole; k < size; ++k) {
         const lanes finite = finite_lanes(from[k]);
         for (int c = 0; c < present; ++c) {
-            to[size * c + k] = ((const double *)&finite)[c];
+            to[size * c + k] = ((const {{ scalar.name }} *)&finite)[c];
         }
     }
 }
