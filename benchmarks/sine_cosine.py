@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Where the coefficients of the generated sine and cosine come from, and how exact the code is.
 
-``python benchmarks/sine_cosine.py`` derives the polynomials by Remez' algorithm and the parts of pi, for doubles and for
-floats, and prints them with their errors; ``python benchmarks/sine_cosine.py POINTS`` compiles the generated iiwa14.c and holds that many
-angles against mpmath (a million takes minutes); ``--search SECONDS`` climbs the error, against long double, and prints
-the worst angle of each build.
+``python benchmarks/sine_cosine.py`` derives the polynomials by Remez' algorithm and the parts of pi, for doubles and
+for floats, and prints them with their errors; ``python benchmarks/sine_cosine.py POINTS`` compiles the generated
+iiwa14.c and holds that many angles against mpmath (a million takes minutes); ``--search SECONDS`` climbs the error,
+against long double, and prints the worst angle of each build.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Single precision against double: ``python benchmarks/single_precision.py``.
 
-Generates the iiwa 14 twice, of doubles and of floats, compiles both with the same flags and calls the batches of each by
-turns: medians, and the time of floats as a share of that of doubles. Then the errors of the floats' batches, at random
-states within the ranges of their bounds, against the doubles' batches at the same states: the largest of each kind, and
-the bound that the header states for it. Exit code 1 if one is beyond its bound.
+Generates the iiwa 14 twice, of doubles and of floats, compiles both with the same flags and calls the batches of each
+by turns: medians, and the time of floats as a share of that of doubles. Then the errors of the floats' batches, at
+random states within the ranges of their bounds, against the doubles' batches at the same states: the largest of each
+kind, and the bound that the header states for it. Exit code 1 if one is beyond its bound.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ def drawn(chain: Chain, kernel: Kernel, count: int, random: np.random.Generator)
         sizes = np.array(argument_sizes(chain, argument, ranges, reach, PRECISION))
         values = random.uniform(-1, 1, (count, len(sizes)))
         if argument.name == "q":
-            values = np.clip(values * sizes, *([getattr(c, s) for c in chain.coordinates] for s in ("lower", "upper")))
+            lower, upper = ([getattr(c, side) for c in chain.coordinates] for side in ("lower", "upper"))
+            values = np.clip(values * sizes, lower, upper)
         else:
             values = np.where(random.random((count, 1)) < 0.5, np.sign(values), values) * sizes
         if argument.name == "equilibrium":
@@ -127,12 +128,12 @@ def compare_errors(chain: Chain, kernels: Sequence[Kernel], both: Sequence[Batch
                 worst[k] = np.maximum(worst[k], np.abs(single - double).max(axis=0))
             done += AT_ONCE
         for result, error in zip(kernel.results, worst, strict=True):
-            own, other = np.array(of_floats[result.name]), np.array(of_doubles[result.name])
-            within = bool((error + other <= own).all())  # the doubles are off, too, by far less
+            bound = np.array(of_floats[result.name])
+            within = bool((error + of_doubles[result.name] <= bound).all())  # the doubles are off, too, by far less
             held &= within
             print(
                 f"{kernel.qualified_name + ', ' + result.name:64} {error.max():9.1e} {result.unit:12} "
-                f"bound {rounded_up(own.max(), PRECISION):7.1e} {'' if within else 'BEYOND THE BOUND'}",
+                f"bound {rounded_up(bound.max(), PRECISION):7.1e} {'' if within else 'BEYOND THE BOUND'}",
                 flush=True,
             )
     return held

@@ -77,7 +77,7 @@ class Sines:
         self.library = ctypes.CDLL(str(library))
 
     def worst(self, first: int, end: int) -> Worst:
-        """Over the floats whose bits are ``first`` to ``end`` - 1, and their negatives; the doubles' are off by 2^-29."""
+        """Over the floats whose bits are ``first`` to ``end`` - 1, and their negatives; doubles are off by 2^-29."""
         units, ulps, at = (ctypes.c_double * 2)(), (ctypes.c_double * 2)(), (ctypes.c_float * 2)()
         self.library.worst(ctypes.c_uint(first), ctypes.c_uint(end), units, ulps, at)
-        return Worst(tuple(units), tuple(ulps), tuple(at))
+        return Worst((units[0], units[1]), (ulps[0], ulps[1]), (at[0], at[1]))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What rounding does to the results of a kernel: a running error analysis of its CasADi function.
 
-Every operation is followed with its value and the size of the error that it carries, in units of the last place: its own, and
-those of its operands times its derivatives by them, as if they were independent. A result whose contributions cancel
-has an error that nothing relative to the result itself could tell from a fault.
+Every operation is followed with its value and the size of the error that it carries, in units of the last place: its
+own, and those of its operands times its derivatives by them, as if they were independent. A result whose
+contributions cancel has an error that nothing relative to the result itself could tell from a fault.
 """
 
 from __future__ import annotations

@@ -92,8 +92,9 @@ class Ranges:
     """What arguments are at most, entry by entry, for the bounds to hold.
 
     Joint positions stay inside the limits of the URDF: :attr:`Precision.far` where a joint turns without end, ``slide``
-    where one slides without. Blocks of a stiffness that couple translation and rotation are at most the geometric mean of the two
-    others: no positive definite matrix has more. The equilibrium's origin lies no farther away than the robot reaches.
+    where one slides without. Blocks of a stiffness that couple translation and rotation are at most the geometric mean
+    of the two others: no positive definite matrix has more. The equilibrium's origin lies no farther away than the
+    robot reaches.
 
     Attributes:
         force, moment: of a wrench [N], [N m].

@@ -14,7 +14,8 @@
  */
 {% else %}
 /*
- * Sine and cosine of count lanes of angles, in floats alone: up to FAR within UNITS ulp (of all floats), by libm beyond it.
+ * Sine and cosine of count lanes of angles, in floats alone: up to FAR within 1.1 ulp, by libm beyond it. (Each of these
+ * floats was tried: at most 1.02 ulp without fused multiply-add, 0.96 with it.)
  *
  * k is the nearest integer to x / (pi/2): adding 1.5 * 2^23 leaves it in the low bits of a float. One is taken from
  * the exponent, as an integer, before 0.75 * 2^23 is subtracted: the rest is the turn k/2, and no compiler can cancel
