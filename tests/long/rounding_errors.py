@@ -18,7 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+import stiffgen
 from stiffgen.emit.rounding import Ranges
+from stiffgen.emit.target import DOUBLE, SCALARS
 from stiffgen.opened import open_robot
 from stiffgen.symbolic.kernels import chain_kernels
 from support.project import ROOT
@@ -30,25 +32,31 @@ LARGEST_RATIO = 1000
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--robot", default="iiwa14", help="a folder in generated/")
+    parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the robot is generated anew for it")
     parser.add_argument("--states", type=int, default=1_000_000, help="of each function")
     parser.add_argument("--functions", nargs="*", help="default: all that have a bound")
     parser.add_argument("--width", choices=WIDTHS, help="vectors (default: each in turn, round by round)")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    folder = ROOT / "generated" / options.robot
-    chain = open_robot(folder).chain
-    bounds = kernels_with_bounds(chain, Ranges(), chain_kernels(chain))
+    doubles, scalar = ROOT / "generated" / options.robot, SCALARS[options.scalar]
+    chain = open_robot(doubles).chain
+    bounds = kernels_with_bounds(chain, Ranges(), chain_kernels(chain), scalar)
     kernels = [kernel for kernel in chain_kernels(chain) if kernel.qualified_name in (options.functions or bounds)]
     widths = [options.width] if options.width else [width for width in WIDTHS if can_run(WIDTHS[width])]
     print(f"{options.robot}, vectors: {', '.join(widths)}")
     print(f"{'function':45} {'states':>9} {'bound':>9} {'largest':>9} {'ratio':>6} {'nearest':>8} {'time [s]':>8}")
     wrong = 0
     with tempfile.TemporaryDirectory() as work:
-        measured = []
+        folder, measured = doubles, []
+        if scalar != DOUBLE:
+            urdf, name = ROOT / "urdf" / f"{options.robot}.urdf", options.robot
+            folder = stiffgen.generate(urdf, output=work, name=name, scalar=scalar.name, build=False)
         for index, width in enumerate(widths):
             place = Path(work) / str(index)
             place.mkdir()
-            measured.append(Measured(folder, options.robot, chain, kernels, place, WIDTHS[width], batches=True))
+            measured.append(
+                Measured(folder, options.robot, chain, kernels, place, WIDTHS[width], batches=True, exact=doubles)
+            )
         for number, kernel in enumerate(kernels):
             name = kernel.qualified_name
             started, errors, states = time.perf_counter(), np.zeros(1), 0
@@ -67,6 +75,8 @@ def main() -> int:
                 f"{time.perf_counter() - started:8.1f}{verdict}",
                 flush=True,
             )
+        if scalar != DOUBLE:
+            return int(wrong > 0)  # the reference is that of doubles
         worst = digits_of_reference(measured[0], Ranges(), min(options.states, 20), np.random.default_rng(options.seed))
         print(f"__float128 against 80 digits: off by at most {worst:.1e} of the largest entry")
         wrong += not worst < 1e-28

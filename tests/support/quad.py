@@ -81,8 +81,13 @@ class Measured:
         compiler: str = "gcc",
         source: str | None = None,
         batches: bool = False,
+        exact: Path | None = None,
     ) -> None:
-        """Compile; ``source`` is NAME.c as it is to be measured (default: the folder's), ``batches``: these as well."""
+        """Compile; ``source`` is NAME.c as it is to be measured (default: the folder's), ``batches``: these as well.
+
+        ``exact``: a folder of the same robot, of doubles, whose statements are the reference, where ``folder`` is one
+        of floats: constants of these are rounded.
+        """
         self.batches = batches
         self.chain, self.kernels = chain, {kernel.qualified_name: kernel for kernel in kernels}
         header, own = (folder / f"{name}.h").read_text(), (folder / f"{name}.c").read_text()
@@ -90,12 +95,13 @@ class Measured:
         (work / f"{name}.h").write_text(header)
         (work / f"{name}.c").write_text((source or own) if batches else _without_batches(source or own))
         quad = f"{name}_quad"
-        (work / f"{quad}.h").write_text(_renamed(header, name, quad))
-        (work / f"{quad}.c").write_text(_in_quad(_renamed(own, name, quad), self.number))
+        doubles = _renamed(((exact or folder) / f"{name}.h").read_text(), name, quad)
+        (work / f"{quad}.h").write_text(doubles)
+        (work / f"{quad}.c").write_text(_in_quad(_renamed(((exact or folder) / f"{name}.c").read_text(), name, quad)))
         driver = work / f"{name}_errors.c"
         drivers = [self._driver(name, quad, kernel) for kernel in kernels]
-        prototypes = re.findall(rf"^void {quad}_\w+\((?:[^;]*)\);", _renamed(header, name, quad), flags=re.M)
-        quads = [re.sub(rf"\b{self.number}\b", "__float128", each) for each in prototypes if "size_t count" not in each]
+        prototypes = re.findall(rf"^void {quad}_\w+\((?:[^;]*)\);", doubles, flags=re.M)
+        quads = [re.sub(r"\bdouble\b", "__float128", each) for each in prototypes if "size_t count" not in each]
         driver.write_text("\n".join([f'#include "{name}.h"', "#include <stdlib.h>", *quads, *drivers]))
         library = work / f"{name}_errors.so"
         objects = []
@@ -184,16 +190,14 @@ def _without_batches(source: str) -> str:
     return source[: found.start()]
 
 
-def _in_quad(source: str, number: str) -> str:
+def _in_quad(source: str) -> str:
     """NAME.c with its numbers in __float128; batches are left out."""
     start = source.index("static inline void sine_cosine(")
     end = source.index("\n}\n", start) + 3
     source = source[:start] + _SINE_COSINE + source[end:]
     source = _without_batches(source)
-    if number == "float":  # constants are the doubles that were meant
-        source = re.sub(r"(?<![\w.])(\d+\.?\d*(?:e[-+]?\d+)?)f\b", r"\1", source)
     head = "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <string.h>\n#include <quadmath.h>\n"
-    return f"{head}#define STIFFGEN_NO_VECTORS\n#define {number} __float128\n{source}"
+    return f"{head}#define STIFFGEN_NO_VECTORS\n#define double __float128\n{source}"
 
 
 def draw(
