@@ -18,6 +18,8 @@
 # make fri-attack  hill-climbing attack on the FRI client, 20 000 hostile sessions in each version (some 20 minutes)
 # make spring-digits  every spring with all axes against 60 digits, 1000 poses a case (some minutes)
 # make random-warnings  gcc at every level on random robots
+# make single-precision  float against double: times of batches in one run, errors of 10^6 states against their bounds
+# make float-sines  every float through the generated sine and cosine (some minutes a build)
 # make docs       these pages and the reference as a site, into build/site/html/, without network; its links are followed
 # make soak       the controller: a million hostile steps under sanitizers, valgrind and an aborting allocator
 # make closed-loop  the controller on a simulated arm: 500 random situations, 100 000 adversarial energy schedules, 10^7
@@ -38,7 +40,7 @@ COUNT ?= 100000
 FRI_FUZZ ?= -runs=1000000
 FRI_ATTACK ?= --sessions 20000
 
-.PHONY: generate test test-torch test-drake test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors targets
+.PHONY: generate test test-torch test-drake test-slow lint check-generated fuzz random-robots robots bench bench-cuda experiment whole-body identify identify-torch adaptive optimal-control fri-demo fri-fuzz fri-attack random-warnings docs soak spring-digits closed-loop settle energy hostile clean rounding-errors targets single-precision float-sines
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -174,6 +176,12 @@ rounding-errors: $(VENV)/installed-test generate
 
 targets: $(VENV)/installed-test generate
 	PYTHONPATH=tests:. $(BIN)/python tests/long/targets.py $(OPTIONS)
+
+single-precision: $(VENV)/installed
+	$(BIN)/python benchmarks/single_precision.py $(OPTIONS)
+
+float-sines: $(VENV)/installed-test
+	PYTHONPATH=tests:. $(BIN)/python tests/long/float_sines.py $(OPTIONS)
 
 random-warnings: $(VENV)/installed-test
 	PYTHONPATH=tests:. $(BIN)/python tests/long/compiler_warnings.py

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Single precision against double: ``python benchmarks/single_precision.py``.
 
 Generates the iiwa 14 twice, of doubles and of floats, compiles both with the same flags and calls the batches of each

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,8 @@ PROGRAMS = {
     "spring-digits": "tests/long/springs_digits.py 1 1 pose",
     "rounding-errors": "tests/long/rounding_errors.py --states 400 --width SSE2",
     "targets": "tests/long/targets.py --states 16 --machines aarch64 --functions hybrid_jacobian",
+    "single-precision": "benchmarks/single_precision.py --states 10000 --width SSE2 --kernels hybrid_jacobian",
+    "float-sines": "tests/long/float_sines.py --builds 'gcc, SSE2' --every 16",
     "soak": "tests/long/soak.py --steps 300 --pencils 20",
     "settle": "tests/long/settle.py --count 4",
     "energy": "tests/long/energy.py --count 4 --climb 2",
@@ -62,7 +65,7 @@ def test_a_target_runs_its_program(target):
 @pytest.mark.slow
 @pytest.mark.parametrize("target", PROGRAMS)
 def test_the_program_runs(target, tmp_path):
-    command = PROGRAMS[target].format(folder=tmp_path).split()
+    command = shlex.split(PROGRAMS[target].format(folder=tmp_path))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT), *sys.path])}
     done = subprocess.run(
         [sys.executable, *command], cwd=ROOT, env=environment, capture_output=True, text=True, check=False

@@ -626,6 +626,8 @@ def _verify(options: argparse.Namespace) -> int:
     console = _Console(stderr=True, highlight=False)
     if options.report is None and (options.proofs is not None or options.date is not None):
         raise StiffgenError("--proofs and --date are for the page; give --report FILE.html, too")
+    if options.report is not None:
+        open_robot(options.folder).require_doubles("the page of --report")
     if options.proofs is not None:
         filed_for(open_robot(options.folder), options.proofs)  # before the long part
     with _Progress(console).shown() as progress:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from stiffgen.emit.build import build_module
-from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest
+from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.emit.render import render
 from stiffgen.emit.rounding import Ranges
 from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
@@ -87,7 +87,7 @@ def generate(
     except OSError as error:
         raise unwritable(target, error) from error
     if not force:
-        refuse_another_robot(target, chain)
+        refuse_another_robot(target, chain, number)
     progress(f"deriving and printing the kernels of {name}")
     texts = render(chain, name, scalar=number, cuda=cuda, options=springs, ranges=ranges)
     with swapped_in(target) as staging:
@@ -138,18 +138,18 @@ def refuse_foreign(target: Path) -> None:
         )
 
 
-def refuse_another_robot(target: Path, chain: Chain) -> None:
-    """Raise OutputError if ``target`` holds a robot whose functions mean something else: q, frames or arguments."""
+def refuse_another_robot(target: Path, chain: Chain, scalar: Scalar = DOUBLE) -> None:
+    """Raise OutputError if ``target`` holds a robot whose functions mean something else: q, frames, types, arguments."""
     manifest = read_manifest(target)
     if manifest is None:
         return
     try:
-        before = chain_from_manifest(manifest)
+        before, numbers = chain_from_manifest(manifest), scalar_of_manifest(manifest)
     except (KeyError, TypeError, ValueError):  # of another version of stiffgen
         return
     changed = [
         f"{what} {listed(old) or 'none'} would become {listed(new) or 'none'}"
-        for (what, old), (_, new) in zip(_meaning(before), _meaning(chain), strict=True)
+        for (what, old), (_, new) in zip(_meaning(before, numbers), _meaning(chain, scalar), strict=True)
         if old != new
     ]
     if changed:
@@ -159,11 +159,12 @@ def refuse_another_robot(target: Path, chain: Chain) -> None:
         )
 
 
-def _meaning(chain: Chain) -> list[tuple[str, list[str]]]:
+def _meaning(chain: Chain, scalar: Scalar) -> list[tuple[str, list[str]]]:
     """What the callers of a folder's functions rely on."""
     return [
         ("joints", [coordinate.name for coordinate in chain.coordinates]),
         ("base", [chain.base]),
         ("tips", [tip.link for tip in chain.tips]),
+        ("numbers", [scalar.name]),
         ("arguments", [each.name for each in posture(runtime_tool=chain.runtime_tool, floating=chain.floating)]),
     ]

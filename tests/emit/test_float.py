@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """``--scalar float``: the same functions in single precision, their contract, and what does not go with it."""
 
 from __future__ import annotations
@@ -241,6 +242,26 @@ def test_two_types_in_one_program(folder, robot_folder, tmp_path):
     assert 0 < abs(double - single) < 1e-6
 
 
+def test_cpp_takes_floats_and_refuses_doubles(folder, tmp_path):
+    text = (
+        f'#include "{NAME}.hpp"\n#include <cstdio>\nint main()\n{{\n    const std::array<NUMBER, 7> q{{}};\n'
+        f"    const auto pose = {NAME}::forward_kinematics(q);\n"
+        "    static_assert(std::is_same_v<decltype(pose)::value_type, float>);\n"
+        '    std::printf("%.3f\\n", static_cast<double>(pose[11]));\n}\n'
+    )
+    for number in ("float", "double"):
+        (tmp_path / f"{number}.cpp").write_text(text.replace("NUMBER", number))
+    subprocess.run(["gcc", "-std=c99", "-c", str(folder / f"{NAME}.c"), "-o", str(tmp_path / "c.o")], check=True)
+    command = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", f"-I{folder}"]
+    objects = [str(tmp_path / "c.o"), "-o", str(tmp_path / "a"), "-lm"]
+    subprocess.run([*command, str(tmp_path / "float.cpp"), *objects], check=True)
+    assert subprocess.run([str(tmp_path / "a")], capture_output=True, text=True, check=True).stdout == "1.306\n"
+    done = subprocess.run(
+        [*command, str(tmp_path / "double.cpp"), *objects], capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0 and "a fixed number of floats one after the other" in done.stderr
+
+
 def test_bitwise_symmetric_and_positive(floats, chain):
     samples = Samples.draw(chain, 2000, seed=7)
     for rep in ("body", "spatial", "hybrid"):
@@ -299,8 +320,17 @@ def test_what_needs_doubles_is_refused(folder, tmp_path, capsys):
     fast.write_text(re.sub(r'velocity="[^"]*"', 'velocity="1e300"', URDF.read_text()))
     assert "1e+300 is beyond its largest number" in refusal("generate", fast, *generate[2:])
     assert not (tmp_path / "out").exists()
-    for command in (("prove", folder), ("play", folder, "--no-open", "--output", tmp_path / "page.html")):
+    page = tmp_path / "page.html"
+    for command in (
+        ("prove", folder),
+        ("play", folder, "--no-open", "--output", page),
+        ("verify", folder, "--report", page),
+    ):
         assert "was generated with --scalar float" in refusal(*command)
+    assert not page.exists()
+    assert "numbers float would become double" in refusal(
+        "generate", URDF, "--no-build", "--name", NAME, "--output", folder.parent
+    )
     with pytest.raises(stiffgen.StiffgenError, match="not one of double, float"):
         stiffgen.generate(URDF, output=tmp_path / "out", scalar="half")
 

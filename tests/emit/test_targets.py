@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import stiffgen
 from stiffgen.emit import render
+from stiffgen.emit.target import FLOAT
 from stiffgen.symbolic.kernels import chain_kernels
 from support.golden_calls import golden_calls
-from support.project import assert_close, require_program
+from support.project import URDF, assert_close, require_program
 from support.targets import MACHINES, built, counts, footprint, run, step_count
 
 OTHER = {machine.name: machine for machine in MACHINES if not machine.name.startswith("x86-64")}
@@ -36,6 +38,35 @@ def test_golden_values(name, robot_folder, chain, tmp_path):
     results = run(machine, program)
     for (kernel, _, expected), found in zip(calls, results, strict=True):
         assert_close(found.reshape(kernel.result.array(chain).shape), expected)
+
+
+@pytest.fixture(scope="module")
+def floats(tmp_path_factory):
+    return stiffgen.generate(URDF, output=tmp_path_factory.mktemp("floats"), name="arm", scalar="float", build=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHER)
+def test_golden_values_of_floats(name, floats, chain, tmp_path):
+    machine = tools(OTHER[name])
+    calls = golden_calls(3)
+    plain = [(kernel, given) for kernel, given, _ in calls]
+    results = run(machine, built(machine, floats, chain, plain, tmp_path, scalar=FLOAT), FLOAT)
+    for (_, _, expected), found in zip(calls, results, strict=True):
+        assert found.dtype == np.float32
+        assert 0 < np.abs(found - np.ravel(expected)).max() <= 2e-6 * np.abs(expected).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["Cortex-M7, FPU for float", "aarch64", "x86-64 clang"])
+def test_the_same_instructions_for_every_float(name, floats, chain, tmp_path):
+    """Nothing is software on an FPU of single precision, where doubles take ten to forty times as many."""
+    machine = tools(BY_NAME[name])
+    kernels = [kernel for kernel in chain_kernels(chain) if kernel.qualified_name not in BRANCHING]
+    found = counts(machine, built(machine, floats, chain, [], tmp_path, kernels, 160, FLOAT), tmp_path)
+    for kernel, count in zip(kernels, found, strict=True):
+        assert count.states == 160
+        assert 0 < count.fewest == count.most < 10_000, kernel.qualified_name
 
 
 @pytest.mark.slow

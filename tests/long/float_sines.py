@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every float up to FAR through the generated sine and cosine: ``python tests/long/float_sines.py``.
 
 The iiwa 14 is generated with ``--scalar float`` and its sine and cosine compiled for several widths of vectors, with

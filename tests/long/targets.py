@@ -15,6 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+import stiffgen
+from stiffgen.emit.controller import has_controller
+from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
 from stiffgen.opened import open_robot
 from stiffgen.symbolic.kernels import KERNELS
 from support.golden_calls import golden_calls
@@ -32,8 +35,19 @@ def main() -> int:
     parser.add_argument("--states", type=int, default=100_000, help="a tenth of them on a Cortex-M")
     parser.add_argument("--machines", nargs="*", default=[machine.name for machine in MACHINES])
     parser.add_argument("--functions", nargs="*", help="default: all")
+    parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the robot is generated anew for it")
     options = parser.parse_args()
-    folder = ROOT / "generated" / "iiwa14"
+    with tempfile.TemporaryDirectory() as place:
+        folder = ROOT / "generated" / "iiwa14"
+        if options.scalar != "double":
+            urdf = ROOT / "urdf" / "iiwa14.urdf"
+            folder = stiffgen.generate(urdf, output=place, name="arm", scalar=options.scalar, build=False)
+        return tables(folder, SCALARS[options.scalar], options)
+
+
+def tables(folder: Path, scalar: Scalar, options: argparse.Namespace) -> int:
+    """Print them; 1 if a golden value is wrong."""
+    bound = 1e-12 if scalar == DOUBLE else 2e-6
     chain = open_robot(folder).chain
     kernels = [kernel for kernel in KERNELS if kernel.qualified_name in (options.functions or kernel.qualified_name)]
     calls, wrong = golden_calls(6), False
@@ -46,20 +60,22 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as place:
             work = Path(place)
             plain = [(kernel, given) for kernel, given, _ in calls]
-            results = run(machine, built(machine, folder, chain, plain, work))
+            results = run(machine, built(machine, folder, chain, plain, work, scalar=scalar), scalar)
             for (_, _, expected), found in zip(calls, results, strict=True):
-                wrong |= not np.allclose(found, np.ravel(expected), rtol=0, atol=1e-12 * np.abs(expected).max())
-            found = counts(machine, built(machine, folder, chain, [], work, kernels, states), work)
+                wrong |= not np.allclose(found, np.ravel(expected), rtol=0, atol=bound * np.abs(expected).max())
+            found = counts(machine, built(machine, folder, chain, [], work, kernels, states, scalar), work)
             for kernel, count in zip(kernels, found, strict=True):
                 table[kernel.qualified_name].append(told(count))
-            steps.append(step_count(machine, folder, work, states))
+            if has_controller(chain, scalar):
+                steps.append(step_count(machine, folder, work, states))
             sizes.append(footprint(machine, folder, work))
         print(f"{machine.name}: {states} states, golden values {'WRONG' if wrong else 'right'}", file=sys.stderr)
     print("| | " + " | ".join(machine.name for machine in machines) + " |")
     print("| --- |" + " ---: |" * len(machines))
     for name, row in table.items():
         print(f"| `{name}` | {' | '.join(row)} |")
-    print(f"| controller's step | {' | '.join(map(told, steps))} |")
+    if steps:
+        print(f"| controller's step | {' | '.join(map(told, steps))} |")
     print(f"| flash, all functions [kB] | {' | '.join(f'{size.flash / 1000:.0f}' for size in sizes)} |")
     print(f"| RAM that stays [bytes] | {' | '.join(str(size.ram) for size in sizes)} |")
     print(f"| deepest stack [bytes] | {' | '.join(str(size.stack) for size in sizes)} |")

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The floats' sine and cosine of a generated NAME.c, held against those of doubles, float by float."""
 
 from __future__ import annotations

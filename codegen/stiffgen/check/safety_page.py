@@ -209,7 +209,7 @@ def _uncovered(robot: GeneratedRobot, filed: Filed | None, compared: bool) -> li
             for each in filed.verdicts
             if each.outcome != "proved"
         ]
-    if has_controller(robot.chain, robot.scalar):
+    if has_controller(robot.chain):
         lines.append(
             "That the closed loop is stable on the arm: the controller's theorem has assumptions, which "
             "docs/controller.md lists."

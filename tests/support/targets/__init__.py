@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stiffgen.emit.target import DOUBLE, FLOAT, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 
@@ -80,7 +81,7 @@ _MAIN = """
 #endif
 
 {arrays}
-static double results[4096];
+static {number} results[4096];
 
 __attribute__((noinline)) void mark_begin(void) {{ __asm__ volatile(""); }}
 __attribute__((noinline)) void mark_end(void) {{ __asm__ volatile("" ::: "memory"); }}
@@ -89,9 +90,9 @@ __attribute__((noinline)) void mark_report(void) {{ __asm__ volatile("nop"); }}
 static void show(int count)
 {{
     for (int k = 0; k < count; ++k) {{
-        uint64_t bits;
+        {word} bits;
         memcpy(&bits, &results[k], sizeof bits);
-        printf("%08lx%08lx ", (unsigned long)(bits >> 32), (unsigned long)(bits & 0xffffffffu));
+        printf("%08lx%08lx ", (unsigned long)((uint64_t)bits >> 32), (unsigned long)(bits & 0xffffffffu));
     }}
     printf("\\n");
 }}
@@ -107,28 +108,28 @@ static uint64_t random_bits(void)
 }}
 
 /* A number of one of eight kinds, within low and high unless it may be any. */
-static double number(int kind, double low, double high, int any)
+static {number} number(int kind, {number} low, {number} high, int any)
 {{
-    const double between = low + (high - low) * (double)(random_bits() >> 11) * 0x1p-53;
-    double x = between;
-    uint64_t bits = random_bits();
+    const {number} between = low + (high - low) * ({number})(random_bits() >> {dropped}) * {grain};
+    {number} x = between;
+    {word} bits = ({word})random_bits();
     switch (kind) {{
     case 0: x = bits & 1 ? low : high; break;
-    case 1: bits &= 0x800fffffffffffffull; memcpy(&x, &bits, sizeof x); break; /* denormal */
-    case 2: x = bits & 1 ? 0.0 : -0.0; break;
-    case 3: x = between * 1e-160; break;
-    case 4: if (any) {{ bits |= 0x7ff8000000000000ull; memcpy(&x, &bits, sizeof x); }} break; /* NaN */
-    case 5: if (any) {{ x = between * 1e300; }} break;
+    case 1: bits &= {denormal}; memcpy(&x, &bits, sizeof x); break; /* denormal */
+    case 2: x = bits & 1 ? 0 : -({number})0; break;
+    case 3: x = between * {tiny}; break;
+    case 4: if (any) {{ bits |= {nan}; memcpy(&x, &bits, sizeof x); }} break; /* NaN */
+    case 5: if (any) {{ x = between * {huge}; }} break;
     case 6: if (any) {{ x = bits & 1 ? INFINITY : -INFINITY; }} break;
     default: break;
     }}
     return x;
 }}
 
-static void fill(double *x, int count, const double *low, const double *high, int kind, int any)
+static void fill({number} *x, int count, const {number} *low, const {number} *high, int kind, int any)
 {{
     for (int k = 0; k < count; ++k) {{
-        x[k] = number(kind, low ? low[k] : -1.0, high ? high[k] : 1.0, any);
+        x[k] = number(kind, low ? low[k] : -1, high ? high[k] : 1, any);
     }}
 }}
 
@@ -136,23 +137,37 @@ int main(void)
 {{
 {golden}
 #if STATES > 0
-    static double given[8][256];
+    static {number} given[8][256];
 {counted}
 #endif
     return {name}_self_check();
 }}
 """
+_NUMBERS = {
+    DOUBLE: {
+        "number": "double", "word": "uint64_t", "dropped": "11", "grain": "0x1p-53", "tiny": "1e-160", "huge": "1e300",
+        "denormal": "0x800fffffffffffffull", "nan": "0x7ff8000000000000ull",
+    },
+    FLOAT: {
+        "number": "float", "word": "uint32_t", "dropped": "40", "grain": "0x1p-24f", "tiny": "1e-25f", "huge": "1e30f",
+        "denormal": "0x807fffffu", "nan": "0x7fc00000u",
+    },
+}  # fmt: skip
 
 
 def _program(
-    name: str, chain: Chain, calls: Sequence[tuple[Kernel, Sequence[np.ndarray]]], counted: Sequence[Kernel]
+    name: str,
+    chain: Chain,
+    calls: Sequence[tuple[Kernel, Sequence[np.ndarray]]],
+    counted: Sequence[Kernel],
+    scalar: Scalar,
 ) -> str:
     arrays, golden, counts = [], [], []
     for index, (kernel, arguments) in enumerate(calls):
         given = []
         for k, values_of in enumerate(arguments):
-            values = ", ".join(float(x).hex() for x in np.ravel(values_of))
-            arrays.append(f"static const double a{index}_{k}[] = {{{values}}};")
+            values = ", ".join(f"{float(x).hex()}{scalar.suffix}" for x in np.ravel(values_of))
+            arrays.append(f"static const {scalar.name} a{index}_{k}[] = {{{values}}};")
             given.append(f"a{index}_{k}")
         golden += [*_call(name, chain, kernel, given, "    "), f"    show({_size(chain, kernel)});"]
     for kernel in counted:
@@ -165,7 +180,8 @@ def _program(
             counts.append(f"        fill(given[{k}], {size}, {limits}, s % 8, {int(not angles)});")
         call = _call(name, chain, kernel, given, "        ")
         counts += ["        mark_begin();", *call, "        mark_end();", "    }", "    mark_report();"]
-    return _MAIN.format(name=name, arrays="\n".join(arrays), golden="\n".join(golden), counted="\n".join(counts))
+    parts = {"arrays": arrays, "golden": golden, "counted": counts}
+    return _MAIN.format(name=name, **_NUMBERS[scalar], **{part: "\n".join(lines) for part, lines in parts.items()})
 
 
 def _size(chain: Chain, kernel: Kernel) -> int:
@@ -188,10 +204,11 @@ def built(
     work: Path,
     counted: Sequence[Kernel] = (),
     states: int = 0,
+    scalar: Scalar = DOUBLE,
 ) -> Path:
-    """Compile a folder's kernels for a machine together with a program that runs them."""
+    """Compile a folder's kernels, which take ``scalar``, for a machine together with a program that runs them."""
     name, program = folder.name, work / "program"
-    (work / "main.c").write_text(_program(name, chain, calls, counted))
+    (work / "main.c").write_text(_program(name, chain, calls, counted, scalar))
     flags = ["-O2", "-std=gnu99", f"-I{folder}", f"-DSTATES={states}"]
     own = [str(HERE / "cortex_m.c"), f"-T{HERE / 'cortex_m.ld'}"] if machine.bare else []
     sources = [str(folder / f"{name}.c"), str(work / "main.c")]
@@ -199,12 +216,12 @@ def built(
     return program
 
 
-def run(machine: Machine, program: Path) -> list[np.ndarray]:
+def run(machine: Machine, program: Path, scalar: Scalar = DOUBLE) -> list[np.ndarray]:
     """The results that a program shows; it must end with a self-check that finds nothing."""
     done = subprocess.run([*machine.emulator, str(program)], capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     words = [[int(word, 16) for word in line.split()] for line in done.stdout.splitlines()]
-    return [np.array(line, dtype=np.uint64).view(float) for line in words]
+    return [np.array(line, dtype=f"u{scalar.bytes}").view(scalar.dtype) for line in words]
 
 
 @dataclass(frozen=True)
