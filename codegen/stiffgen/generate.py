@@ -139,7 +139,7 @@ def refuse_foreign(target: Path) -> None:
 
 
 def refuse_another_robot(target: Path, chain: Chain, scalar: Scalar = DOUBLE) -> None:
-    """Raise OutputError if ``target`` holds a robot whose functions mean something else: q, frames, types, arguments."""
+    """Raise OutputError if ``target`` holds a robot whose functions mean another thing: q, frames, types, arguments."""
     manifest = read_manifest(target)
     if manifest is None:
         return
