@@ -13,7 +13,6 @@ import stiffgen
 from stiffgen.check.result import BOUND, as_results, relative_error
 from stiffgen.check.verify import argument_samples, verify
 from stiffgen.emit.render import render
-from stiffgen.emit.target import CUDA
 from stiffgen.opened import open_robot
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
@@ -83,7 +82,7 @@ def test_copies_of_entries_have_names_of_their_own(tmp_path):
 def test_cuda_on_the_host(case, tmp_path):
     """Cotangents lie with each configuration; gradients come back whole."""
     chain = stiffgen.load_chain(urdf_of(case, tmp_path), **CASES[case])
-    texts = render(chain, "arm", cuda=CUDA, options=OPTIONS)
+    texts = render(chain, "arm", cuda=True, options=OPTIONS)
     for name in ("arm.cu", "arm_cuda.h"):
         (tmp_path / name).write_text(texts[name])
     host = HostCuda(tmp_path / "arm.cu", "arm", chain, tmp_path, options=OPTIONS)

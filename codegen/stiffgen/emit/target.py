@@ -23,7 +23,7 @@ class Scalar:
         bytes: of its size.
         limits: prefix of its macros in float.h.
         pattern: the integer type of its size.
-        group: macro that puts WIDEST of its numbers into lanes (templates/lanes.c).
+        group: macro that puts ``widest`` of its numbers into lanes (templates/lanes.c).
 
     """
 
