@@ -19,7 +19,8 @@ EVIL = [
 
 
 @pytest.mark.usefixtures("unoptimised")
-@pytest.mark.parametrize("several_tips", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("several_tips", [False, True])
 def test_evil_names(several_tips, tmp_path):
     """Every name of a chain evil: it compiles, imports, and gives the names back as they are in the file."""
     links = [f"{name}#{k}" for k, name in enumerate([*EVIL, "last"])]

@@ -13,12 +13,12 @@ from support.project import ROOT
 from support.wrappers import small_robot
 
 
-@pytest.mark.parametrize("marked", ["not slow", pytest.param("slow", marks=pytest.mark.slow)])
-def test_wrapper_for_jax(marked, tmp_path):
+@pytest.mark.slow
+def test_wrapper_for_jax(tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "own")]
     done = subprocess.run(
-        [*command, "-m", marked, "tests/long/jax_wrapper.py"],
+        [*command, "tests/long/jax_wrapper.py"],
         cwd=ROOT,
         env=environment,
         capture_output=True,

@@ -25,7 +25,7 @@ CHAINS = ("rprmrr", "p", "rrprrrrrr", "rrrpmrrrrrrrrrrrr")
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize(("flags", "types"), [("native", "rprmrr"), ("SSE2", "p")])
 def test_some_chains(types, flags, tmp_path, monkeypatch):
-    """Rows that fill a lane partly, and a chain of one joint in another width (without vectors: the two below)."""
+    """Rows that fill a lane partly, and a chain of one joint in another width."""
     check_every_oracle(types, flags, "quick", tmp_path, monkeypatch)
 
 
@@ -46,7 +46,8 @@ def check_every_oracle(types, flags, name, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("unoptimised")
-@pytest.mark.parametrize("flags", ["no vectors", pytest.param("SSE2", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("flags", ["no vectors", "SSE2"])
 def test_derivatives_where_lanes_do_not_fill_the_rows(flags, tmp_path, monkeypatch):
     """Five joints: the rows have places beyond the last block, which nothing writes and no sum may read."""
     monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
@@ -58,9 +59,10 @@ def test_derivatives_where_lanes_do_not_fill_the_rows(flags, tmp_path, monkeypat
 
 
 @pytest.mark.usefixtures("unoptimised")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flags", "types"),
-    [("no vectors", "rm"), *(pytest.param(flags, "rpm", marks=pytest.mark.slow) for flags in FLAGS)],
+    [("no vectors", "rm"), *((flags, "rpm") for flags in FLAGS)],
 )
 def test_derivatives_on_a_floating_base(flags, types, tmp_path, monkeypatch):
     """Eight or nine joints, six of them the base's own, seven or eight coordinates."""

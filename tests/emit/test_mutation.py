@@ -102,9 +102,8 @@ def failures(checks):
     return {(check.kernel, check.oracle) for check in checks if not check.passed}
 
 
-@pytest.mark.parametrize(
-    "rep", [pytest.param(rep, marks=() if rep == "hybrid" else pytest.mark.slow) for rep in REPRESENTATIONS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
     kernels = memoised(kernels_of(robot, chain))
     assert failures(check_kernels(kernels, references)) == set()
@@ -326,7 +325,7 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     assert len(places) > 200
 
 
-@pytest.mark.parametrize("types", ["iiwa14", pytest.param("rrprr", marks=pytest.mark.slow), "rrrrrr"])
+@pytest.mark.parametrize("types", ["iiwa14", *(pytest.param(t, marks=pytest.mark.slow) for t in ("rrprr", "rrrrrr"))])
 def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
     """Every sign of both bodies, single and batch, joint by joint: those of a wrist are small beside a shoulder's.
 

@@ -9,7 +9,8 @@ from support.project import require_compiler
 from support.warnings import LEVELS, complaints, sources_of_random_robot, sources_of_varied_robot
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 8))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 5, 8])
 def test_random_robots_compile_without_a_warning(seed, tmp_path):
     gcc = require_compiler("gcc")
     sources = sources_of_random_robot(seed, 3, tmp_path)

@@ -100,7 +100,7 @@ def release_time(run: Run, period: int = 5) -> float:
     ("faults", "period"),
     [
         pytest.param("jitter@0-9:0.3", 5, marks=pytest.mark.slow),
-        ("jitter@0-9:0.9", 5),
+        pytest.param("jitter@0-9:0.9", 5, marks=pytest.mark.slow),
         pytest.param("resolution@0-9:1,jitter@0-9:0.3", 1, marks=pytest.mark.slow),
         ("resolution@0-9:10", 5),
         ("clock@1.5-9:-0.9", 5),

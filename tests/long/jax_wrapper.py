@@ -48,7 +48,7 @@ def listed(results):
     return list(results) if isinstance(results, tuple) else [results]
 
 
-@pytest.mark.parametrize("robot", ["small", pytest.param("walker", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("robot", ["small", "walker"])
 def test_values_and_gradients_are_those_of_numpy(robot, request, double):
     """Every function: a stack, one configuration, vmap over all, and vmap over the first argument alone."""
     robot = request.getfixturevalue(robot)
@@ -88,7 +88,6 @@ def test_gradients_are_differences(small, arm):
             np.testing.assert_allclose(found[k], expected, rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.slow
 def test_gradients_through_the_bases_pose(walker, double):
     """A pose that stays a pose, however it is made: against JAX's own differences; stiffnesses of both tips."""
     random = np.random.default_rng(5)
@@ -184,7 +183,6 @@ def test_a_second_copy_in_the_process(small, arm, tmp_path):
         np.testing.assert_allclose(module.hybrid.jacobian(q), expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_two_robots_of_one_name_in_the_process(small, arm, tmp_path):
     """Each calls its own functions."""
     other = small_robot(tmp_path, "rp")

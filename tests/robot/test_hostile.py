@@ -126,7 +126,8 @@ def test_refused_in_time_and_memory_and_nothing_written(tmp_path, name):
         assert len(done.stderr) < 5000
 
 
-@pytest.mark.parametrize("deep", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("deep", [False, True])
 def test_the_largest_file_is_read_in_time(tmp_path, deep):
     text = tree(MAX_JOINTS, deep=deep)
     file = tmp_path / "large.urdf"

@@ -170,13 +170,9 @@ def test_an_undeclared_delay_is_not_accounted_for(loop: Loop) -> None:
     assert worst[0] > worst[2]
 
 
-@pytest.mark.parametrize(
-    ("compiler", "flips"),
-    [
-        ("clang", 20000.0),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("clang", 0.0), ("gcc", 0.0), ("gcc", 20000.0))),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("flips", [0.0, 20000.0])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_hostile_steps(robot_folder: Path, once: Once, compiler: str, flips: float) -> None:
     """Bad samples, calls and configurations, and bit flips of the state, under the sanitizers."""
     require_compiler(compiler)
