@@ -96,6 +96,7 @@ FAULTS = [
     Fault("a spring's energy", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double robot_spring_energy("),
     Fault("a spring's torque", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double robot_spring("),
     Fault("sign of the posture's potential", CONTROLLER, r"pull\[i\] \+= m->posture_stiffness", "pull[i] -= m->posture_stiffness"),
+    Fault("energy of springs that are let go", CONTROLLER, r"energy \+= robot_posture", "energy += 3.0 * robot_posture"),
     Fault("energy of the posture's potential", CONTROLLER, r"robot_posture_energy\(q, posture", "3.0 * robot_posture_energy(q, posture"),
     Fault("sign of the damping", CONTROLLER, r"reference_velocity\[i\] - f->velocity", "reference_velocity[i] + f->velocity"),
     Fault("damping against the base", CONTROLLER, r"out->reference_velocity\[i\] - f->velocity", "0.0 - f->velocity"),

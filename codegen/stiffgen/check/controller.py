@@ -348,6 +348,13 @@ def _faults(bench: _Bench) -> list[str]:
             if out.fault != module.Fault.SENSOR or not bench.status(out, "FAULT"):
                 faults.append(f"{title}: the fault does not stay")
                 break
+            if 0.0 < out.scale < 1.0:
+                spring = (out.equilibrium, out.reference, out.translation_stiffness, out.rotation_stiffness)
+                whole = potential(
+                    bench.poses, q, *spring, controller.config.posture_stiffness, bench.robot.springs.placement
+                )
+                if abs(out.elastic_energy - out.scale * whole) > _BOUND * max(1.0, whole):
+                    faults.append(f"{title}: springs that are let go store another energy")
         if out.scale != 0.0:
             faults.append(f"{title}: the springs stay on in a fault")
         controller.reset()

@@ -336,6 +336,7 @@ class _KernelPrinter:
         self.packed: dict[str, Array] = {}  # what of plain arrays is copied to lanes of joints
         self.weights: dict[str, tuple[str, bool]] = {}  # of weights: the array that has them, and whether transposed
         self.by_joints: set[str] = set()  # arrays that are read joint by joint
+        self.read_whole: set[str] = set()  # arrays that helpers read: what is always zero in them is stored, too
 
     def arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
@@ -346,6 +347,7 @@ class _KernelPrinter:
         whole = [step.whole() if isinstance(step, SparseSum) else step for step in program]
         maps = [step for step in whole if isinstance(step, (Map, Gather, Reduce))]
         self.by_joints = {operand.array.name for step in maps for operand in step.operands if operand.at}
+        self.read_whole = {array.name for step in program for array in _handed_on(step)}
         pairs = any(isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", "j")) for step in maps)
         guarded = self.target.joint_lanes and not pairs
         read = {
@@ -444,7 +446,7 @@ class _KernelPrinter:
             into = ", ".join([*map(self._passed, columns), *(target.name for target in targets[step.columns :])])
             self.lines.append(f"{function.name}{self.target.suffix}({self._given(step)}, {into});")
         else:
-            private = {target.name for target in targets if not self._public(target)}
+            private = {target.name for target in targets if not self._public(target)} - self.read_whole
             inputs = {array.name for array in self.inputs}
             local = {a.name: self._texts(a) for a in step.arguments if a.name not in inputs}
             zeros = {name: set(known) for name, known in self.zero_rows.items()}
@@ -564,7 +566,8 @@ class _KernelPrinter:
         target = step.target
         zeros: set[int] = set()
         whole = target.at == "" and target.array.name not in self.by_joints
-        if not self._public(target.array) and (whole or target.at == "j"):
+        kept = self._public(target.array) or target.array.name in self.read_whole
+        if not kept and (whole or target.at == "j"):
             # Entries, or rows of all joints, that are always zero are neither stored nor read.
             zeros = {k for k, value in enumerate(results) if value.is_zero()}
             self.zero_rows[target.array.name] = zeros
@@ -853,6 +856,7 @@ class _KernelPrinter:
         size, target = self.scope.size, step.target
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
         zeros = self.zero_rows[target.name] = {k for k, value in enumerate(results) if value.is_zero()}
+        self._refuse_gaps(target)
         self.of_joints.add(target.name)
         self._declare(target, "j")
         opening, printed = self._sums(inputs, wide, results)
@@ -913,6 +917,8 @@ class _KernelPrinter:
         if not self._public(target):
             self.flat.add(target.name)
             self._note(f"{self.target.number} {target.name}[{target.size}];")
+        every = self._public(target) or target.name in self.read_whole
+        if not every:
             self.zero_rows[target.name] = {k for k, value in enumerate(values) if value.is_zero()}
         kept = [k for k, value in enumerate(values) if not value.is_zero()]
         n = target.shape[0]
@@ -925,13 +931,14 @@ class _KernelPrinter:
             return first + len(kept), [loop, f"    {target.name}[k] = {place};", "}"]
         zeros = [f"{target.name}[{k}] = {self.target.zero};" for k in range(target.size) if k not in kept]
         sums = [f"{target.name}[{k}] = {source}[{first + index}];" for index, k in enumerate(kept)]
-        return first + len(kept), sums + (zeros if self._public(target) else [])
+        return first + len(kept), sums + (zeros if every else [])
 
     def _scan(self, step: Scan) -> None:
         source, target = step.source, step.target
         self._declare(target, "j")
         self.lines += ["", f"/* {step.comment} */"]
         zeros = self.zero_rows[target.name] = self.zero_rows.get(source.name, set())
+        self._refuse_gaps(target)
         self.of_joints.add(target.name)
         rows = [k for k in range(source.shape[0]) if k not in zeros]
         # Rows of lanes are filled up to the last block that holds a joint; what lies beyond was never written.
@@ -949,6 +956,10 @@ class _KernelPrinter:
             self._call(helper, given, len(group), stride, length, into)
             if step.base:
                 self._call("sums_of_base", given, len(group), stride, step.base, int(step.beyond), into)
+
+    def _refuse_gaps(self, array: Array) -> None:
+        if array.name in self.read_whole and self.zero_rows[array.name]:
+            raise NotImplementedError(f"{array.name} has rows that are never stored, and is read as a whole")
 
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
@@ -1007,6 +1018,17 @@ class _KernelPrinter:
                     continue
                 self.operations = self.operations + Operations(add=target.size)
                 self._call("add_numbers", part.name, target.size, target.name)
+
+
+def _handed_on(step: Step) -> tuple[Array, ...]:
+    """Arrays that a step reads as a whole, through a helper or a function, whatever is known of their entries."""
+    if isinstance(step, (SumJoints, Spread, Weights)):
+        return (step.source,)
+    if isinstance(step, Block) and step.name:
+        return step.arguments
+    if isinstance(step, Sum):
+        return tuple(source.array for term in step.terms for _, source in term.arguments)
+    return ()
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:
