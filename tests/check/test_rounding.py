@@ -3,15 +3,20 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import casadi as ca
 import numpy as np
 import pytest
 from mpmath import mp
 
 import stiffgen
+from stiffgen.check.certified import check_certified_bounds, within
 from stiffgen.check.result import Check, as_results
-from stiffgen.check.rounding import rounding_errors
+from stiffgen.check.rounding import rounding_errors, with_more_digits
 from stiffgen.check.verify import _against_casadi, argument_samples
+from stiffgen.emit.rounding import ErrorBounds, Ranges
+from stiffgen.emit.target import DOUBLE
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
@@ -81,9 +86,8 @@ def test_errors_are_those_that_doubles_have(name, chain):
     assert np.sqrt(np.mean(every**2)) > 0.1
 
 
-def checks(chain, name, change):
-    """What ``verify`` says of a function that is CasADi's own, its first result changed, at states it would take."""
-    pool = argument_samples(chain, 20, 0, OPTIONS)
+def functions_of(chain, name, change):
+    """CasADi's own functions as ``verify`` takes them, the first result of one of them changed."""
     functions = {}
     for kernel in chain_kernels(chain, OPTIONS):
 
@@ -102,7 +106,13 @@ def checks(chain, name, change):
             return tuple(stacked) if len(stacked) > 1 else stacked[0]
 
         functions[kernel.qualified_name] = call
-    found: list[Check] = _against_casadi(functions, chain, pool, OPTIONS)
+    return functions
+
+
+def checks(chain, name, change):
+    """What ``verify`` says of a function that is CasADi's own, its first result changed, at states it would take."""
+    pool = argument_samples(chain, 20, 0, OPTIONS)
+    found: list[Check] = _against_casadi(functions_of(chain, name, change), chain, pool, OPTIONS)
     return [check for check in found if not check.passed]
 
 
@@ -110,3 +120,38 @@ def test_what_cancels_may_differ_by_rounding_and_by_no_more(chain):
     name = "body_kinematic_stiffness_vjp"
     assert checks(chain, name, lambda q_bar: -q_bar) == []
     assert [check.kernel for check in checks(chain, name, lambda q_bar: q_bar + 1e-13)] == [f"{name}, q_bar"]
+
+
+def certified(chain, name, change=lambda x: x, stated=lambda x: x):
+    """What ``verify`` says of a function and its stated bounds, one or the other changed."""
+    kernel, ranges = kernel_of(chain, name), Ranges()
+    bounds = [asdict(each) | {"bound": stated(each.bound)} for each in ErrorBounds(chain, ranges).stated(kernel)]
+    rounding = {"ranges": asdict(ranges), "bounds": {name: bounds}}
+    pool = argument_samples(chain, 20, 0, OPTIONS)
+    (check,) = check_certified_bounds([functions_of(chain, name, change)], [kernel], chain, DOUBLE, rounding, pool)
+    return check, bounds
+
+
+@pytest.mark.parametrize("name", ["forward_kinematics", "hybrid_joint_stiffness", "spring_torque", "mass_matrix"])
+def test_functions_are_held_to_their_stated_bounds(name, chain):
+    """What is off by more than the bound is seen, though it is far below 1e-12 of the result."""
+    check, bounds = certified(chain, name)
+    assert check.passed and 0 < check.error < 0.5
+    too_far = 1.5 * max(each["bound"] for each in bounds)
+    assert not certified(chain, name, change=lambda value: value + too_far)[0].passed
+    assert not certified(chain, name, change=lambda value: np.where(value == value[-1], np.nan, value))[0].passed
+    assert not certified(chain, name, stated=lambda bound: 2 * bound)[0].passed
+
+
+def test_the_reference_of_stated_bounds_has_more_digits_than_doubles(chain):
+    """Against sixty digits, with arguments that had to be brought into the ranges: gravity of up to 20 m/s^2."""
+    kernel, ranges = kernel_of(chain, "gravity_joint_stiffness"), Ranges(gravity=5.0)
+    pool = argument_samples(chain, 10, 0, OPTIONS)
+    given = within(chain, kernel, ranges, DOUBLE, [pool[argument] for argument in kernel.arguments])
+    assert max(np.abs(pool[argument]).max() for argument in kernel.arguments) > 6.0
+    assert np.abs(given[-1]).max() == 5.0
+    found, function = with_more_digits(chain, kernel, given), casadi_function(chain, kernel)
+    for state in range(10):
+        (right,) = exactly(function, [each[state] for each in given])
+        off = np.abs(np.array([float(mp.mpf(str(x)) - y) for x, y in zip(found[state], right.ravel(), strict=True)]))
+        assert off.max() < 1e-18 * np.abs(found[state]).max()

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""A robot's functions beside the same statements in __float128 (34 digits), to measure the error of every entry.
+"""A robot's functions beside the same statements with more digits, to measure the error of every entry.
 
-The second copy is NAME.c itself with ``double`` read as ``__float128``, without vectors, its sines and cosines from
-libquadmath: constants are the printed ones. Its own error is some 2^-60 of what is measured.
+The second copy is NAME.c itself with ``double`` read as ``__float128`` (34 digits) or ``long double``, without vectors,
+its sines and cosines of that type, too: constants are the printed ones. Its own error is some 2^-60 of what is
+measured, or 2^-11 with the 64 bits that long doubles have on x86, which take a sixth of the time.
 """
 
 from __future__ import annotations
@@ -10,19 +11,20 @@ from __future__ import annotations
 import ctypes
 import re
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from flint import arb, ctx
 
+from stiffgen.check.rounding import Stages
 from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, NoBound, Precision, Ranges, argument_sizes, chain_reach
-from stiffgen.emit.target import DOUBLE, Scalar
+from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.program import Array, evaluate
 
 DOUBLES = PRECISIONS[DOUBLE.name]
 WIDTHS = {
@@ -35,11 +37,16 @@ WIDTHS = {
 _SINE_COSINE = """static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int count)
 {
     for (int n = 0; n < count; ++n) {
-        sine[n] = sinq(x[n]);
-        cosine[n] = cosq(x[n]);
+        sine[n] = SINE(x[n]);
+        cosine[n] = COSINE(x[n]);
     }
 }
 """
+_LONGER = {
+    "__float128": "#include <quadmath.h>\n#define SINE sinq\n#define COSINE cosq\n",
+    "long double": "#define SINE sinl\n#define COSINE cosl\n",
+}
+"""Types of the second copy, and their functions."""
 _DRIVER = """
 void errors_of_{kernel}(size_t count, {parameters}, double *values, double *errors)
 {{
@@ -82,13 +89,14 @@ class Measured:
         source: str | None = None,
         batches: bool = False,
         exact: Path | None = None,
+        longer: str = "__float128",
     ) -> None:
         """Compile; ``source`` is NAME.c as it is to be measured (default: the folder's), ``batches``: these as well.
 
         ``exact``: a folder of the same robot, of doubles, whose statements are the reference, where ``folder`` is one
-        of floats: constants of these are rounded.
+        of floats: constants of these are rounded. ``longer``: the type that the reference has in place of double.
         """
-        self.batches = batches
+        self.batches, self.longer = batches, longer
         self.chain, self.kernels = chain, {kernel.qualified_name: kernel for kernel in kernels}
         header, own = (folder / f"{name}.h").read_text(), (folder / f"{name}.c").read_text()
         self.number = "float" if f"void {name}_forward_kinematics(const float" in header else "double"
@@ -97,11 +105,12 @@ class Measured:
         quad = f"{name}_quad"
         doubles = _renamed(((exact or folder) / f"{name}.h").read_text(), name, quad)
         (work / f"{quad}.h").write_text(doubles)
-        (work / f"{quad}.c").write_text(_in_quad(_renamed(((exact or folder) / f"{name}.c").read_text(), name, quad)))
+        statements = ((exact or folder) / f"{name}.c").read_text()
+        (work / f"{quad}.c").write_text(_in_quad(_renamed(statements, name, quad), longer))
         driver = work / f"{name}_errors.c"
         drivers = [self._driver(name, quad, kernel) for kernel in kernels]
         prototypes = re.findall(rf"^void {quad}_\w+\((?:[^;]*)\);", doubles, flags=re.M)
-        quads = [re.sub(r"\bdouble\b", "__float128", each) for each in prototypes if "size_t count" not in each]
+        quads = [re.sub(r"\bdouble\b", longer, each) for each in prototypes if "size_t count" not in each]
         driver.write_text("\n".join([f'#include "{name}.h"', "#include <stdlib.h>", *quads, *drivers]))
         library = work / f"{name}_errors.so"
         objects = []
@@ -126,14 +135,14 @@ class Measured:
         ]
         copies, quad_copies, differences, called = [], [], [], []
         for a in arguments:
-            declared.append(f"__float128 quad_{a.name}[{a.size}];")
+            declared.append(f"{self.longer} quad_{a.name}[{a.size}];")
             loop = f"for (int k = 0; k < {a.size}; ++k)"
             copies.append(f"{loop} own_{a.name}[{a.size} * c + k] = ({number}){a.name}[{a.size} * c + k];")
             quad_copies.append(f"{loop} quad_{a.name}[k] = own_{a.name}[{a.size} * c + k];")
             called.append(f"own_{a.name}, {a.size}")
         batch = kernel.batch and self.batches
         for r in results:
-            declared.append(f"__float128 quad_{r.name}[{r.size}];")
+            declared.append(f"{self.longer} quad_{r.name}[{r.size}];")
             for which in ("own", "many") if batch else ("own",):
                 declared.append(
                     f"{number} *const {which}_{r.name} = malloc(count * sizeof *{which}_{r.name} * {r.size});"
@@ -141,8 +150,8 @@ class Measured:
             differences.append(f"for (int k = 0; k < {r.size}; ++k) {{ const size_t at = {total} * c + {start} + k;")
             differences.append(f"values[at] = (double)own_{r.name}[{r.size} * c + k]; errors[at] = 0;")
             for which in ("own", "many") if batch else ("own",):
-                off = f"(__float128){which}_{r.name}[{r.size} * c + k] - quad_{r.name}[k]"
-                differences.append(f"{{ const __float128 d = {off}; const double e = (double)(d < 0 ? -d : d);")
+                off = f"({self.longer}){which}_{r.name}[{r.size} * c + k] - quad_{r.name}[k]"
+                differences.append(f"{{ const {self.longer} d = {off}; const double e = (double)(d < 0 ? -d : d);")
                 differences.append("errors[at] = e > errors[at] || e != e ? e : errors[at]; }")
             differences.append("}")
             start += r.size
@@ -190,14 +199,14 @@ def _without_batches(source: str) -> str:
     return source[: found.start()]
 
 
-def _in_quad(source: str) -> str:
-    """NAME.c with its numbers in __float128; batches are left out."""
+def _in_quad(source: str, longer: str) -> str:
+    """NAME.c with its numbers in a type of more digits; batches are left out."""
     start = source.index("static inline void sine_cosine(")
     end = source.index("\n}\n", start) + 3
     source = source[:start] + _SINE_COSINE + source[end:]
     source = _without_batches(source)
-    head = "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <string.h>\n#include <quadmath.h>\n"
-    return f"{head}#define STIFFGEN_NO_VECTORS\n#define double __float128\n{source}"
+    head = "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
+    return f"{head}{_LONGER[longer]}#define STIFFGEN_NO_VECTORS\n#define double {longer}\n{source}"
 
 
 def draw(
@@ -248,39 +257,43 @@ def kernels_with_bounds(
     return found
 
 
+class Climb(NamedTuple):
+    """What a search for large errors found: the largest of every entry, at how many states, and the worst states."""
+
+    errors: np.ndarray
+    states: int
+    worst: list[np.ndarray]
+    """Arguments, 30 states each, the worst one first."""
+
+
 def climbed(
     measured: Measured, kernel: Kernel, ranges: Ranges, states: int, random: np.random.Generator, pool: int = 1000
-) -> tuple[np.ndarray, int]:
-    """Largest error of every entry seen at so many states: half of them random, half beside the worst so far.
-
-    Returns:
-        The errors, and the number of states.
-
-    """
+) -> Climb:
+    """Largest error of every entry seen at so many states: half of them random, half beside the worst so far."""
     arguments = [argument.array(measured.chain) for argument in kernel.arguments]
     precision = PRECISIONS[measured.number]
     sizes = argument_ends(measured.chain, kernel, ranges, precision)
-    worst, parents, worst_of_parents, count = np.zeros(1), None, np.zeros(0), 0
-    while count < states:
+    largest, worst, errors_of_worst, count = np.zeros(1), None, np.zeros(0), 0
+    while worst is None or count < states:
         given = draw(measured.chain, kernel, ranges, pool, random, precision)
-        if parents is not None:
+        if worst is not None:
             for k, (array, size) in enumerate(zip(arguments, sizes, strict=True)):
-                chosen = parents[k][random.integers(0, len(parents[k]), pool // 2)]
+                chosen = worst[k][random.integers(0, len(worst[k]), pool // 2)]
                 steps = 10.0 ** random.uniform(-14, 0, (pool // 2, 1)) * random.normal(size=chosen.shape)
                 moved = np.clip(chosen + size * steps * (random.random(chosen.shape) < 0.3), -size, size)
                 given[k][: pool // 2] = within(array.name, moved, measured.chain, precision)
         errors = measured.errors(kernel.qualified_name, given)
-        worst = np.maximum(worst, errors.max(axis=0))
+        largest = np.maximum(largest, errors.max(axis=0))
         of_states = errors.max(axis=1)
-        if parents is None:
-            parents, worst_of_parents = given, of_states
+        if worst is None:
+            worst, errors_of_worst = given, of_states
         else:
-            parents = [np.concatenate(pair) for pair in zip(parents, given, strict=True)]
-            worst_of_parents = np.concatenate([worst_of_parents, of_states])
-        best = np.argsort(-worst_of_parents)[:30]
-        parents, worst_of_parents = [parent[best] for parent in parents], worst_of_parents[best]
+            worst = [np.concatenate(pair) for pair in zip(worst, given, strict=True)]
+            errors_of_worst = np.concatenate([errors_of_worst, of_states])
+        best = np.argsort(-errors_of_worst)[:30]
+        worst, errors_of_worst = [each[best] for each in worst], errors_of_worst[best]
         count += pool
-    return worst, count
+    return Climb(largest, count, worst)
 
 
 def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges, precision: Precision = DOUBLES) -> list[np.ndarray]:
@@ -289,53 +302,29 @@ def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges, precision: Preci
     return [np.array(argument_sizes(chain, argument, ranges, reach, precision)) for argument in kernel.arguments]
 
 
-def digits_of_reference(measured: Measured, ranges: Ranges, states: int, random: np.random.Generator) -> float:
-    """How far the errors are off that __float128 gives, against 80 digits (Arb), relative to the largest entry."""
-    worst = 0.0
-    for name, kernel in measured.kernels.items():
-        symbols = [ca.SX.sym("x", *_matrix(argument.array(measured.chain))) for argument in kernel.arguments]
-        program = kernel.steps(measured.chain)
-        given = dict(zip((a.array(measured.chain).name for a in kernel.arguments), symbols, strict=True))
-        arrays = evaluate(kernel.scope(measured.chain), program, given)
-        flat = ca.vertcat(*(ca.vec(symbol.T) for symbol in symbols))
-        results = ca.densify(ca.vertcat(*(entry for r in kernel.results for entry in arrays[r.name])))
-        function = ca.Function("f", [flat], [results])
-        arguments = draw(measured.chain, kernel, ranges, states, random)
-        values, errors = measured.values_and_errors(name, arguments)
-        for state in range(states):
-            entries = _in_arb(function, [float(x) for argument in arguments for x in argument[state]])
-            for value, error, entry in zip(values[state], errors[state], entries, strict=True):
-                off = abs(abs(entry - arb(float(value))) - arb(float(error)))
-                worst = max(worst, float(off.upper()) / np.abs(values[state]).max())
-    return worst
+def with_eighty_digits(measured: Measured, kernel: Kernel, arguments: Sequence[np.ndarray]) -> tuple[float, float]:
+    """The largest error at some states against 80 digits (Arb).
+
+    Returns:
+        That error, and how much of it the measured errors are off at most.
+
+    """
+    stages = Stages.of(measured.chain, kernel)
+    values, errors = measured.values_and_errors(kernel.qualified_name, arguments)
+    largest, off = 0.0, 0.0
+    with ctx.workdps(80):
+        for state, (row, of_row) in enumerate(zip(values, errors, strict=True)):
+            given = [arb(float(x)) for each in arguments for x in each[state].astype(SCALARS[measured.number].dtype)]
+            for value, error, entry in zip(row, of_row, stages.run(given, arb, _ARB), strict=True):
+                exactly = abs(entry - arb(float(value)))
+                largest = max(largest, float(exactly.upper()))
+                # A batch may be farther off than the value.
+                off = max(off, float((exactly - arb(float(error))).upper()))
+    return largest, off / largest if largest else off
 
 
-def _matrix(array: Array) -> tuple[int, int]:
-    return (array.shape[0], array.shape[1]) if len(array.shape) == 2 else (array.size, 1)
-
-
-_ARB: dict[int, Callable[..., arb]] = {
+_ARB: dict[int, Any] = {
     ca.OP_ADD: arb.__add__, ca.OP_SUB: arb.__sub__, ca.OP_MUL: arb.__mul__,
     ca.OP_NEG: arb.__neg__, ca.OP_SIN: arb.sin, ca.OP_COS: arb.cos,
     ca.OP_SQ: lambda x: x * x, ca.OP_TWICE: lambda x: 2 * x,
 }  # fmt: skip
-
-
-def _in_arb(function: ca.Function, given: list[float]) -> list[arb]:
-    """A function of one vector, run operation by operation on balls of 80 digits."""
-    work: dict[int, arb] = {}
-    result = [arb(0)] * function.nnz_out(0)
-    with ctx.workdps(80):
-        for k in range(function.n_instructions()):
-            operation, taken, into = (
-                function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-            )  # fmt: skip
-            if operation == ca.OP_INPUT:
-                work[into[0]] = arb(given[taken[1]])
-            elif operation == ca.OP_CONST:
-                work[into[0]] = arb(function.instruction_constant(k))
-            elif operation == ca.OP_OUTPUT:
-                result[into[1]] = work[taken[0]]
-            else:
-                work[into[0]] = _ARB[operation](*(work[each] for each in taken))
-    return result

@@ -8,16 +8,21 @@ contributions cancel has an error that nothing relative to the result itself cou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from stiffgen.check.result import Array
 from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.model import casadi_function
+from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.program import as_operand, evaluate
 
 SIGMAS = 8.0
 """Errors beyond so many times their size are none of rounding."""
@@ -111,6 +116,106 @@ def rounding_errors(
         scalar.unit * each.reshape(count, *function.size_out(k)[::-1]).transpose(0, 2, 1)
         for k, each in enumerate(found)
     ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Stages:
+    """A kernel step by step, as the printed C runs it.
+
+    CasADi would otherwise work out constants of two steps together, and round what C does not.
+
+    Attributes:
+        functions: of a vector of all numbers so far (the arguments' entries, row-major, then what the functions before
+            have given) each gives the next ones.
+        results: where among all numbers the results' entries are, row-major; or constants.
+
+    """
+
+    functions: tuple[ca.Function, ...]
+    results: tuple[int | float, ...]
+
+    @staticmethod
+    def of(chain: Chain, kernel: Kernel) -> Stages:
+        """Those of a chain's kernel."""
+        arrays = [argument.array(chain) for argument in kernel.arguments]
+        entries = [[ca.SX.sym("x") for _ in range(array.size)] for array in arrays]
+        numbers = [entry for own in entries for entry in own]
+        functions: list[ca.Function] = []
+
+        def held(written: list[ca.SX]) -> list[ca.SX]:
+            new = [k for k, entry in enumerate(written) if not (entry.is_symbolic() or _is_plain(entry))]
+            if not new:
+                return written
+            given = ca.densify(ca.vertcat(*(written[k] for k in new)))
+            functions.append(ca.Function("step", [ca.vertcat(*numbers)], [given]))
+            kept = list(written)
+            for k in new:
+                kept[k] = ca.SX.sym("x")
+                numbers.append(kept[k])
+            return kept
+
+        given = {a.name: as_operand(folded(a.shape), own) for a, own in zip(arrays, entries, strict=True)}
+        found = evaluate(kernel.scope(chain), kernel.steps(chain), given, held)
+        places = {number.element_hash(): k for k, number in enumerate(numbers)}
+        results = [entry for each in kernel.results for entry in found[each.array(chain).name]]
+        return Stages(
+            tuple(functions), tuple(places.get(e.element_hash(), 0) if e.is_symbolic() else float(e) for e in results)
+        )
+
+    def run(
+        self, arguments: Sequence[Any], constant: Callable[[float], Any], operations: Mapping[int, Any]
+    ) -> list[Any]:
+        """The results' entries, in any arithmetic: from the arguments' entries, row-major, and what operations do."""
+        numbers = list(arguments)
+        for function in self.functions:
+            numbers += run(function, numbers, constant, operations)
+        return [constant(each) if isinstance(each, float) else numbers[each] for each in self.results]
+
+
+def _is_plain(entry: ca.SX) -> bool:
+    return bool(entry.is_constant()) and float(entry) in (-1.0, 0.0, 1.0)
+
+
+def run(
+    function: ca.Function, given: Sequence[Any], constant: Callable[[float], Any], operations: Mapping[int, Any]
+) -> list[Any]:
+    """A function of one vector, operation by operation, in any arithmetic.
+
+    Raises:
+        KeyError: an operation is not among ``operations``.
+
+    """
+    work: dict[int, Any] = {}
+    found = [constant(0.0)] * function.nnz_out(0)
+    for k in range(function.n_instructions()):
+        operation, taken, into = (
+            function.instruction_id(k), function.instruction_input(k), function.instruction_output(k),
+        )  # fmt: skip
+        if operation == ca.OP_INPUT:
+            work[into[0]] = given[taken[1]]
+        elif operation == ca.OP_CONST:
+            work[into[0]] = constant(function.instruction_constant(k))
+        elif operation == ca.OP_OUTPUT:
+            found[into[1]] = work[taken[0]]
+        else:
+            work[into[0]] = operations[operation](*(work[each] for each in taken))
+    return found
+
+
+_OPERATIONS = {operation: evaluate_it for operation, (evaluate_it, _) in _RULES.items()}
+
+
+def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> NDArray[np.longdouble]:
+    """The entries of a kernel's results, one after the other, in the longest numbers that this machine has.
+
+    Raises:
+        KeyError: it has an operation without a rule here.
+
+    """
+    count = len(stacks[0])
+    given = np.concatenate([np.reshape(stack, (count, -1)) for stack in stacks], axis=1).astype(np.longdouble)
+    found = Stages.of(chain, kernel).run(list(given.T), partial(np.full, count, dtype=np.longdouble), _OPERATIONS)
+    return np.stack(found, axis=1)
 
 
 def beyond_rounding(difference: Array, errors: Array) -> Array:

@@ -31,6 +31,7 @@ import numpy as np
 
 from stiffgen.check.batches import LONG, check_c_batches, check_stacks
 from stiffgen.check.bounds import check_bounds
+from stiffgen.check.certified import check_certified_bounds
 from stiffgen.check.controller import check_controller
 from stiffgen.check.derivatives import check_derivatives
 from stiffgen.check.dynamics import differentiated as differentiated_energies
@@ -728,6 +729,12 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
         ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
+        (
+            "certified bounds",
+            lambda: check_certified_bounds(
+                (single, kernels), table, chain, robot.scalar, robot.manifest["rounding"], pool
+            ),
+        ),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
         ("stepping the controller", lambda: check_controller(robot, seed)),
     ]

@@ -308,7 +308,7 @@ class ErrorBounds:
         return tuple(
             Stated(result.name, what, unit, rounded_up(max(bounds[result.name][k] for k in entries), self.precision))
             for result in kernel.results
-            for what, unit, entries in _kinds(result, result.array(self.chain))
+            for what, unit, entries in kinds(result, result.array(self.chain))
         )
 
     def _run(self, chain: Chain, program: Program, arrays: dict[str, list[Bound]], tip: str) -> None:
@@ -370,7 +370,7 @@ def rounded_up(value: float, precision: Precision = PRECISIONS["double"]) -> flo
     return float(Context(prec=2, rounding=ROUND_UP).create_decimal_from_float(value))
 
 
-def _kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
+def kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
     """The kinds of entries that a result has: what they are, their unit, and their numbers."""
     every = range(array.size)
     if result.name == "pose":

@@ -278,13 +278,18 @@ Step = Block | Map | SparseSum | SumJoints | Sum | Spread | Weights | Gather | R
 Program = tuple[Step, ...]
 
 
-def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dict[str, list[ca.SX]]:
+Held = Callable[[list[ca.SX]], list[ca.SX]]
+"""Puts something else in the place of entries, between the step that writes and those that read them."""
+
+
+def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX], held: Held = list) -> dict[str, list[ca.SX]]:
     """Unroll a program into scalar expressions.
 
     Args:
         chain: the robot.
         program: the steps.
         arguments: one SX per argument array, vectors (k) or matrices.
+        held: what the entries that a step writes become before other steps read them; by default themselves.
 
     Returns:
         The row-major entries of every array that the program wrote, by name.
@@ -302,7 +307,7 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dic
         elif isinstance(step, SumJoints):
             arrays[step.target.name] = _sum_joints(chain, step, arrays[step.source.name])
         elif isinstance(step, Sum):
-            _run_sum(step, arguments, arrays)
+            _run_sum(step, arguments, arrays, held)
         elif isinstance(step, Spread):
             arrays[step.target.name] = _spread(chain, step, arrays[step.source.name])
         elif isinstance(step, Weights):
@@ -315,6 +320,7 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX]) -> dic
             arrays[step.target.name] = _scan(step, arrays[step.source.name])
         else:
             _run_map(step.whole() if isinstance(step, SparseSum) else step, chain, arrays)
+        arrays |= {array.name: held(arrays[array.name]) for array in writes(step)}
     return arrays
 
 
@@ -336,7 +342,7 @@ def operand_shape(operand: Operand) -> tuple[int, ...]:
     return operand.array.shape if operand.at == "" else (operand.count,)
 
 
-def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.SX]]) -> None:
+def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.SX]], held: Held) -> None:
     for target in step.targets:
         arrays[target.name] = [] if target.name in step.apart else [ca.SX(0)] * target.size
     for term in step.terms:
@@ -345,7 +351,7 @@ def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.S
             start = 0 if part.index is None else part.index * array.size
             entries = _entries(arguments[part.array.name])[start : start + array.size]
             given[array.name] = as_operand(array.shape, entries)
-        results = evaluate(term.chain, term.program, given)
+        results = evaluate(term.chain, term.program, given, held)
         for target, name in zip(step.targets, step.results, strict=True):
             if target.name in step.apart:
                 arrays[target.name] = [*arrays[target.name], *results[name]]

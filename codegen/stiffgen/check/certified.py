@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: MIT
+"""Results against the bounds of their rounding errors that the folder's manifest states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from stiffgen.check.result import Array, Check, Kernels, as_results
+from stiffgen.check.rounding import with_more_digits
+from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, Ranges, argument_sizes, chain_reach, kinds
+from stiffgen.emit.target import Scalar
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import Kernel
+
+CERTIFIED = "certified bound of rounding"
+"""The oracle's name in the table: errors are fractions of the bound."""
+_SLACK = 1.0 + 2.0 * float(np.finfo(np.longdouble).eps / np.finfo(float).eps)
+"""What the reference's own error may add: it is that of the same statements in longer numbers."""
+
+
+def check_certified_bounds(
+    variants: Sequence[Kernels],
+    table: Sequence[Kernel],
+    chain: Chain,
+    scalar: Scalar,
+    rounding: Mapping[str, Any],
+    pool: Mapping[Argument, Array],
+) -> list[Check]:
+    """Every function that has a bound keeps to it, and the bounds are those of the analysis.
+
+    Args:
+        variants: the functions, perhaps more than once (single calls, stacks).
+        table: their records.
+        chain: the robot.
+        scalar: the type of number that the functions have.
+        rounding: of the manifest.
+        pool: random arguments; what is beyond the stated ranges is brought to their ends.
+
+    """
+    ranges = Ranges(**rounding["ranges"])
+    analysis = ErrorBounds(chain, ranges, scalar)
+    checks = []
+    for kernel in table:
+        name = kernel.qualified_name
+        stated = {(each["result"], each["what"]): each["bound"] for each in rounding["bounds"].get(name, ())}
+        fresh = {(each.result, each.what): each.bound for each in analysis.stated(kernel)}
+        if stated != fresh:
+            checks.append(Check(name, CERTIFIED, np.inf, 1.0, "the manifest's bound is not that of the analysis"))
+        elif stated:
+            given = within(chain, kernel, ranges, scalar, [pool[argument] for argument in kernel.arguments])
+            fractions = _fractions([functions[name] for functions in variants], chain, kernel, given, stated)
+            checks.append(Check(name, CERTIFIED, float(fractions.max()), _SLACK, errors=fractions))
+    return checks
+
+
+def within(chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks: Sequence[Array]) -> list[Array]:
+    """Stacks of a kernel's arguments, brought into the ranges that its bounds are stated for, numbers of ``scalar``."""
+    precision = PRECISIONS[scalar.name]
+    reach = chain_reach(kernel.scope(chain), ranges, precision)
+    given = []
+    for argument, stack in zip(kernel.arguments, stacks, strict=True):
+        most = np.reshape(argument_sizes(chain, argument, ranges, reach, precision), stack.shape[1:])
+        given.append(np.clip(stack, -most, most).astype(scalar.dtype).astype(float))
+    return given
+
+
+def _fractions(
+    functions: Sequence[Any], chain: Chain, kernel: Kernel, given: list[Array], stated: Mapping[tuple[str, str], float]
+) -> Array:
+    """Of every state the largest error of any entry, as a fraction of the entry's bound."""
+    count = len(given[0])
+    exact = with_more_digits(chain, kernel, given)
+    largest = np.zeros(count)
+    for function in functions:
+        values = [np.reshape(each, (count, -1)) for each in as_results(function(*given))]
+        start = 0
+        for result, value in zip(kernel.results, values, strict=True):
+            array = result.array(chain)
+            errors = np.abs(value - exact[:, start : start + array.size])
+            start += array.size
+            for what, _, entries in kinds(result, array):
+                error, bound = errors[:, entries].max(axis=1).astype(float), stated[result.name, what]
+                found = error / bound if bound else np.where(error == 0.0, 0.0, np.inf)
+                largest = np.maximum(largest, found)  # keeps NaN
+    return largest
