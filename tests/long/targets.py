@@ -1,85 +1,130 @@
 # SPDX-License-Identifier: MIT
 """What a robot's functions cost on other machines: ``python tests/long/targets.py``.
 
-Compiles the folder for every machine of tests/support/targets, runs the golden values, counts the instructions of every
-function at many states (denormals, limits, zeros; NaN, infinity and 1e300 in what is no angle) and of the controller's
-step, and prints the tables of docs/targets.md. Exit code 1 if a golden value is wrong.
+Compiles a folder for every machine of tests/support/targets, compares values (the iiwa 14's golden ones, another
+robot's with those of this machine), counts the instructions of every function at many states (denormals, limits, zeros;
+NaN, infinity and 1e300 in what is no angle) and of the controller's step, and prints the tables of docs/targets.md.
+``--json FILE`` writes what was found for ``stiffgen verify --report FILE.html --targets FILE``. Exit code 1 if a value
+is wrong.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
+import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-import stiffgen
+from stiffgen.check.result import as_results
+from stiffgen.check.verify import argument_samples
 from stiffgen.emit.controller import has_controller
-from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
-from stiffgen.opened import open_robot
-from stiffgen.symbolic.kernels import KERNELS
+from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.symbolic.kernels import Kernel
 from support.golden_calls import golden_calls
 from support.project import ROOT
-from support.targets import MACHINES, Count, Footprint, built, counts, footprint, run, step_count
+from support.targets import MACHINES, Count, Machine, built, counts, footprint, run, step_count
+
+Calls = Sequence[tuple[Kernel, Sequence[np.ndarray], np.ndarray]]
 
 
-def told(count: Count) -> str:
+def told(count: Sequence[int] | None) -> str:
     """One number, or the fewest and the most."""
-    return str(count.fewest) if count.fewest == count.most else f"{count.fewest} to {count.most}"
+    if count is None:
+        return "-"
+    return str(count[0]) if count[0] == count[1] else f"{count[0]} to {count[1]}"
+
+
+def ends(count: Count) -> list[int]:
+    """The fewest and the most."""
+    return [count.fewest, count.most]
+
+
+def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
+    """What values are compared with: said in words, and the calls."""
+    if robot.folder.resolve() == ROOT / "generated" / "iiwa14":
+        return "golden values, 60 digits", golden_calls(6)
+    pool = argument_samples(robot.chain, 2, 0, robot.springs)
+    calls = []
+    for kernel in robot.table:
+        for state in range(2):
+            given = [pool[argument][state] for argument in kernel.arguments]
+            values = as_results(robot.kernels[kernel.qualified_name](*given))
+            calls.append((kernel, given, np.concatenate([np.ravel(value) for value in values])))
+    return "values of the machine that checks", calls
+
+
+def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel], states: int) -> dict[str, Any]:
+    """What a machine says of a folder."""
+    reference, calls = reference_calls(robot)
+    with tempfile.TemporaryDirectory() as place:
+        work = Path(place)
+        program = built(machine, robot.folder, robot.chain, [(kernel, given) for kernel, given, _ in calls], work)
+        right = all(
+            np.allclose(found, np.ravel(expected), rtol=0, atol=1e-12 * np.abs(expected).max())
+            for (_, _, expected), found in zip(calls, run(machine, program), strict=True)
+        )
+        found = counts(machine, built(machine, robot.folder, robot.chain, [], work, kernels, states), work)
+        step = longest = None
+        if has_controller(robot.chain):
+            step = ends(step_count(machine, robot.folder, work, states))
+            longest = step_count(machine, robot.folder, work, states, longest=True).most
+        version = subprocess.run([machine.compiler[0], "--version"], capture_output=True, text=True, check=True).stdout
+        return {
+            "machine": machine.name,
+            "compiler": " ".join((version.splitlines()[0], "-O2", *machine.compiler[1:])),
+            "emulator": machine.emulator[0],
+            "compared": reference,
+            "right": right,
+            "states": states,
+            "instructions": {k.qualified_name: ends(c) for k, c in zip(kernels, found, strict=True)},
+            "step": step,
+            "longest_step": longest,
+            **asdict(footprint(machine, robot.folder, work)),
+        }
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--states", type=int, default=100_000, help="a tenth of them on a Cortex-M")
+    parser.add_argument("--folder", type=Path, default=ROOT / "generated" / "iiwa14")
+    parser.add_argument("--states", type=int, default=100_000, help="a tenth of them where doubles are software")
     parser.add_argument("--machines", nargs="*", default=[machine.name for machine in MACHINES])
     parser.add_argument("--functions", nargs="*", help="default: all")
-    parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the robot is generated anew for it")
+    parser.add_argument("--json", type=Path, help="a file for what is found")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as place:
-        folder = ROOT / "generated" / "iiwa14"
-        if options.scalar != "double":
-            urdf = ROOT / "urdf" / "iiwa14.urdf"
-            folder = stiffgen.generate(urdf, output=place, name="arm", scalar=options.scalar, build=False)
-        return tables(folder, SCALARS[options.scalar], options)
-
-
-def tables(folder: Path, scalar: Scalar, options: argparse.Namespace) -> int:
-    """Print them; 1 if a golden value is wrong."""
-    bound = 1e-12 if scalar == DOUBLE else 2e-6
-    chain = open_robot(folder).chain
-    kernels = [kernel for kernel in KERNELS if kernel.qualified_name in (options.functions or kernel.qualified_name)]
-    calls, wrong = golden_calls(6), False
-    table: dict[str, list[str]] = {kernel.qualified_name: [] for kernel in kernels}
-    steps: list[Count] = []
-    sizes: list[Footprint] = []
-    machines = [machine for machine in MACHINES if machine.name in options.machines]
-    for machine in machines:
-        states = max(options.states // (10 if machine.bare else 1), 8)
-        with tempfile.TemporaryDirectory() as place:
-            work = Path(place)
-            plain = [(kernel, given) for kernel, given, _ in calls]
-            results = run(machine, built(machine, folder, chain, plain, work, scalar=scalar), scalar)
-            for (_, _, expected), found in zip(calls, results, strict=True):
-                wrong |= not np.allclose(found, np.ravel(expected), rtol=0, atol=bound * np.abs(expected).max())
-            found = counts(machine, built(machine, folder, chain, [], work, kernels, states, scalar), work)
-            for kernel, count in zip(kernels, found, strict=True):
-                table[kernel.qualified_name].append(told(count))
-            if has_controller(chain, scalar):
-                steps.append(step_count(machine, folder, work, states))
-            sizes.append(footprint(machine, folder, work))
-        print(f"{machine.name}: {states} states, golden values {'WRONG' if wrong else 'right'}", file=sys.stderr)
-    print("| | " + " | ".join(machine.name for machine in machines) + " |")
-    print("| --- |" + " ---: |" * len(machines))
+    robot = open_robot(options.folder)
+    kernels = [
+        kernel for kernel in robot.table if kernel.qualified_name in (options.functions or robot.manifest["kernels"])
+    ]
+    rows = []
+    for machine in (machine for machine in MACHINES if machine.name in options.machines):
+        row = measured(machine, robot, kernels, max(options.states // (10 if machine.software else 1), 8))
+        rows.append(row)
+        print(f"{machine.name}: {row['states']} states, values {'right' if row['right'] else 'WRONG'}", file=sys.stderr)
+    if options.json is not None:
+        files = [f"{robot.name}{end}" for end in (".c", ".h")]
+        files += [f"{robot.name}_impedance{end}" for end in (".c", ".h")] if has_controller(robot.chain) else []
+        sources = {file: hashlib.sha256((robot.folder / file).read_bytes()).hexdigest() for file in files}
+        content = {"robot": robot.name, "sources": sources, "machines": rows}
+        options.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    print("| | " + " | ".join(row["machine"] for row in rows) + " |")
+    print("| --- |" + " ---: |" * len(rows))
+    table = {f"`{k.qualified_name}`": [told(row["instructions"][k.qualified_name]) for row in rows] for k in kernels}
+    table["controller's step"] = [told(row["step"]) for row in rows]
+    table["the step, QL iterations at their bound, at most"] = [str(row["longest_step"] or "-") for row in rows]
+    table["flash, all functions [kB]"] = [f"{row['flash'] / 1000:.0f}" for row in rows]
+    table["RAM that stays [bytes]"] = [str(row["ram"]) for row in rows]
+    table["deepest stack [bytes]"] = [str(row["stack"]) for row in rows]
     for name, row in table.items():
-        print(f"| `{name}` | {' | '.join(row)} |")
-    if steps:
-        print(f"| controller's step | {' | '.join(map(told, steps))} |")
-    print(f"| flash, all functions [kB] | {' | '.join(f'{size.flash / 1000:.0f}' for size in sizes)} |")
-    print(f"| RAM that stays [bytes] | {' | '.join(str(size.ram) for size in sizes)} |")
-    print(f"| deepest stack [bytes] | {' | '.join(str(size.stack) for size in sizes)} |")
-    return int(wrong)
+        print(f"| {name} | {' | '.join(row)} |")
+    return int(not all(row["right"] for row in rows))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ to, calls each at many states while a plugin of QEMU counts.
 
 from __future__ import annotations
 
+import math
 import re
 import subprocess
 from collections.abc import Sequence
@@ -32,6 +33,8 @@ class Machine:
     packages: tuple[str, ...]
     bare: bool = False
     """Without an operating system: a start of its own, and semihosting."""
+    software: bool = False
+    """Double precision is software."""
 
     @property
     def prefix(self) -> str:
@@ -46,9 +49,9 @@ _M7 = (
 _ARM = ("gcc-arm-none-eabi", "libnewlib-arm-none-eabi", "qemu-system-arm")
 
 
-def _m7(name: str, fpu: str) -> Machine:
+def _m7(name: str, fpu: str, *, software: bool = False) -> Machine:
     flags = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", f"-mfpu={fpu}", "--specs=rdimon.specs")
-    return Machine(name, ("arm-none-eabi-gcc", *flags), _M7, _ARM, bare=True)
+    return Machine(name, ("arm-none-eabi-gcc", *flags), _M7, _ARM, bare=True, software=software)
 
 
 MACHINES = (
@@ -64,9 +67,9 @@ MACHINES = (
         ("gcc-riscv64-linux-gnu", "libc6-dev-riscv64-cross", "qemu-user"),
     ),
     _m7("Cortex-M7, FPU for double", "fpv5-d16"),
-    _m7("Cortex-M7, FPU for float", "fpv5-sp-d16"),
+    _m7("Cortex-M7, FPU for float", "fpv5-sp-d16", software=True),
 )  # fmt: skip
-"""All of them; double precision is software on the last one."""
+"""All of them."""
 
 _MAIN = """
 #include "{name}.h"
@@ -163,6 +166,10 @@ def _program(
     scalar: Scalar,
 ) -> str:
     arrays, golden, counts = [], [], []
+    for side, ends in (("low", [c.lower for c in chain.coordinates]), ("high", [c.upper for c in chain.coordinates])):
+        turn = -math.pi if side == "low" else math.pi  # where a joint has no limit
+        values = ", ".join(float(x if math.isfinite(x) else turn).hex() for x in ends)
+        arrays.append(f"static const double q_{side}[] = {{{values}}};")
     for index, (kernel, arguments) in enumerate(calls):
         given = []
         for k, values_of in enumerate(arguments):
@@ -175,7 +182,7 @@ def _program(
         counts.append("    for (int s = 0; s < STATES; ++s) {")
         for k, argument in enumerate(kernel.arguments):
             angles = argument.name == "q"
-            limits = f"{name}_lower, {name}_upper" if angles else "NULL, NULL"
+            limits = "q_low, q_high" if angles else "NULL, NULL"
             size = argument.array(chain).size
             counts.append(f"        fill(given[{k}], {size}, {limits}, s % 8, {int(not angles)});")
         call = _call(name, chain, kernel, given, "        ")
@@ -277,16 +284,46 @@ def footprint(machine: Machine, folder: Path, work: Path) -> Footprint:
     return Footprint(text, data + bss, public + sum(sorted(inner)[-2:]))
 
 
-def step_count(machine: Machine, folder: Path, work: Path, steps: int) -> Count:
-    """Instructions of the impedance controller's step, smooth and hostile motions by turns."""
+_QL = "eigen_symmetric"
+_LONGEST = """
+/* The decomposition, and before it one on a copy in which every eigenvalue takes all iterations that it may. */
+static int eigen_symmetric(int n, double *A, double *d, double *rows)
+{
+    double copy[MAX_ROWS * MAX_ROWS], values[MAX_ROWS], vectors[MAX_ROWS * MAX_ROWS];
+    memcpy(copy, A, sizeof *copy * (size_t)(n * n));
+    const int ended = eigen_longest(n, copy, values, vectors);
+    __asm__ volatile("" : : "r"(ended), "r"(copy), "r"(values), "r"(vectors) : "memory");
+    return eigen_found(n, A, d, rows);
+}
+"""
+
+
+def with_longest_iterations(source: str) -> str:
+    """The controller's C with a QL iteration as long as its bound lets it be, in addition to its own."""
+    found = re.search(rf"^static int {_QL}\(.*?^}}\n", source, flags=re.M | re.S)
+    assert found is not None
+    going_on = "fabs(e[m]) > negligible"
+    assert found[0].count(going_on) == 1
+    longest = found[0].replace(_QL, "eigen_longest").replace(going_on, "iteration < MAX_ITERATIONS")
+    own = found[0].replace(_QL, "eigen_found")
+    return source[: found.start()] + longest + own + _LONGEST + source[found.end() :]
+
+
+def step_count(machine: Machine, folder: Path, work: Path, steps: int, *, longest: bool = False) -> Count:
+    """Instructions of the impedance controller's step, smooth and hostile motions by turns.
+
+    ``longest``: with every QL iteration at its bound (:func:`with_longest_iterations`).
+    """
     name, program = folder.name, work / "step"
     own = [str(HERE / "cortex_m.c"), f"-T{HERE / 'cortex_m.ld'}"] if machine.bare else []
     (work / "robot.h").write_text(
         f'#include "{name}_impedance.h"\n#define ROBOT(x) {name}_impedance_##x\n'
         f"#define COMMAND {name.upper()}_COMMAND_POSITION\n"
     )
+    controller, text = work / "controller.c", (folder / f"{name}_impedance.c").read_text()
+    controller.write_text(with_longest_iterations(text) if longest else text)
     flags = ["-O2", "-std=gnu99", f"-I{folder}", f"-I{work}", f"-DSTATES={steps}"]
-    sources = [str(folder / f"{name}.c"), str(folder / f"{name}_impedance.c"), str(HERE / "step.c")]
+    sources = [str(folder / f"{name}.c"), str(controller), str(HERE / "step.c")]
     subprocess.run([*machine.compiler, *flags, *sources, *own, "-o", str(program), "-lm"], check=True)
     (count,) = counts(machine, program, work)
     return count

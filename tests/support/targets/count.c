@@ -15,36 +15,29 @@ typedef void (*translated)(plugin_id, struct qemu_plugin_tb *);
 typedef void (*executed)(unsigned int, void *);
 void qemu_plugin_register_vcpu_tb_trans_cb(plugin_id, translated);
 void qemu_plugin_register_vcpu_tb_exec_cb(struct qemu_plugin_tb *, executed, int flags, void *);
+void qemu_plugin_register_vcpu_tb_exec_inline(struct qemu_plugin_tb *, int operation, void *, uint64_t);
 size_t qemu_plugin_tb_n_insns(const struct qemu_plugin_tb *);
 uint64_t qemu_plugin_tb_vaddr(const struct qemu_plugin_tb *);
 __attribute__((visibility("default"))) int qemu_plugin_version = 1;
 
-static uint64_t marks[3], count, fewest = UINT64_MAX, most, pairs;
-static int counting;
+enum { ADD = 0 }; /* the operation that QEMU itself does where a block is executed, without a call */
+static uint64_t marks[3], executed_so_far, at_begin, fewest = UINT64_MAX, most, pairs;
 static FILE *out;
-
-static void block(unsigned int vcpu, void *size)
-{
-    (void)vcpu;
-    if (counting) {
-        count += (uint64_t)(uintptr_t)size;
-    }
-}
 
 static void mark(unsigned int vcpu, void *which)
 {
     (void)vcpu;
     switch ((int)(intptr_t)which) {
     case 0:
-        count = 0;
-        counting = 1;
+        at_begin = executed_so_far;
         break;
-    case 1:
-        counting = 0;
+    case 1: {
+        const uint64_t count = executed_so_far - at_begin;
         fewest = count < fewest ? count : fewest;
         most = count > most ? count : most;
         ++pairs;
         break;
+    }
     default:
         fprintf(out, "%llu %llu %llu\n", (unsigned long long)pairs, (unsigned long long)fewest,
             (unsigned long long)most);
@@ -63,7 +56,7 @@ static void translate(plugin_id id, struct qemu_plugin_tb *tb)
             return;
         }
     }
-    qemu_plugin_register_vcpu_tb_exec_cb(tb, block, 0, (void *)(uintptr_t)qemu_plugin_tb_n_insns(tb));
+    qemu_plugin_register_vcpu_tb_exec_inline(tb, ADD, &executed_so_far, qemu_plugin_tb_n_insns(tb));
 }
 
 __attribute__((visibility("default"))) int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv)
