@@ -37,7 +37,7 @@ from stiffgen.check.bench import bench
 from stiffgen.check.prove.run import PARTS, prove
 from stiffgen.check.prove.verdict import Outcome
 from stiffgen.check.result import Check
-from stiffgen.check.safety_page import filed_for
+from stiffgen.check.safety_page import filed_for, targets_for
 from stiffgen.check.safety_page import write_page as write_safety_page
 from stiffgen.check.verify import default_count, verify
 from stiffgen.emit.rounding import Ranges
@@ -276,6 +276,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
     command.add_argument(
         "--proofs", type=Path, metavar="FILE", help="verdicts of 'stiffgen prove --json', for the page"
+    )
+    command.add_argument(
+        "--targets", type=Path, metavar="FILE", help="what tests/long/targets.py --json measured, for the page"
     )
     command.add_argument("--date", metavar="TEXT", help="a date to print on the page (default: none)")
     command.set_defaults(run=_verify)
@@ -624,12 +627,14 @@ def _from_root(description: Description) -> Iterator[JointElement]:
 
 def _verify(options: argparse.Namespace) -> int:
     console = _Console(stderr=True, highlight=False)
-    if options.report is None and (options.proofs is not None or options.date is not None):
-        raise StiffgenError("--proofs and --date are for the page; give --report FILE.html, too")
+    if options.report is None and any(each is not None for each in (options.proofs, options.targets, options.date)):
+        raise StiffgenError("--proofs, --targets and --date are for the page; give --report FILE.html, too")
     if options.report is not None:
         open_robot(options.folder).require_doubles("the page of --report")
-    if options.proofs is not None:
-        filed_for(open_robot(options.folder), options.proofs)  # before the long part
+    if options.proofs is not None:  # before the long part
+        filed_for(open_robot(options.folder), options.proofs)
+    if options.targets is not None:
+        targets_for(open_robot(options.folder), options.targets)
     with _Progress(console).shown() as progress:
         checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
     failed = [check for check in checks if not check.passed]
@@ -649,6 +654,7 @@ def _verify(options: argparse.Namespace) -> int:
             seed=options.seed,
             urdf=options.urdf,
             proofs=options.proofs,
+            targets=options.targets,
             date=options.date,
         )
         print(options.report)

@@ -11,19 +11,17 @@ is wrong.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from stiffgen.check.result import as_results
+from stiffgen.check.targets import Target, write_targets
 from stiffgen.check.verify import argument_samples
 from stiffgen.emit.controller import has_controller
 from stiffgen.opened import GeneratedRobot, open_robot
@@ -42,9 +40,9 @@ def told(count: Sequence[int] | None) -> str:
     return str(count[0]) if count[0] == count[1] else f"{count[0]} to {count[1]}"
 
 
-def ends(count: Count) -> list[int]:
+def ends(count: Count) -> tuple[int, int]:
     """The fewest and the most."""
-    return [count.fewest, count.most]
+    return count.fewest, count.most
 
 
 def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
@@ -61,7 +59,7 @@ def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
     return "values of the machine that checks", calls
 
 
-def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel], states: int) -> dict[str, Any]:
+def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel], states: int) -> Target:
     """What a machine says of a folder."""
     reference, calls = reference_calls(robot)
     with tempfile.TemporaryDirectory() as place:
@@ -77,18 +75,18 @@ def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel],
             step = ends(step_count(machine, robot.folder, work, states))
             longest = step_count(machine, robot.folder, work, states, longest=True).most
         version = subprocess.run([machine.compiler[0], "--version"], capture_output=True, text=True, check=True).stdout
-        return {
-            "machine": machine.name,
-            "compiler": " ".join((version.splitlines()[0], "-O2", *machine.compiler[1:])),
-            "emulator": machine.emulator[0],
-            "compared": reference,
-            "right": right,
-            "states": states,
-            "instructions": {k.qualified_name: ends(c) for k, c in zip(kernels, found, strict=True)},
-            "step": step,
-            "longest_step": longest,
+        return Target(
+            machine.name,
+            " ".join((version.splitlines()[0], "-O2", *machine.compiler[1:])),
+            machine.emulator[0],
+            reference,
+            right,
+            states,
+            {kernel.qualified_name: ends(count) for kernel, count in zip(kernels, found, strict=True)},
+            step,
+            longest,
             **asdict(footprint(machine, robot.folder, work)),
-        }
+        )
 
 
 def main() -> int:
@@ -107,24 +105,20 @@ def main() -> int:
     for machine in (machine for machine in MACHINES if machine.name in options.machines):
         row = measured(machine, robot, kernels, max(options.states // (10 if machine.software else 1), 8))
         rows.append(row)
-        print(f"{machine.name}: {row['states']} states, values {'right' if row['right'] else 'WRONG'}", file=sys.stderr)
+        print(f"{machine.name}: {row.states} states, values {'right' if row.right else 'WRONG'}", file=sys.stderr)
     if options.json is not None:
-        files = [f"{robot.name}{end}" for end in (".c", ".h")]
-        files += [f"{robot.name}_impedance{end}" for end in (".c", ".h")] if has_controller(robot.chain) else []
-        sources = {file: hashlib.sha256((robot.folder / file).read_bytes()).hexdigest() for file in files}
-        content = {"robot": robot.name, "sources": sources, "machines": rows}
-        options.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    print("| | " + " | ".join(row["machine"] for row in rows) + " |")
+        write_targets(options.json, robot, rows)
+    print("| | " + " | ".join(row.machine for row in rows) + " |")
     print("| --- |" + " ---: |" * len(rows))
-    table = {f"`{k.qualified_name}`": [told(row["instructions"][k.qualified_name]) for row in rows] for k in kernels}
-    table["controller's step"] = [told(row["step"]) for row in rows]
-    table["the step, QL iterations at their bound, at most"] = [str(row["longest_step"] or "-") for row in rows]
-    table["flash, all functions [kB]"] = [f"{row['flash'] / 1000:.0f}" for row in rows]
-    table["RAM that stays [bytes]"] = [str(row["ram"]) for row in rows]
-    table["deepest stack [bytes]"] = [str(row["stack"]) for row in rows]
+    table = {f"`{k.qualified_name}`": [told(row.instructions[k.qualified_name]) for row in rows] for k in kernels}
+    table["controller's step"] = [told(row.step) for row in rows]
+    table["the step, QL iterations at their bound, at most"] = [str(row.longest_step or "-") for row in rows]
+    table["flash, all functions [kB]"] = [f"{row.flash / 1000:.0f}" for row in rows]
+    table["RAM that stays [bytes]"] = [str(row.ram) for row in rows]
+    table["deepest stack [bytes]"] = [str(row.stack) for row in rows]
     for name, row in table.items():
         print(f"| {name} | {' | '.join(row)} |")
-    return int(not all(row["right"] for row in rows))
+    return int(not all(row.right for row in rows))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -14,20 +14,26 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from stiffgen.check.certified import CERTIFIED
 from stiffgen.check.prove.verdict import Filed, Verdict, read_verdicts
-from stiffgen.check.result import BOUND, Array, Check
+from stiffgen.check.result import Array, Check
+from stiffgen.check.targets import Target, read_targets
 from stiffgen.emit.controller import has_controller
-from stiffgen.errors import OutputError
+from stiffgen.errors import OutputError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.page import STYLE
 from stiffgen.rendering import environment
 
-_DECADES = (-18, -8)
-"""Powers of ten that errors are drawn over."""
+_BELOW, _ABOVE = 6, 4
+"""Decades below and above the bound that errors are drawn over."""
 _PER_DECADE = 4
 
 _CONTRACTS = (
     ("Every result is what its equation says", "the comparisons below, each against an oracle of its own"),
+    (
+        "Rounding errors stay below the bounds of header and manifest, for all inputs in their ranges",
+        f"the analysis (docs/accuracy.md), done again; rows '{CERTIFIED}' hold the compiled functions to it",
+    ),
     (
         "Accesses stay in their arrays, nothing uninitialised is read, no undefined behaviour, loops are bounded, "
         "arguments are not written, claimed symmetries hold to the last bit: for all inputs",
@@ -58,6 +64,17 @@ class _Bar:
     title: str
 
 
+@dataclass(frozen=True)
+class _Plot:
+    """Of all errors held against an oracle: how many, the worst, the least decade that is drawn, the bars."""
+
+    oracle: str
+    count: int
+    worst: float
+    least: int
+    bars: list[_Bar]
+
+
 def write_page(
     folder: str | Path,
     checks: Sequence[Check],
@@ -67,6 +84,7 @@ def write_page(
     seed: int,
     urdf: Path | None,
     proofs: Path | None = None,
+    targets: Path | None = None,
     date: str | None = None,
 ) -> None:
     """Write the page.
@@ -79,14 +97,16 @@ def write_page(
         seed: of these.
         urdf: the file that the chain was compared with, or None.
         proofs: the verdicts' file of ``stiffgen prove DIR --json FILE``, or None.
+        targets: what ``python tests/long/targets.py --folder DIR --json FILE`` measured, or None.
         date: a date to print, or None: then the page has none.
 
     Raises:
-        OutputError: ``file`` cannot be written, ``proofs`` cannot be read or is about other C files.
+        OutputError: ``file`` cannot be written, ``proofs`` or ``targets`` cannot be read or are about other C files.
 
     """
     robot = open_robot(folder)
     filed = filed_for(robot, proofs) if proofs is not None else None
+    machines = targets_for(robot, targets) if targets is not None else ()
     page = (
         environment("stiffgen.check", escaped=True)
         .get_template("safety.html.j2")
@@ -102,18 +122,18 @@ def write_page(
             date=date,
             checks=checks,
             failed=[check for check in checks if not check.passed],
-            groups=_groups(checks),
-            least=_DECADES[0],
-            most=_DECADES[1],
-            bound=(math.log10(BOUND) - _DECADES[0]) / (_DECADES[1] - _DECADES[0]),
+            plots=_plots(checks),
+            decades=_BELOW + _ABOVE,
+            below=_BELOW,
             contracts=_CONTRACTS,
             filed=filed,
             tally=_tally(filed.verdicts) if filed else {},
-            rounding=_rounding(robot.manifest.get("rounding")),
+            rounding=_rounding(robot.manifest.get("rounding"), checks),
+            targets=machines,
             ranges=", ".join(
                 f"{name} {value:g}" for name, value in robot.manifest.get("rounding", {}).get("ranges", {}).items()
             ),
-            uncovered=_uncovered(robot, filed, urdf is not None),
+            uncovered=_uncovered(robot, filed, machines, compared=urdf is not None),
         )
     )
     try:
@@ -130,68 +150,88 @@ def filed_for(robot: GeneratedRobot, proofs: Path) -> Filed:
 
     """
     filed = read_verdicts(proofs)
-    for source, digest in filed.sources.items():
+    _must_be_of(robot, filed.sources, proofs, "run 'stiffgen prove' again")
+    return filed
+
+
+def targets_for(robot: GeneratedRobot, file: Path) -> tuple[Target, ...]:
+    """What was measured on other machines of the C in the robot's folder, byte for byte.
+
+    Raises:
+        OutputError: the file cannot be read, or is about other bytes.
+
+    """
+    sources, targets = read_targets(file)
+    _must_be_of(robot, sources, file, "run 'python tests/long/targets.py' again")
+    return targets
+
+
+def _must_be_of(robot: GeneratedRobot, sources: Mapping[str, str], file: Path, remedy: str) -> None:
+    for source, digest in sources.items():
         try:
             same = hashlib.sha256((robot.folder / source).read_bytes()).hexdigest() == digest
         except OSError:
             same = False
         if not same:
-            raise OutputError(
-                f"{proofs}: is about another {source} than {robot.folder} has; run 'stiffgen prove' again"
-            )
-    return filed
+            raise OutputError(f"{file}: is about another {source} than {robot.folder} has; {remedy}")
 
 
 def _tally(verdicts: Sequence[Verdict]) -> dict[str, int]:
     return {outcome: sum(each.outcome == outcome for each in verdicts) for outcome in ("proved", "FAILED", "unproved")}
 
 
-def _groups(checks: Sequence[Check]) -> list[tuple[str, int, float, list[_Bar]]]:
-    """Oracle, number of samples, worst error and the histogram of all errors held against it."""
-    by_oracle: dict[str, list[Array]] = {}
+def _plots(checks: Sequence[Check]) -> list[_Plot]:
+    """One an oracle and bound."""
+    grouped: dict[tuple[str, int], list[Array]] = {}
     for check in checks:
         if check.errors is not None and len(check.errors):
-            by_oracle.setdefault(check.oracle, []).append(check.errors)
-    groups = []
-    for oracle, parts in by_oracle.items():
-        errors = np.concatenate(parts)
-        groups.append((oracle, len(errors), float(errors.max()), _bars(errors)))
-    return groups
+            grouped.setdefault((check.oracle, round(math.log10(check.bound))), []).append(check.errors)
+    plots = []
+    for (oracle, bound), parts in grouped.items():
+        errors, least = np.concatenate(parts), bound - _BELOW
+        plots.append(_Plot(oracle, len(errors), float(errors.max()), least, _bars(errors, least)))
+    return plots
 
 
-def _bars(errors: Array) -> list[_Bar]:
+def _bars(errors: Array, least: int) -> list[_Bar]:
     """Bars over the decimal logarithm; 0 and what is less than the least decade stands in the first bar."""
-    bins = (_DECADES[1] - _DECADES[0]) * _PER_DECADE
+    bins = (_BELOW + _ABOVE) * _PER_DECADE
     finite = errors[np.isfinite(errors)]
-    places = np.floor((np.log10(np.maximum(finite, 10.0 ** _DECADES[0])) - _DECADES[0]) * _PER_DECADE).astype(int)
+    places = np.floor((np.log10(np.maximum(finite, 10.0**least)) - least) * _PER_DECADE).astype(int)
     counts = np.bincount(np.clip(places, 0, bins - 1), minlength=bins)
     top = max(int(counts.max()), 1)
     return [
-        _Bar(k / bins, float(count) / top, f"{count} from 1e{_DECADES[0] + k / _PER_DECADE:g} on")
+        _Bar(k / bins, float(count) / top, f"{count} from 1e{least + k / _PER_DECADE:g} on")
         for k, count in enumerate(counts)
         if count
     ]
 
 
-def _rounding(bounds: Any) -> list[tuple[str, str, str]]:
-    """Function, part of its result and bound, from the manifest's bounds; none of an older folder."""
+def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str, str]]:
+    """Function, part of its result, bound, and the largest fraction of it that was met; none of an older folder."""
     if bounds is None:
         return []
+    met = {check.kernel: f"{check.error:.1e}" for check in checks if check.oracle == CERTIFIED}
     return [
-        (kernel, each["what"], f"{each['bound']:.1e} {each['unit']}")
+        (
+            kernel,
+            each["what"],
+            f"{each['bound']:.1e} {each['unit']}" if each["bound"] else "exact",
+            met.get(kernel, "") if k == 0 else "",
+        )
         for kernel, parts in bounds["bounds"].items()
-        for each in parts
+        for k, each in enumerate(parts)
     ]
 
 
-def _uncovered(robot: GeneratedRobot, filed: Filed | None, compared: bool) -> list[str]:
+def _uncovered(robot: GeneratedRobot, filed: Filed | None, targets: Sequence[Target], *, compared: bool) -> list[str]:
     """What this page does not show, for the reader who has to show it otherwise."""
     lines = [
         "Comparisons are at random postures and the sizes of wrench and stiffness that stiffgen draws; they prove "
         "nothing of the values in between. A worst error is the worst one met.",
         "Whether the URDF describes the arm that is bolted to the floor: masses, dimensions, limits and the tool.",
         "The compiler, its flags, libm, the processor and the operating system of the machine that runs the arm.",
-        "Hardware faults, timing on the target, the robot's own controller, and everything that calls these functions.",
+        "Hardware faults, time on the target, the robot's own controller, and everything that calls these functions.",
         "A hazard analysis of the application. docs/controller.md has the controller's own safety case.",
     ]
     if not compared:
@@ -209,6 +249,22 @@ def _uncovered(robot: GeneratedRobot, filed: Filed | None, compared: bool) -> li
             for each in filed.verdicts
             if each.outcome != "proved"
         ]
+    if not targets:
+        lines.append("Other machines than the one that checked: none were run (the section on targets says how).")
+    varying: dict[str, list[str]] = {}
+    for target in targets:
+        if target.varying:
+            varying.setdefault(listed(target.varying), []).append(target.machine)
+    lines += [
+        f"A constant time of {functions}: how many instructions they take depends on the input ({listed(machines)})."
+        for functions, machines in varying.items()
+    ]
+    stated = robot.manifest.get("rounding", {}).get("bounds", {})
+    unbounded = [kernel.qualified_name for kernel in robot.table if kernel.qualified_name not in stated]
+    if unbounded:
+        lines.append(
+            f"Rounding of functions that divide or choose, which have no certified bound: {listed(unbounded, 99)}."
+        )
     if has_controller(robot.chain):
         lines.append(
             "That the closed loop is stable on the arm: the controller's theorem has assumptions, which "

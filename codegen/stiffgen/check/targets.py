@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""What was measured of a folder's C on other machines: a file of tests/long/targets.py, read for the safety page."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from stiffgen.errors import OutputError
+from stiffgen.opened import GeneratedRobot
+
+
+@dataclass(frozen=True)
+class Target:
+    """One machine.
+
+    Attributes:
+        machine: its name.
+        compiler: the program and its flags.
+        emulator: what ran it.
+        compared: what values were compared with.
+        right: whether they agreed to 1e-12 of the largest.
+        states: at how many instructions were counted.
+        instructions: of every function, the fewest and the most.
+        step: the same of the controller's step; None of a robot without controller.
+        longest_step: the most where every eigenvalue takes all iterations that it may.
+        flash, ram, stack: of NAME.c without batches [bytes].
+
+    """
+
+    machine: str
+    compiler: str
+    emulator: str
+    compared: str
+    right: bool
+    states: int
+    instructions: Mapping[str, tuple[int, int]]
+    step: tuple[int, int] | None
+    longest_step: int | None
+    flash: int
+    ram: int
+    stack: int
+
+    @property
+    def varying(self) -> list[str]:
+        """The functions whose count depends on the input."""
+        return [name for name, (fewest, most) in self.instructions.items() if fewest != most]
+
+
+def write_targets(file: Path, robot: GeneratedRobot, targets: Sequence[Target]) -> None:
+    """Targets as JSON, with the digests of the C sources that they are about."""
+    sources = {
+        name: hashlib.sha256((robot.folder / name).read_bytes()).hexdigest()
+        for name in robot.manifest["files"]
+        if name in (f"{robot.name}{end}" for end in (".c", ".h", "_impedance.c", "_impedance.h"))
+    }
+    content = {"robot": robot.name, "sources": sources, "targets": [asdict(target) for target in targets]}
+    file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
+    """The digests of the sources, and what :func:`write_targets` wrote of them.
+
+    Raises:
+        OutputError: the file cannot be read, or is none of those.
+
+    """
+    try:
+        content: Any = json.loads(file.read_text(encoding="utf-8"))
+        targets = tuple(Target(**row) for row in content["targets"])
+        return dict(content["sources"]), targets
+    except OSError as error:
+        raise OutputError(
+            f"{file}: cannot be read ({error.strerror}); 'python tests/long/targets.py --json FILE' makes it"
+        ) from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise OutputError(f"{file}: holds no targets; 'python tests/long/targets.py --json FILE' makes them") from error
