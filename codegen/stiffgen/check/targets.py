@@ -73,9 +73,5 @@ def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
         content: Any = json.loads(file.read_text(encoding="utf-8"))
         targets = tuple(Target(**row) for row in content["targets"])
         return dict(content["sources"]), targets
-    except OSError as error:
-        raise OutputError(
-            f"{file}: cannot be read ({error.strerror}); 'python tests/long/targets.py --json FILE' makes it"
-        ) from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(f"{file}: holds no targets; 'python tests/long/targets.py --json FILE' makes them") from error
