@@ -20,10 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
+import stiffgen
 from stiffgen.check.result import as_results
 from stiffgen.check.targets import Target, write_targets
 from stiffgen.check.verify import argument_samples
 from stiffgen.emit.controller import has_controller
+from stiffgen.emit.target import DOUBLE, SCALARS
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.symbolic.kernels import Kernel
 from support.golden_calls import golden_calls
@@ -47,7 +49,7 @@ def ends(count: Count) -> tuple[int, int]:
 
 def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
     """What values are compared with: said in words, and the calls."""
-    if robot.folder.resolve() == ROOT / "generated" / "iiwa14":
+    if robot.chain == open_robot(ROOT / "generated" / "iiwa14").chain:
         return "golden values, 60 digits", golden_calls(6)
     pool = argument_samples(robot.chain, 2, 0, robot.springs)
     calls = []
@@ -61,17 +63,19 @@ def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
 
 def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel], states: int) -> Target:
     """What a machine says of a folder."""
-    reference, calls = reference_calls(robot)
+    scalar, (reference, calls) = robot.scalar, reference_calls(robot)
+    bound = 1e-12 if scalar == DOUBLE else 2e-6
     with tempfile.TemporaryDirectory() as place:
         work = Path(place)
-        program = built(machine, robot.folder, robot.chain, [(kernel, given) for kernel, given, _ in calls], work)
+        plain = [(kernel, given) for kernel, given, _ in calls]
+        program = built(machine, robot.folder, robot.chain, plain, work, scalar=scalar)
         right = all(
-            np.allclose(found, np.ravel(expected), rtol=0, atol=1e-12 * np.abs(expected).max())
-            for (_, _, expected), found in zip(calls, run(machine, program), strict=True)
+            np.allclose(found, np.ravel(expected), rtol=0, atol=bound * np.abs(expected).max())
+            for (_, _, expected), found in zip(calls, run(machine, program, scalar), strict=True)
         )
-        found = counts(machine, built(machine, robot.folder, robot.chain, [], work, kernels, states), work)
+        found = counts(machine, built(machine, robot.folder, robot.chain, [], work, kernels, states, scalar), work)
         step = longest = None
-        if has_controller(robot.chain):
+        if has_controller(robot.chain, scalar):
             step = ends(step_count(machine, robot.folder, work, states))
             longest = step_count(machine, robot.folder, work, states, longest=True).most
         version = subprocess.run([machine.compiler[0], "--version"], capture_output=True, text=True, check=True).stdout
@@ -96,8 +100,18 @@ def main() -> int:
     parser.add_argument("--machines", nargs="*", default=[machine.name for machine in MACHINES])
     parser.add_argument("--functions", nargs="*", help="default: all")
     parser.add_argument("--json", type=Path, help="a file for what is found")
+    parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the iiwa 14 generated anew for it")
     options = parser.parse_args()
-    robot = open_robot(options.folder)
+    with tempfile.TemporaryDirectory() as place:
+        folder = options.folder
+        if options.scalar != "double":
+            urdf = ROOT / "urdf" / "iiwa14.urdf"
+            folder = stiffgen.generate(urdf, output=place, name="arm", scalar=options.scalar, build=False)
+        return tables(open_robot(folder), options)
+
+
+def tables(robot: GeneratedRobot, options: argparse.Namespace) -> int:
+    """Measure and print; 1 if a value is wrong."""
     kernels = [
         kernel for kernel in robot.table if kernel.qualified_name in (options.functions or robot.manifest["kernels"])
     ]

@@ -14,7 +14,7 @@ import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -99,7 +99,9 @@ class Measured:
         self.batches, self.longer = batches, longer
         self.chain, self.kernels = chain, {kernel.qualified_name: kernel for kernel in kernels}
         header, own = (folder / f"{name}.h").read_text(), (folder / f"{name}.c").read_text()
-        self.number = "float" if f"void {name}_forward_kinematics(const float" in header else "double"
+        self.number: Literal["double", "float"] = (
+            "float" if f"void {name}_forward_kinematics(const float" in header else "double"
+        )
         (work / f"{name}.h").write_text(header)
         (work / f"{name}.c").write_text((source or own) if batches else _without_batches(source or own))
         quad = f"{name}_quad"

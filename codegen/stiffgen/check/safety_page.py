@@ -265,7 +265,7 @@ def _uncovered(robot: GeneratedRobot, filed: Filed | None, targets: Sequence[Tar
         lines.append(
             f"Rounding of functions that divide or choose, which have no certified bound: {listed(unbounded, 99)}."
         )
-    if has_controller(robot.chain):
+    if has_controller(robot.chain, robot.scalar):
         lines.append(
             "That the closed loop is stable on the arm: the controller's theorem has assumptions, which "
             "docs/controller.md lists."

@@ -168,8 +168,8 @@ def _program(
     arrays, golden, counts = [], [], []
     for side, ends in (("low", [c.lower for c in chain.coordinates]), ("high", [c.upper for c in chain.coordinates])):
         turn = -math.pi if side == "low" else math.pi  # where a joint has no limit
-        values = ", ".join(float(x if math.isfinite(x) else turn).hex() for x in ends)
-        arrays.append(f"static const double q_{side}[] = {{{values}}};")
+        values = ", ".join(f"{float(x if math.isfinite(x) else turn).hex()}{scalar.suffix}" for x in ends)
+        arrays.append(f"static const {scalar.name} q_{side}[] = {{{values}}};")
     for index, (kernel, arguments) in enumerate(calls):
         given = []
         for k, values_of in enumerate(arguments):
