@@ -77,7 +77,7 @@ def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel],
         step = longest = None
         if has_controller(robot.chain, scalar):
             step = ends(step_count(machine, robot.folder, work, states))
-            longest = step_count(machine, robot.folder, work, states, longest=True).most
+            longest = step_count(machine, robot.folder, work, max(states // 100, 500), longest=True).most
         version = subprocess.run([machine.compiler[0], "--version"], capture_output=True, text=True, check=True).stdout
         return Target(
             machine.name,
