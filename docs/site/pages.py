@@ -175,6 +175,8 @@ def declarations(text: str) -> Iterator[tuple[str, list[str], str]]:
             if end := re.search(r"[;{]|(?<=noexcept) : ", declared):
                 yield "::".join(place), [each for each in comment if each != "/"], declared[: end.start()].strip()
                 comment, declared = [], ""
+        elif re.match(r"(inline constexpr|explicit) ", line):  # under the comment of the one before it
+            yield "::".join(place), [], re.split(r"[;{]|(?<=noexcept) : ", line)[0].strip()
         elif found := re.match(r"namespace ([\w:]+) \{$", line):
             place.append(found[1])
         elif line.startswith("} // namespace"):
