@@ -116,10 +116,8 @@ def test_blocks_that_nobody_runs_are_listed() -> None:
             ast.parse(block.code)
 
 
-@pages(having("python"))
+@pages([page for page in having("python") if page.name != "CONTRIBUTING.md"])  # tests/test_contributing.py
 def test_python_prints_what_the_page_says(page: Path, robot_folder: Path, tmp_path: Path, request) -> None:
-    if page.name == "CONTRIBUTING.md":
-        pytest.skip("followed in tests/test_contributing.py")
     code = "\n".join(block.code for block in of(page, "python"))
     folder = request.getfixturevalue("derived") if re.search(r"_vjp|\.jax|\.casadi", code) else robot_folder
     (tmp_path / "generated").symlink_to(folder.parent)
