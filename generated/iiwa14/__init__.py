@@ -81,7 +81,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "fff9486374e6b437":
+if getattr(_c, "SOURCES", "") != "3b3d743d81ff12d5":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "fff9486374e6b437") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "3b3d743d81ff12d5") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -81,7 +81,7 @@ except ImportError as _error:
         "iiwa7: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "4a35f3358af2df03":
+if getattr(_c, "SOURCES", "") != "03dab8ad3c5b05dd":
     raise ImportError(
         "iiwa7: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

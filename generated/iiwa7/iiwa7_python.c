@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "4a35f3358af2df03") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "03dab8ad3c5b05dd") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

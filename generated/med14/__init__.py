@@ -81,7 +81,7 @@ except ImportError as _error:
         "med14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "325d0deb0310ff4b":
+if getattr(_c, "SOURCES", "") != "79ea42d5b2af257e":
     raise ImportError(
         "med14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

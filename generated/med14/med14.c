@@ -118,22 +118,26 @@ const double med14_effort[N] = {
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES 8
 #define EIGHT(a, b, c, d, e, f, g, h) a, b, c, d, e, f, g, h
+#define EACH(of) {of(0)}
 typedef double lanes;
 typedef unsigned long long pattern;
 #else
 #if defined(__AVX512F__)
 #define LANE_BYTES 64
 #define EIGHT(a, b, c, d, e, f, g, h) {a, b, c, d, e, f, g, h}
+#define EACH(of) {of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)}
 #define LOWER_HALVES 0, 8, 1, 9, 2, 10, 3, 11
 #define UPPER_HALVES 4, 12, 5, 13, 6, 14, 7, 15
 #elif defined(__AVX__)
 #define LANE_BYTES 32
 #define EIGHT(a, b, c, d, e, f, g, h) {a, b, c, d}, {e, f, g, h}
+#define EACH(of) {of(0), of(1), of(2), of(3)}
 #define LOWER_HALVES 0, 4, 1, 5
 #define UPPER_HALVES 2, 6, 3, 7
 #else
 #define LANE_BYTES 16
 #define EIGHT(a, b, c, d, e, f, g, h) {a, b}, {c, d}, {e, f}, {g, h}
+#define EACH(of) {of(0), of(1)}
 #define LOWER_HALVES 0, 2
 #define UPPER_HALVES 1, 3
 #endif
@@ -143,10 +147,19 @@ typedef unsigned long long pattern __attribute__((vector_size(LANE_BYTES)));
 
 #define LANES (LANE_BYTES / 8)
 
+/* Of a comparison of lanes the bits: all of a lane, or none. */
+#if LANE_BYTES > 8
+#define MASK(comparison) ((pattern)(comparison))
+#else
+#define MASK(comparison) (0 - (pattern)(comparison))
+#endif
+
 #if defined(__GNUC__)
 #define ALIGNED __attribute__((aligned(64)))
+#define APART __attribute__((noinline))
 #else
 #define ALIGNED
+#define APART
 #endif
 
 /* Before a loop of few rounds, which gcc leaves a loop at -O2. */
@@ -216,31 +229,28 @@ static inline double where(double condition, double a)
     return condition != 0.0 ? a : 0.0;
 }
 
-static inline lanes at_most_lanes(lanes a, lanes b)
+/* x where the mask has bits, else 0. */
+static inline lanes masked(pattern mask, lanes x)
 {
-    lanes all = a; /* all of it is written below; gcc -O1 does not see that */
-    for (int n = 0; n < LANES; ++n) {
-        ((double *)&all)[n] = at_most(((const double *)&a)[n], ((const double *)&b)[n]);
-    }
-    return all;
+    lane_bits kept;
+    kept.number = x;
+    kept.bits &= mask;
+    return kept.number;
 }
 
-static inline lanes where_lanes(lanes a, lanes b)
+static inline lanes at_most_lanes(lanes a, lanes b)
 {
-    lanes all = a; /* all of it is written below; gcc -O1 does not see that */
-    for (int n = 0; n < LANES; ++n) {
-        ((double *)&all)[n] = where(((const double *)&a)[n], ((const double *)&b)[n]);
-    }
-    return all;
+    return masked(MASK(a <= b), same(1.0));
+}
+
+static inline lanes where_lanes(lanes condition, lanes a)
+{
+    return masked(MASK(condition != 0.0), a);
 }
 
 static inline lanes negation_lanes(lanes a)
 {
-    lanes all = a; /* all of it is written below; gcc -O1 does not see that */
-    for (int n = 0; n < LANES; ++n) {
-        ((double *)&all)[n] = negation(((const double *)&a)[n]);
-    }
-    return all;
+    return masked(MASK(a == 0.0), same(1.0));
 }
 
 /* Store row i of a matrix of n columns. Whole lanes are stored: they run over into rows that are stored later. */
@@ -281,19 +291,6 @@ static inline void copy_rows(const double *from, int stride, int rows, double *t
 {
     for (int k = 0; k < rows; ++k) {
         memcpy(&to[N * k], &from[stride * k], N * sizeof to[0]);
-    }
-}
-
-/* Copy the upper triangle of a matrix of n rows to both triangles of another one. */
-static inline void copy_symmetric(const double *from, int n, double *to)
-{
-    UNROLLED
-    for (int i = 0; i < n; ++i) {
-        UNROLLED
-        for (int j = i; j < n; ++j) {
-            to[n * i + j] = from[n * i + j];
-            to[n * j + i] = from[n * i + j];
-        }
     }
 }
 
@@ -1830,44 +1827,42 @@ void med14_body_joint_stiffness(const double q[7], const double wrench[6], const
     const double *const F = wrench;
     const double (*const K)[6] = (const double (*)[6])task_stiffness;
     lanes J[6][PADDED];
-    double A[6][6];
     lanes u[6][PADDED];
     const double (*const J_of)[LANES * PADDED] = (const double (*)[LANES * PADDED])J; /* joint by joint */
 
     body_columns(q, J);
 
     /* A = K + Gamma F, reading the upper triangle of K */
-    copy_symmetric(K[0], 6, A[0]);
-    A[0][4] = K[0][4] - F[2];
-    A[0][5] = K[0][5] + F[1];
-    A[1][3] = K[1][3] + F[2];
-    A[1][5] = K[1][5] - F[0];
-    A[2][3] = K[2][3] - F[1];
-    A[2][4] = K[2][4] + F[0];
+    const double A04 = K[0][4] - F[2];
+    const double A05 = K[0][5] + F[1];
+    const double A13 = K[1][3] + F[2];
+    const double A15 = K[1][5] - F[0];
+    const double A23 = K[2][3] - F[1];
+    const double A24 = K[2][4] + F[0];
     const double t0 = 0.5 * F[5];
-    A[3][4] = K[3][4] - t0;
+    const double A34 = K[3][4] - t0;
     const double t1 = 0.5 * F[4];
-    A[3][5] = K[3][5] + t1;
-    A[4][3] = K[3][4] + t0;
+    const double A35 = K[3][5] + t1;
+    const double A43 = K[3][4] + t0;
     const double t2 = 0.5 * F[3];
-    A[4][5] = K[4][5] - t2;
-    A[5][3] = K[3][5] - t1;
-    A[5][4] = K[4][5] + t2;
+    const double A45 = K[4][5] - t2;
+    const double A53 = K[3][5] - t1;
+    const double A54 = K[4][5] + t2;
 
     /* u_j = A J_j */
     for (int j = 0; j < BLOCKS; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
-            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
-            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
-            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
-            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
-            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
-            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + A04 * J[4][j] + A05 * J[5][j];
+        u[1][j] = J[0][j] * K[0][1] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * A13
+            + J[4][j] * K[1][4] + J[5][j] * A15;
+        u[2][j] = J[0][j] * K[0][2] + J[1][j] * K[1][2] + J[2][j] * K[2][2] + J[3][j] * A23 + J[4][j] * A24
+            + J[5][j] * K[2][5];
+        u[3][j] = J[0][j] * K[0][3] + J[1][j] * K[1][3] + J[2][j] * K[2][3] + J[3][j] * K[3][3]
+            + J[4][j] * A34 + J[5][j] * A35;
+        u[4][j] = J[0][j] * K[0][4] + J[1][j] * K[1][4] + J[2][j] * K[2][4] + J[3][j] * A43
+            + J[4][j] * K[4][4] + J[5][j] * A45;
+        u[5][j] = J[0][j] * K[0][5] + J[1][j] * K[1][5] + J[2][j] * K[2][5] + J[3][j] * A53 + J[4][j] * A54
+            + J[5][j] * K[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i>=j, mirrored */
@@ -2109,44 +2104,42 @@ void med14_spatial_joint_stiffness(const double q[7], const double wrench[6],
     const double *const F = wrench;
     const double (*const K)[6] = (const double (*)[6])task_stiffness;
     lanes J[6][PADDED];
-    double A[6][6];
     lanes u[6][PADDED];
     const double (*const J_of)[LANES * PADDED] = (const double (*)[LANES * PADDED])J; /* joint by joint */
 
     spatial_columns(q, J);
 
     /* A = K + Gamma F, reading the upper triangle of K */
-    copy_symmetric(K[0], 6, A[0]);
-    A[3][1] = K[1][3] + F[2];
-    A[3][2] = K[2][3] - F[1];
+    const double A31 = K[1][3] + F[2];
+    const double A32 = K[2][3] - F[1];
     const double t0 = 0.5 * F[5];
-    A[3][4] = K[3][4] + t0;
+    const double A34 = K[3][4] + t0;
     const double t1 = 0.5 * F[4];
-    A[3][5] = K[3][5] - t1;
-    A[4][0] = K[0][4] - F[2];
-    A[4][2] = K[2][4] + F[0];
-    A[4][3] = K[3][4] - t0;
+    const double A35 = K[3][5] - t1;
+    const double A40 = K[0][4] - F[2];
+    const double A42 = K[2][4] + F[0];
+    const double A43 = K[3][4] - t0;
     const double t2 = 0.5 * F[3];
-    A[4][5] = K[4][5] + t2;
-    A[5][0] = K[0][5] + F[1];
-    A[5][1] = K[1][5] - F[0];
-    A[5][3] = K[3][5] + t1;
-    A[5][4] = K[4][5] - t2;
+    const double A45 = K[4][5] + t2;
+    const double A50 = K[0][5] + F[1];
+    const double A51 = K[1][5] - F[0];
+    const double A53 = K[3][5] + t1;
+    const double A54 = K[4][5] - t2;
 
     /* u_j = A J_j */
     for (int j = 0; j < BLOCKS; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
-            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
-            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
-            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
-            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
-            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
-            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        u[1][j] = J[0][j] * K[0][1] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        u[2][j] = J[0][j] * K[0][2] + J[1][j] * K[1][2] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        u[3][j] = J[0][j] * K[0][3] + J[1][j] * A31 + J[2][j] * A32 + J[3][j] * K[3][3] + J[4][j] * A34
+            + J[5][j] * A35;
+        u[4][j] = J[0][j] * A40 + J[1][j] * K[1][4] + J[2][j] * A42 + J[3][j] * A43 + J[4][j] * K[4][4]
+            + J[5][j] * A45;
+        u[5][j] = J[0][j] * A50 + J[1][j] * A51 + J[2][j] * K[2][5] + J[3][j] * A53 + J[4][j] * A54
+            + J[5][j] * K[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
@@ -2387,38 +2380,36 @@ void med14_hybrid_joint_stiffness(const double q[7], const double wrench[6], con
     const double *const F = wrench;
     const double (*const K)[6] = (const double (*)[6])task_stiffness;
     lanes J[6][PADDED];
-    double A[6][6];
     lanes u[6][PADDED];
     const double (*const J_of)[LANES * PADDED] = (const double (*)[LANES * PADDED])J; /* joint by joint */
 
     hybrid_columns(q, J);
 
     /* A = K + Gamma F, reading the upper triangle of K */
-    copy_symmetric(K[0], 6, A[0]);
     const double t0 = 0.5 * F[5];
-    A[3][4] = K[3][4] + t0;
+    const double A34 = K[3][4] + t0;
     const double t1 = 0.5 * F[4];
-    A[3][5] = K[3][5] - t1;
-    A[4][3] = K[3][4] - t0;
+    const double A35 = K[3][5] - t1;
+    const double A43 = K[3][4] - t0;
     const double t2 = 0.5 * F[3];
-    A[4][5] = K[4][5] + t2;
-    A[5][3] = K[3][5] + t1;
-    A[5][4] = K[4][5] - t2;
+    const double A45 = K[4][5] + t2;
+    const double A53 = K[3][5] + t1;
+    const double A54 = K[4][5] - t2;
 
     /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
     for (int j = 0; j < BLOCKS; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
-            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
-            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
-            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
-            + J[4][j] * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
-            + J[4][j] * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
-            + J[4][j] * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
+        u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        u[1][j] = J[0][j] * K[0][1] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        u[2][j] = J[0][j] * K[0][2] + J[1][j] * K[1][2] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        u[3][j] = J[0][j] * K[0][3] + J[1][j] * K[1][3] + J[2][j] * K[2][3] + J[3][j] * K[3][3]
+            + J[4][j] * A34 + J[5][j] * A35 + (J[1][j] * F[2] - J[2][j] * F[1]);
+        u[4][j] = J[0][j] * K[0][4] + J[1][j] * K[1][4] + J[2][j] * K[2][4] + J[3][j] * A43
+            + J[4][j] * K[4][4] + J[5][j] * A45 + (J[2][j] * F[0] - J[0][j] * F[2]);
+        u[5][j] = J[0][j] * K[0][5] + J[1][j] * K[1][5] + J[2][j] * K[2][5] + J[3][j] * A53 + J[4][j] * A54
+            + J[5][j] * K[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
@@ -3725,13 +3716,19 @@ static inline void transpose(lanes square[LANES])
 #endif
 }
 
-/* Entry k of LANES configurations becomes lanes k; where fewer are left, the last one stands in. */
-static inline void load_lanes(const double *from, ptrdiff_t step, size_t left, int size, lanes *to)
+/*
+ * Of LANES configurations from number first on, step apart, entry k becomes lanes k; where fewer are left, the last one
+ * stands in. What all of them share (step 0) is loaded with the first ones. Not inlined, nor is store_lanes: that took
+ * half of the compiler's time, for nothing.
+ */
+static APART void load_lanes(const double *from, ptrdiff_t step, size_t first, size_t count, int size, lanes *to)
 {
-    const int present = left < LANES ? (int)left : LANES;
+    if (first != 0 && step == 0) {
+        return;
+    }
     const double *configuration[LANES];
-    for (int c = 0; c < LANES; ++c) {
-        configuration[c] = from + step * (c < present ? c : present - 1);
+    for (size_t c = 0; c < LANES; ++c) {
+        configuration[c] = from + step * (ptrdiff_t)(first + c < count ? first + c : count - 1);
     }
     const int whole = size - size % LANES;
     for (int k = 0; k < whole; k += LANES) {
@@ -3740,15 +3737,16 @@ static inline void load_lanes(const double *from, ptrdiff_t step, size_t left, i
         }
         transpose(to + k);
     }
+#define ENTRY(c) configuration[c][k]
     for (int k = whole; k < size; ++k) {
-        for (int c = 0; c < LANES; ++c) {
-            ((double *)to)[LANES * k + c] = configuration[c][k];
-        }
+        const lanes entries = EACH(ENTRY);
+        to[k] = entries;
     }
+#undef ENTRY
 }
 
 /* Lanes k become entry k of LANES configurations, or of those that are left. */
-static inline void store_lanes(const lanes *from, size_t left, int size, double *to)
+static APART void store_lanes(const lanes *from, size_t left, int size, double *to)
 {
     const int present = left < LANES ? (int)left : LANES;
     const int whole = size - size % LANES;
@@ -3766,19 +3764,6 @@ static inline void store_lanes(const lanes *from, size_t left, int size, double 
         const lanes finite = finite_lanes(from[k]);
         for (int c = 0; c < present; ++c) {
             to[size * c + k] = ((const double *)&finite)[c];
-        }
-    }
-}
-
-/* Copy the upper triangle of a matrix of n rows to both triangles of another one. */
-static inline void copy_symmetric_lanes(const lanes *from, int n, lanes *to)
-{
-    UNROLLED
-    for (int i = 0; i < n; ++i) {
-        UNROLLED
-        for (int j = i; j < n; ++j) {
-            to[n * i + j] = from[n * i + j];
-            to[n * j + i] = from[n * i + j];
         }
     }
 }
@@ -4808,14 +4793,10 @@ void med14_mass_matrix_batch(size_t count, const double *q, ptrdiff_t q_step, do
 {
     lanes q_of_all[7];
     lanes mass_matrix_of_all[49];
-    if (count == 0) {
-        return;
-    }
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
+        load_lanes(q, q_step, done, count, 7, q_of_all);
         mass_matrix_lanes(q_of_all, mass_matrix_of_all);
-        store_lanes(mass_matrix_of_all, count - done, 49, mass_matrix + 49 * at);
+        store_lanes(mass_matrix_of_all, count - done, 49, mass_matrix + 49 * done);
     }
 }
 
@@ -5048,22 +5029,12 @@ void med14_bias_forces_batch(size_t count, const double *q, ptrdiff_t q_step, co
     lanes velocity_of_all[7];
     lanes gravity_of_all[3];
     lanes bias_forces_of_all[7];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(velocity, velocity_step, count, 7, velocity_of_all);
-    load_lanes(gravity, gravity_step, count, 3, gravity_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && velocity_step != 0) {
-            load_lanes(velocity + velocity_step * at, velocity_step, count - done, 7, velocity_of_all);
-        }
-        if (done != 0 && gravity_step != 0) {
-            load_lanes(gravity + gravity_step * at, gravity_step, count - done, 3, gravity_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(velocity, velocity_step, done, count, 7, velocity_of_all);
+        load_lanes(gravity, gravity_step, done, count, 3, gravity_of_all);
         bias_forces_lanes(q_of_all, velocity_of_all, gravity_of_all, bias_forces_of_all);
-        store_lanes(bias_forces_of_all, count - done, 7, bias_forces + 7 * at);
+        store_lanes(bias_forces_of_all, count - done, 7, bias_forces + 7 * done);
     }
 }
 
@@ -5093,18 +5064,11 @@ void med14_gravity_energy_batch(size_t count, const double *q, ptrdiff_t q_step,
     lanes q_of_all[7];
     lanes gravity_of_all[3];
     lanes energy_of_all[1];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(gravity, gravity_step, count, 3, gravity_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && gravity_step != 0) {
-            load_lanes(gravity + gravity_step * at, gravity_step, count - done, 3, gravity_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(gravity, gravity_step, done, count, 3, gravity_of_all);
         gravity_energy_lanes(q_of_all, gravity_of_all, energy_of_all);
-        store_lanes(energy_of_all, count - done, 1, energy + 1 * at);
+        store_lanes(energy_of_all, count - done, 1, energy + 1 * done);
     }
 }
 
@@ -5134,18 +5098,11 @@ void med14_gravity_gradient_batch(size_t count, const double *q, ptrdiff_t q_ste
     lanes q_of_all[7];
     lanes gravity_of_all[3];
     lanes gradient_of_all[7];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(gravity, gravity_step, count, 3, gravity_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && gravity_step != 0) {
-            load_lanes(gravity + gravity_step * at, gravity_step, count - done, 3, gravity_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(gravity, gravity_step, done, count, 3, gravity_of_all);
         gravity_gradient_lanes(q_of_all, gravity_of_all, gradient_of_all);
-        store_lanes(gradient_of_all, count - done, 7, gradient + 7 * at);
+        store_lanes(gradient_of_all, count - done, 7, gradient + 7 * done);
     }
 }
 
@@ -5186,18 +5143,11 @@ void med14_gravity_joint_stiffness_batch(size_t count, const double *q, ptrdiff_
     lanes q_of_all[7];
     lanes gravity_of_all[3];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(gravity, gravity_step, count, 3, gravity_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && gravity_step != 0) {
-            load_lanes(gravity + gravity_step * at, gravity_step, count - done, 3, gravity_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(gravity, gravity_step, done, count, 3, gravity_of_all);
         gravity_joint_stiffness_lanes(q_of_all, gravity_of_all, joint_stiffness_of_all);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 
@@ -5216,14 +5166,10 @@ void med14_body_jacobian_batch(size_t count, const double *q, ptrdiff_t q_step, 
 {
     lanes q_of_all[7];
     lanes jacobian_of_all[42];
-    if (count == 0) {
-        return;
-    }
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
+        load_lanes(q, q_step, done, count, 7, q_of_all);
         body_jacobian_lanes(q_of_all, jacobian_of_all);
-        store_lanes(jacobian_of_all, count - done, 42, jacobian + 42 * at);
+        store_lanes(jacobian_of_all, count - done, 42, jacobian + 42 * done);
     }
 }
 
@@ -5238,43 +5184,41 @@ static void body_joint_stiffness_lanes(const lanes q[7], const lanes wrench[6],
     const lanes *const F = wrench;
     const lanes (*const K)[6] = (const lanes (*)[6])task_stiffness;
     lanes J[6][7];
-    lanes A[6][6];
     lanes u[6][7];
 
     body_columns_lanes(q, J);
 
     /* A = K + Gamma F, reading the upper triangle of K */
-    copy_symmetric_lanes(K[0], 6, A[0]);
-    A[0][4] = K[0][4] - F[2];
-    A[0][5] = K[0][5] + F[1];
-    A[1][3] = K[1][3] + F[2];
-    A[1][5] = K[1][5] - F[0];
-    A[2][3] = K[2][3] - F[1];
-    A[2][4] = K[2][4] + F[0];
+    const lanes A04 = K[0][4] - F[2];
+    const lanes A05 = K[0][5] + F[1];
+    const lanes A13 = K[1][3] + F[2];
+    const lanes A15 = K[1][5] - F[0];
+    const lanes A23 = K[2][3] - F[1];
+    const lanes A24 = K[2][4] + F[0];
     const lanes t0 = 0.5 * F[5];
-    A[3][4] = K[3][4] - t0;
+    const lanes A34 = K[3][4] - t0;
     const lanes t1 = 0.5 * F[4];
-    A[3][5] = K[3][5] + t1;
-    A[4][3] = K[3][4] + t0;
+    const lanes A35 = K[3][5] + t1;
+    const lanes A43 = K[3][4] + t0;
     const lanes t2 = 0.5 * F[3];
-    A[4][5] = K[4][5] - t2;
-    A[5][3] = K[3][5] - t1;
-    A[5][4] = K[4][5] + t2;
+    const lanes A45 = K[4][5] - t2;
+    const lanes A53 = K[3][5] - t1;
+    const lanes A54 = K[4][5] + t2;
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
-            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
-            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
-            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
-            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
-            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
-            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + A04 * J[4][j] + A05 * J[5][j];
+        u[1][j] = J[0][j] * K[0][1] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * A13
+            + J[4][j] * K[1][4] + J[5][j] * A15;
+        u[2][j] = J[0][j] * K[0][2] + J[1][j] * K[1][2] + J[2][j] * K[2][2] + J[3][j] * A23 + J[4][j] * A24
+            + J[5][j] * K[2][5];
+        u[3][j] = J[0][j] * K[0][3] + J[1][j] * K[1][3] + J[2][j] * K[2][3] + J[3][j] * K[3][3]
+            + J[4][j] * A34 + J[5][j] * A35;
+        u[4][j] = J[0][j] * K[0][4] + J[1][j] * K[1][4] + J[2][j] * K[2][4] + J[3][j] * A43
+            + J[4][j] * K[4][4] + J[5][j] * A45;
+        u[5][j] = J[0][j] * K[0][5] + J[1][j] * K[1][5] + J[2][j] * K[2][5] + J[3][j] * A53 + J[4][j] * A54
+            + J[5][j] * K[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i>=j, mirrored */
@@ -5296,22 +5240,12 @@ void med14_body_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q
     lanes wrench_of_all[6];
     lanes task_stiffness_of_all[36];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(wrench, wrench_step, count, 6, wrench_of_all);
-    load_lanes(task_stiffness, task_stiffness_step, count, 36, task_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && wrench_step != 0) {
-            load_lanes(wrench + wrench_step * at, wrench_step, count - done, 6, wrench_of_all);
-        }
-        if (done != 0 && task_stiffness_step != 0) {
-            load_lanes(task_stiffness + task_stiffness_step * at, task_stiffness_step, count - done, 36, task_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(wrench, wrench_step, done, count, 6, wrench_of_all);
+        load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
         body_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 
@@ -5330,14 +5264,10 @@ void med14_spatial_jacobian_batch(size_t count, const double *q, ptrdiff_t q_ste
 {
     lanes q_of_all[7];
     lanes jacobian_of_all[42];
-    if (count == 0) {
-        return;
-    }
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
+        load_lanes(q, q_step, done, count, 7, q_of_all);
         spatial_jacobian_lanes(q_of_all, jacobian_of_all);
-        store_lanes(jacobian_of_all, count - done, 42, jacobian + 42 * at);
+        store_lanes(jacobian_of_all, count - done, 42, jacobian + 42 * done);
     }
 }
 
@@ -5352,43 +5282,41 @@ static void spatial_joint_stiffness_lanes(const lanes q[7], const lanes wrench[6
     const lanes *const F = wrench;
     const lanes (*const K)[6] = (const lanes (*)[6])task_stiffness;
     lanes J[6][7];
-    lanes A[6][6];
     lanes u[6][7];
 
     spatial_columns_lanes(q, J);
 
     /* A = K + Gamma F, reading the upper triangle of K */
-    copy_symmetric_lanes(K[0], 6, A[0]);
-    A[3][1] = K[1][3] + F[2];
-    A[3][2] = K[2][3] - F[1];
+    const lanes A31 = K[1][3] + F[2];
+    const lanes A32 = K[2][3] - F[1];
     const lanes t0 = 0.5 * F[5];
-    A[3][4] = K[3][4] + t0;
+    const lanes A34 = K[3][4] + t0;
     const lanes t1 = 0.5 * F[4];
-    A[3][5] = K[3][5] - t1;
-    A[4][0] = K[0][4] - F[2];
-    A[4][2] = K[2][4] + F[0];
-    A[4][3] = K[3][4] - t0;
+    const lanes A35 = K[3][5] - t1;
+    const lanes A40 = K[0][4] - F[2];
+    const lanes A42 = K[2][4] + F[0];
+    const lanes A43 = K[3][4] - t0;
     const lanes t2 = 0.5 * F[3];
-    A[4][5] = K[4][5] + t2;
-    A[5][0] = K[0][5] + F[1];
-    A[5][1] = K[1][5] - F[0];
-    A[5][3] = K[3][5] + t1;
-    A[5][4] = K[4][5] - t2;
+    const lanes A45 = K[4][5] + t2;
+    const lanes A50 = K[0][5] + F[1];
+    const lanes A51 = K[1][5] - F[0];
+    const lanes A53 = K[3][5] + t1;
+    const lanes A54 = K[4][5] - t2;
 
     /* u_j = A J_j */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
-            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
-            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
-            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
-            + J[4][j] * A[3][4] + J[5][j] * A[3][5];
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
-            + J[4][j] * A[4][4] + J[5][j] * A[4][5];
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
-            + J[4][j] * A[5][4] + J[5][j] * A[5][5];
+        u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        u[1][j] = J[0][j] * K[0][1] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        u[2][j] = J[0][j] * K[0][2] + J[1][j] * K[1][2] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        u[3][j] = J[0][j] * K[0][3] + J[1][j] * A31 + J[2][j] * A32 + J[3][j] * K[3][3] + J[4][j] * A34
+            + J[5][j] * A35;
+        u[4][j] = J[0][j] * A40 + J[1][j] * K[1][4] + J[2][j] * A42 + J[3][j] * A43 + J[4][j] * K[4][4]
+            + J[5][j] * A45;
+        u[5][j] = J[0][j] * A50 + J[1][j] * A51 + J[2][j] * K[2][5] + J[3][j] * A53 + J[4][j] * A54
+            + J[5][j] * K[5][5];
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
@@ -5410,22 +5338,12 @@ void med14_spatial_joint_stiffness_batch(size_t count, const double *q, ptrdiff_
     lanes wrench_of_all[6];
     lanes task_stiffness_of_all[36];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(wrench, wrench_step, count, 6, wrench_of_all);
-    load_lanes(task_stiffness, task_stiffness_step, count, 36, task_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && wrench_step != 0) {
-            load_lanes(wrench + wrench_step * at, wrench_step, count - done, 6, wrench_of_all);
-        }
-        if (done != 0 && task_stiffness_step != 0) {
-            load_lanes(task_stiffness + task_stiffness_step * at, task_stiffness_step, count - done, 36, task_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(wrench, wrench_step, done, count, 6, wrench_of_all);
+        load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
         spatial_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 
@@ -5444,14 +5362,10 @@ void med14_hybrid_jacobian_batch(size_t count, const double *q, ptrdiff_t q_step
 {
     lanes q_of_all[7];
     lanes jacobian_of_all[42];
-    if (count == 0) {
-        return;
-    }
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
+        load_lanes(q, q_step, done, count, 7, q_of_all);
         hybrid_jacobian_lanes(q_of_all, jacobian_of_all);
-        store_lanes(jacobian_of_all, count - done, 42, jacobian + 42 * at);
+        store_lanes(jacobian_of_all, count - done, 42, jacobian + 42 * done);
     }
 }
 
@@ -5466,37 +5380,35 @@ static void hybrid_joint_stiffness_lanes(const lanes q[7], const lanes wrench[6]
     const lanes *const F = wrench;
     const lanes (*const K)[6] = (const lanes (*)[6])task_stiffness;
     lanes J[6][7];
-    lanes A[6][6];
     lanes u[6][7];
 
     hybrid_columns_lanes(q, J);
 
     /* A = K + Gamma F, reading the upper triangle of K */
-    copy_symmetric_lanes(K[0], 6, A[0]);
     const lanes t0 = 0.5 * F[5];
-    A[3][4] = K[3][4] + t0;
+    const lanes A34 = K[3][4] + t0;
     const lanes t1 = 0.5 * F[4];
-    A[3][5] = K[3][5] - t1;
-    A[4][3] = K[3][4] - t0;
+    const lanes A35 = K[3][5] - t1;
+    const lanes A43 = K[3][4] - t0;
     const lanes t2 = 0.5 * F[3];
-    A[4][5] = K[4][5] + t2;
-    A[5][3] = K[3][5] + t1;
-    A[5][4] = K[4][5] - t2;
+    const lanes A45 = K[4][5] + t2;
+    const lanes A53 = K[3][5] + t1;
+    const lanes A54 = K[4][5] - t2;
 
     /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
     for (int j = 0; j < N; ++j) {
-        u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j] + A[0][3] * J[3][j]
-            + A[0][4] * J[4][j] + A[0][5] * J[5][j];
-        u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2] + J[3][j] * A[1][3]
-            + J[4][j] * A[1][4] + J[5][j] * A[1][5];
-        u[2][j] = J[0][j] * A[2][0] + J[1][j] * A[2][1] + J[2][j] * A[2][2] + J[3][j] * A[2][3]
-            + J[4][j] * A[2][4] + J[5][j] * A[2][5];
-        u[3][j] = J[0][j] * A[3][0] + J[1][j] * A[3][1] + J[2][j] * A[3][2] + J[3][j] * A[3][3]
-            + J[4][j] * A[3][4] + J[5][j] * A[3][5] + (J[1][j] * F[2] - J[2][j] * F[1]);
-        u[4][j] = J[0][j] * A[4][0] + J[1][j] * A[4][1] + J[2][j] * A[4][2] + J[3][j] * A[4][3]
-            + J[4][j] * A[4][4] + J[5][j] * A[4][5] + (J[2][j] * F[0] - J[0][j] * F[2]);
-        u[5][j] = J[0][j] * A[5][0] + J[1][j] * A[5][1] + J[2][j] * A[5][2] + J[3][j] * A[5][3]
-            + J[4][j] * A[5][4] + J[5][j] * A[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
+        u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
+            + K[0][4] * J[4][j] + K[0][5] * J[5][j];
+        u[1][j] = J[0][j] * K[0][1] + J[1][j] * K[1][1] + J[2][j] * K[1][2] + J[3][j] * K[1][3]
+            + J[4][j] * K[1][4] + J[5][j] * K[1][5];
+        u[2][j] = J[0][j] * K[0][2] + J[1][j] * K[1][2] + J[2][j] * K[2][2] + J[3][j] * K[2][3]
+            + J[4][j] * K[2][4] + J[5][j] * K[2][5];
+        u[3][j] = J[0][j] * K[0][3] + J[1][j] * K[1][3] + J[2][j] * K[2][3] + J[3][j] * K[3][3]
+            + J[4][j] * A34 + J[5][j] * A35 + (J[1][j] * F[2] - J[2][j] * F[1]);
+        u[4][j] = J[0][j] * K[0][4] + J[1][j] * K[1][4] + J[2][j] * K[2][4] + J[3][j] * A43
+            + J[4][j] * K[4][4] + J[5][j] * A45 + (J[2][j] * F[0] - J[0][j] * F[2]);
+        u[5][j] = J[0][j] * K[0][5] + J[1][j] * K[1][5] + J[2][j] * K[2][5] + J[3][j] * A53 + J[4][j] * A54
+            + J[5][j] * K[5][5] + (J[0][j] * F[1] - J[1][j] * F[0]);
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
@@ -5518,22 +5430,12 @@ void med14_hybrid_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
     lanes wrench_of_all[6];
     lanes task_stiffness_of_all[36];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(wrench, wrench_step, count, 6, wrench_of_all);
-    load_lanes(task_stiffness, task_stiffness_step, count, 36, task_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && wrench_step != 0) {
-            load_lanes(wrench + wrench_step * at, wrench_step, count - done, 6, wrench_of_all);
-        }
-        if (done != 0 && task_stiffness_step != 0) {
-            load_lanes(task_stiffness + task_stiffness_step * at, task_stiffness_step, count - done, 36, task_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(wrench, wrench_step, done, count, 6, wrench_of_all);
+        load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
         hybrid_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 
@@ -5607,26 +5509,13 @@ void med14_spring_energy_batch(size_t count, const double *q, ptrdiff_t q_step, 
     lanes translation_stiffness_of_all[9];
     lanes rotation_stiffness_of_all[9];
     lanes energy_of_all[1];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(equilibrium, equilibrium_step, count, 16, equilibrium_of_all);
-    load_lanes(translation_stiffness, translation_stiffness_step, count, 9, translation_stiffness_of_all);
-    load_lanes(rotation_stiffness, rotation_stiffness_step, count, 9, rotation_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && equilibrium_step != 0) {
-            load_lanes(equilibrium + equilibrium_step * at, equilibrium_step, count - done, 16, equilibrium_of_all);
-        }
-        if (done != 0 && translation_stiffness_step != 0) {
-            load_lanes(translation_stiffness + translation_stiffness_step * at, translation_stiffness_step, count - done, 9, translation_stiffness_of_all);
-        }
-        if (done != 0 && rotation_stiffness_step != 0) {
-            load_lanes(rotation_stiffness + rotation_stiffness_step * at, rotation_stiffness_step, count - done, 9, rotation_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
         spring_energy_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, energy_of_all);
-        store_lanes(energy_of_all, count - done, 1, energy + 1 * at);
+        store_lanes(energy_of_all, count - done, 1, energy + 1 * done);
     }
 }
 
@@ -5721,26 +5610,13 @@ void med14_spring_wrench_batch(size_t count, const double *q, ptrdiff_t q_step, 
     lanes translation_stiffness_of_all[9];
     lanes rotation_stiffness_of_all[9];
     lanes wrench_of_all[6];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(equilibrium, equilibrium_step, count, 16, equilibrium_of_all);
-    load_lanes(translation_stiffness, translation_stiffness_step, count, 9, translation_stiffness_of_all);
-    load_lanes(rotation_stiffness, rotation_stiffness_step, count, 9, rotation_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && equilibrium_step != 0) {
-            load_lanes(equilibrium + equilibrium_step * at, equilibrium_step, count - done, 16, equilibrium_of_all);
-        }
-        if (done != 0 && translation_stiffness_step != 0) {
-            load_lanes(translation_stiffness + translation_stiffness_step * at, translation_stiffness_step, count - done, 9, translation_stiffness_of_all);
-        }
-        if (done != 0 && rotation_stiffness_step != 0) {
-            load_lanes(rotation_stiffness + rotation_stiffness_step * at, rotation_stiffness_step, count - done, 9, rotation_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
         spring_wrench_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, wrench_of_all);
-        store_lanes(wrench_of_all, count - done, 6, wrench + 6 * at);
+        store_lanes(wrench_of_all, count - done, 6, wrench + 6 * done);
     }
 }
 
@@ -5881,26 +5757,13 @@ void med14_spring_task_stiffness_batch(size_t count, const double *q, ptrdiff_t 
     lanes translation_stiffness_of_all[9];
     lanes rotation_stiffness_of_all[9];
     lanes task_stiffness_of_all[36];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(equilibrium, equilibrium_step, count, 16, equilibrium_of_all);
-    load_lanes(translation_stiffness, translation_stiffness_step, count, 9, translation_stiffness_of_all);
-    load_lanes(rotation_stiffness, rotation_stiffness_step, count, 9, rotation_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && equilibrium_step != 0) {
-            load_lanes(equilibrium + equilibrium_step * at, equilibrium_step, count - done, 16, equilibrium_of_all);
-        }
-        if (done != 0 && translation_stiffness_step != 0) {
-            load_lanes(translation_stiffness + translation_stiffness_step * at, translation_stiffness_step, count - done, 9, translation_stiffness_of_all);
-        }
-        if (done != 0 && rotation_stiffness_step != 0) {
-            load_lanes(rotation_stiffness + rotation_stiffness_step * at, rotation_stiffness_step, count - done, 9, rotation_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
         spring_task_stiffness_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, task_stiffness_of_all);
-        store_lanes(task_stiffness_of_all, count - done, 36, task_stiffness + 36 * at);
+        store_lanes(task_stiffness_of_all, count - done, 36, task_stiffness + 36 * done);
     }
 }
 
@@ -6003,26 +5866,13 @@ void med14_spring_torque_batch(size_t count, const double *q, ptrdiff_t q_step, 
     lanes translation_stiffness_of_all[9];
     lanes rotation_stiffness_of_all[9];
     lanes torque_of_all[7];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(equilibrium, equilibrium_step, count, 16, equilibrium_of_all);
-    load_lanes(translation_stiffness, translation_stiffness_step, count, 9, translation_stiffness_of_all);
-    load_lanes(rotation_stiffness, rotation_stiffness_step, count, 9, rotation_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && equilibrium_step != 0) {
-            load_lanes(equilibrium + equilibrium_step * at, equilibrium_step, count - done, 16, equilibrium_of_all);
-        }
-        if (done != 0 && translation_stiffness_step != 0) {
-            load_lanes(translation_stiffness + translation_stiffness_step * at, translation_stiffness_step, count - done, 9, translation_stiffness_of_all);
-        }
-        if (done != 0 && rotation_stiffness_step != 0) {
-            load_lanes(rotation_stiffness + rotation_stiffness_step * at, rotation_stiffness_step, count - done, 9, rotation_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
         spring_torque_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, torque_of_all);
-        store_lanes(torque_of_all, count - done, 7, torque + 7 * at);
+        store_lanes(torque_of_all, count - done, 7, torque + 7 * done);
     }
 }
 
@@ -6204,26 +6054,13 @@ void med14_spring_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
     lanes translation_stiffness_of_all[9];
     lanes rotation_stiffness_of_all[9];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(equilibrium, equilibrium_step, count, 16, equilibrium_of_all);
-    load_lanes(translation_stiffness, translation_stiffness_step, count, 9, translation_stiffness_of_all);
-    load_lanes(rotation_stiffness, rotation_stiffness_step, count, 9, rotation_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && equilibrium_step != 0) {
-            load_lanes(equilibrium + equilibrium_step * at, equilibrium_step, count - done, 16, equilibrium_of_all);
-        }
-        if (done != 0 && translation_stiffness_step != 0) {
-            load_lanes(translation_stiffness + translation_stiffness_step * at, translation_stiffness_step, count - done, 9, translation_stiffness_of_all);
-        }
-        if (done != 0 && rotation_stiffness_step != 0) {
-            load_lanes(rotation_stiffness + rotation_stiffness_step * at, rotation_stiffness_step, count - done, 9, rotation_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
         spring_joint_stiffness_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, joint_stiffness_of_all);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 
@@ -6428,28 +6265,15 @@ void med14_spring_linearization_batch(size_t count, const double *q, ptrdiff_t q
     lanes energy_of_all[1];
     lanes torque_of_all[7];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(equilibrium, equilibrium_step, count, 16, equilibrium_of_all);
-    load_lanes(translation_stiffness, translation_stiffness_step, count, 9, translation_stiffness_of_all);
-    load_lanes(rotation_stiffness, rotation_stiffness_step, count, 9, rotation_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && equilibrium_step != 0) {
-            load_lanes(equilibrium + equilibrium_step * at, equilibrium_step, count - done, 16, equilibrium_of_all);
-        }
-        if (done != 0 && translation_stiffness_step != 0) {
-            load_lanes(translation_stiffness + translation_stiffness_step * at, translation_stiffness_step, count - done, 9, translation_stiffness_of_all);
-        }
-        if (done != 0 && rotation_stiffness_step != 0) {
-            load_lanes(rotation_stiffness + rotation_stiffness_step * at, rotation_stiffness_step, count - done, 9, rotation_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
         spring_linearization_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, energy_of_all, torque_of_all, joint_stiffness_of_all);
-        store_lanes(energy_of_all, count - done, 1, energy + 1 * at);
-        store_lanes(torque_of_all, count - done, 7, torque + 7 * at);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(energy_of_all, count - done, 1, energy + 1 * done);
+        store_lanes(torque_of_all, count - done, 7, torque + 7 * done);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 
@@ -6502,22 +6326,12 @@ void med14_posture_energy_batch(size_t count, const double *q, ptrdiff_t q_step,
     lanes posture_of_all[7];
     lanes posture_stiffness_of_all[7];
     lanes energy_of_all[1];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(posture, posture_step, count, 7, posture_of_all);
-    load_lanes(posture_stiffness, posture_stiffness_step, count, 7, posture_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && posture_step != 0) {
-            load_lanes(posture + posture_step * at, posture_step, count - done, 7, posture_of_all);
-        }
-        if (done != 0 && posture_stiffness_step != 0) {
-            load_lanes(posture_stiffness + posture_stiffness_step * at, posture_stiffness_step, count - done, 7, posture_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(posture, posture_step, done, count, 7, posture_of_all);
+        load_lanes(posture_stiffness, posture_stiffness_step, done, count, 7, posture_stiffness_of_all);
         posture_energy_lanes(q_of_all, posture_of_all, posture_stiffness_of_all, energy_of_all);
-        store_lanes(energy_of_all, count - done, 1, energy + 1 * at);
+        store_lanes(energy_of_all, count - done, 1, energy + 1 * done);
     }
 }
 
@@ -6568,22 +6382,12 @@ void med14_posture_torque_batch(size_t count, const double *q, ptrdiff_t q_step,
     lanes posture_of_all[7];
     lanes posture_stiffness_of_all[7];
     lanes torque_of_all[7];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(posture, posture_step, count, 7, posture_of_all);
-    load_lanes(posture_stiffness, posture_stiffness_step, count, 7, posture_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && posture_step != 0) {
-            load_lanes(posture + posture_step * at, posture_step, count - done, 7, posture_of_all);
-        }
-        if (done != 0 && posture_stiffness_step != 0) {
-            load_lanes(posture_stiffness + posture_stiffness_step * at, posture_stiffness_step, count - done, 7, posture_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(posture, posture_step, done, count, 7, posture_of_all);
+        load_lanes(posture_stiffness, posture_stiffness_step, done, count, 7, posture_stiffness_of_all);
         posture_torque_lanes(q_of_all, posture_of_all, posture_stiffness_of_all, torque_of_all);
-        store_lanes(torque_of_all, count - done, 7, torque + 7 * at);
+        store_lanes(torque_of_all, count - done, 7, torque + 7 * done);
     }
 }
 
@@ -6665,22 +6469,12 @@ void med14_posture_joint_stiffness_batch(size_t count, const double *q, ptrdiff_
     lanes posture_of_all[7];
     lanes posture_stiffness_of_all[7];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(posture, posture_step, count, 7, posture_of_all);
-    load_lanes(posture_stiffness, posture_stiffness_step, count, 7, posture_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && posture_step != 0) {
-            load_lanes(posture + posture_step * at, posture_step, count - done, 7, posture_of_all);
-        }
-        if (done != 0 && posture_stiffness_step != 0) {
-            load_lanes(posture_stiffness + posture_stiffness_step * at, posture_stiffness_step, count - done, 7, posture_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(posture, posture_step, done, count, 7, posture_of_all);
+        load_lanes(posture_stiffness, posture_stiffness_step, done, count, 7, posture_stiffness_of_all);
         posture_joint_stiffness_lanes(q_of_all, posture_of_all, posture_stiffness_of_all, joint_stiffness_of_all);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 
@@ -6767,30 +6561,14 @@ void med14_limits_energy_batch(size_t count, const double *q, ptrdiff_t q_step, 
     lanes zone_of_all[1];
     lanes limit_stiffness_of_all[7];
     lanes energy_of_all[1];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(lower, lower_step, count, 7, lower_of_all);
-    load_lanes(upper, upper_step, count, 7, upper_of_all);
-    load_lanes(zone, zone_step, count, 1, zone_of_all);
-    load_lanes(limit_stiffness, limit_stiffness_step, count, 7, limit_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && lower_step != 0) {
-            load_lanes(lower + lower_step * at, lower_step, count - done, 7, lower_of_all);
-        }
-        if (done != 0 && upper_step != 0) {
-            load_lanes(upper + upper_step * at, upper_step, count - done, 7, upper_of_all);
-        }
-        if (done != 0 && zone_step != 0) {
-            load_lanes(zone + zone_step * at, zone_step, count - done, 1, zone_of_all);
-        }
-        if (done != 0 && limit_stiffness_step != 0) {
-            load_lanes(limit_stiffness + limit_stiffness_step * at, limit_stiffness_step, count - done, 7, limit_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(lower, lower_step, done, count, 7, lower_of_all);
+        load_lanes(upper, upper_step, done, count, 7, upper_of_all);
+        load_lanes(zone, zone_step, done, count, 1, zone_of_all);
+        load_lanes(limit_stiffness, limit_stiffness_step, done, count, 7, limit_stiffness_of_all);
         limits_energy_lanes(q_of_all, lower_of_all, upper_of_all, zone_of_all, limit_stiffness_of_all, energy_of_all);
-        store_lanes(energy_of_all, count - done, 1, energy + 1 * at);
+        store_lanes(energy_of_all, count - done, 1, energy + 1 * done);
     }
 }
 
@@ -6898,30 +6676,14 @@ void med14_limits_torque_batch(size_t count, const double *q, ptrdiff_t q_step, 
     lanes zone_of_all[1];
     lanes limit_stiffness_of_all[7];
     lanes torque_of_all[7];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(lower, lower_step, count, 7, lower_of_all);
-    load_lanes(upper, upper_step, count, 7, upper_of_all);
-    load_lanes(zone, zone_step, count, 1, zone_of_all);
-    load_lanes(limit_stiffness, limit_stiffness_step, count, 7, limit_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && lower_step != 0) {
-            load_lanes(lower + lower_step * at, lower_step, count - done, 7, lower_of_all);
-        }
-        if (done != 0 && upper_step != 0) {
-            load_lanes(upper + upper_step * at, upper_step, count - done, 7, upper_of_all);
-        }
-        if (done != 0 && zone_step != 0) {
-            load_lanes(zone + zone_step * at, zone_step, count - done, 1, zone_of_all);
-        }
-        if (done != 0 && limit_stiffness_step != 0) {
-            load_lanes(limit_stiffness + limit_stiffness_step * at, limit_stiffness_step, count - done, 7, limit_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(lower, lower_step, done, count, 7, lower_of_all);
+        load_lanes(upper, upper_step, done, count, 7, upper_of_all);
+        load_lanes(zone, zone_step, done, count, 1, zone_of_all);
+        load_lanes(limit_stiffness, limit_stiffness_step, done, count, 7, limit_stiffness_of_all);
         limits_torque_lanes(q_of_all, lower_of_all, upper_of_all, zone_of_all, limit_stiffness_of_all, torque_of_all);
-        store_lanes(torque_of_all, count - done, 7, torque + 7 * at);
+        store_lanes(torque_of_all, count - done, 7, torque + 7 * done);
     }
 }
 
@@ -7078,30 +6840,14 @@ void med14_limits_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
     lanes zone_of_all[1];
     lanes limit_stiffness_of_all[7];
     lanes joint_stiffness_of_all[49];
-    if (count == 0) {
-        return;
-    }
-    load_lanes(lower, lower_step, count, 7, lower_of_all);
-    load_lanes(upper, upper_step, count, 7, upper_of_all);
-    load_lanes(zone, zone_step, count, 1, zone_of_all);
-    load_lanes(limit_stiffness, limit_stiffness_step, count, 7, limit_stiffness_of_all);
     for (size_t done = 0; done < count; done += LANES) {
-        const ptrdiff_t at = (ptrdiff_t)done;
-        load_lanes(q + q_step * at, q_step, count - done, 7, q_of_all);
-        if (done != 0 && lower_step != 0) {
-            load_lanes(lower + lower_step * at, lower_step, count - done, 7, lower_of_all);
-        }
-        if (done != 0 && upper_step != 0) {
-            load_lanes(upper + upper_step * at, upper_step, count - done, 7, upper_of_all);
-        }
-        if (done != 0 && zone_step != 0) {
-            load_lanes(zone + zone_step * at, zone_step, count - done, 1, zone_of_all);
-        }
-        if (done != 0 && limit_stiffness_step != 0) {
-            load_lanes(limit_stiffness + limit_stiffness_step * at, limit_stiffness_step, count - done, 7, limit_stiffness_of_all);
-        }
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(lower, lower_step, done, count, 7, lower_of_all);
+        load_lanes(upper, upper_step, done, count, 7, upper_of_all);
+        load_lanes(zone, zone_step, done, count, 1, zone_of_all);
+        load_lanes(limit_stiffness, limit_stiffness_step, done, count, 7, limit_stiffness_of_all);
         limits_joint_stiffness_lanes(q_of_all, lower_of_all, upper_of_all, zone_of_all, limit_stiffness_of_all, joint_stiffness_of_all);
-        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * at);
+        store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
     }
 }
 

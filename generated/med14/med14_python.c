@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "325d0deb0310ff4b") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "79ea42d5b2af257e") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

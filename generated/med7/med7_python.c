@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "4f9af20e3aeecd4a") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "fcf9801156399e51") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

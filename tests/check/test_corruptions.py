@@ -39,7 +39,7 @@ class Fault(NamedTuple):
 
 EVALUATE = "static void evaluate_hybrid_joint_stiffness("
 LAST, LANES = "const lanes finite = finite_lanes(from", "static void hybrid_joint_stiffness_lanes"
-LOAD, STORE = "static inline void load_lanes(", "static inline void store_lanes("
+LOAD, STORE = "static APART void load_lanes(", "static APART void store_lanes("
 STIFFNESS, BATCH = "void iiwa14_hybrid_joint_stiffness(", "void iiwa14_hybrid_joint_stiffness_batch("
 # ruff: noqa: E501
 FAULTS = [
@@ -48,8 +48,8 @@ FAULTS = [
     Fault("load: whole lanes of one configuration", C, r"configuration\[c\] \+ k", "configuration[0] + k", LOAD),
     Fault("load: steps without sign", C, r"from \+ step \*", "from + (step < 0 ? -step : step) *", LOAD),
     Fault("load: steps taken as sizes", C, r"from \+ step \*", "from + size *", LOAD),
-    Fault("load: the last one stands in everywhere", C, r"c < present \?", "c + 1 < present ?", LOAD + "!"),
-    Fault("load: reads one configuration too many", C, r"c < present \?", "c <= present ?", LOAD + "!"),
+    Fault("load: the last one stands in everywhere", C, r"first \+ c < count \?", "first + c + 1 < count ?", LOAD + "!"),
+    Fault("load: reads one configuration too many", C, r"first \+ c < count \?", "first + c <= count ?", LOAD + "!"),
     Fault("store: a tail of whole lanes beyond the end", C, r"c < present", "c < LANES", STORE),
     Fault("store: the last entries beyond the end", C, r"c < present", "c < LANES", LAST),
     Fault("store: the last configuration is forgotten", C, r"c < present", "c + 1 < present", STORE),
@@ -64,10 +64,10 @@ FAULTS = [
     Fault("rows: beyond the end", C, r"rest < LANES \? rest : LANES", "LANES"),
     Fault("sign in a single call", C, r"K\[3\]\[4\] \+", "K[3][4] -", STIFFNESS),
     Fault("sign in a batch", C, r"K\[3\]\[4\] \+", "K[3][4] -", LANES),
-    Fault("the lower triangle is read", C, r"A\[5\]\[3\] = K\[3\]\[5\]", "A[5][3] = K[5][3]", STIFFNESS),
-    Fault("the lower triangle is read, batch", C, r"A\[4\]\[3\] = K\[3\]\[4\]", "A[4][3] = K[4][3]", LANES),
-    Fault("the lower triangle is copied", C, r"\n            to\[n \* i \+ j\] = from\[n \* i \+ j\]", "\n            to[n * i + j] = from[n * j + i]", "void copy_symmetric("),
-    Fault("the lower triangle is kept", C, r"to\[n \* j \+ i\] = from\[n \* i \+ j\]", "to[n * j + i] = from[n * j + i]", "void copy_symmetric("),
+    Fault("the lower triangle is read", C, r"A53 = K\[3\]\[5\]", "A53 = K[5][3]", STIFFNESS),
+    Fault("the lower triangle is read, batch", C, r"A43 = K\[3\]\[4\]", "A43 = K[4][3]", LANES),
+    Fault("the lower triangle is read as it is", C, r"J\[0\]\[j\] \* K\[0\]\[1\]", "J[0][j] * K[1][0]", STIFFNESS),
+    Fault("the lower triangle is read as it is, batch", C, r"J\[0\]\[j\] \* K\[0\]\[1\]", "J[0][j] * K[1][0]", LANES),
     Fault("rows of the Jacobian: one is forgotten", C, r"k < rows; \+\+k", "k + 1 < rows; ++k", "void put_rows("),
     Fault("sign of the sine's quadrant", C, r"turns\.bits & 2\) << 62", "turns.bits & 1) << 62"),
     Fault("sign of the cosine's quadrant", C, r"\(turns\.bits \+ 1\) & 2", "turns.bits & 2"),
@@ -80,11 +80,11 @@ FAULTS = [
     Fault("effort in C", C, r"320\.0,", "300.0,", "const double iiwa14_effort"),
     Fault("name of a joint in C", C, r'"A3"', '"A2"', "iiwa14_joints"),
     Fault("a link's length", C, r"0\.42\b", "0.4200001", "tip_pose("),
-    Fault("a batch's first blocks only", C, r"done != 0 && wrench_step != 0", "0", BATCH),
-    Fault("a batch's shared wrench moves", C, r"wrench \+ wrench_step \* at", "wrench + 6 * at", BATCH),
-    Fault("a batch's q in a row", C, r"q \+ q_step \* at", "q + 7 * at", BATCH),
+    Fault("a batch's first blocks only", C, r"first != 0 && step == 0", "first != 0", LOAD),
+    Fault("a batch's shared wrench moves", C, r"wrench, wrench_step, done", "wrench, 6, done", BATCH),
+    Fault("a batch's q in a row", C, r"q, q_step, done", "q, 7, done", BATCH),
     Fault("a batch without its tail", C, r"done < count", "done + LANES <= count", BATCH),
-    Fault("a batch stores in one place", C, r"joint_stiffness \+ 49 \* at", "joint_stiffness", BATCH),
+    Fault("a batch stores in one place", C, r"joint_stiffness \+ 49 \* done", "joint_stiffness", BATCH),
     Fault("arguments exchanged", PYTHON_C, r"in\[0\], in\[1\]", "in[1], in[0]", "static void evaluate_hybrid_kine"),
     Fault("stiffness for wrench", PYTHON_C, r"in\[1\], in\[2\]", "in[2], in[1]", EVALUATE),
     Fault("uncorrected for corrected", PYTHON_C, r"joint_stiffness\(in", "joint_stiffness_uncorrected(in", EVALUATE),

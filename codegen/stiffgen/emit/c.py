@@ -36,6 +36,7 @@ from stiffgen.symbolic.program import (
     Step,
     Sum,
     SumJoints,
+    Term,
     Weights,
     as_operand,
     indices,
@@ -337,6 +338,7 @@ class _KernelPrinter:
         self.weights: dict[str, tuple[str, bool]] = {}  # of weights: the array that has them, and whether transposed
         self.by_joints: set[str] = set()  # arrays that are read joint by joint
         self.read_whole: set[str] = set()  # arrays that helpers read: what is always zero in them is stored, too
+        self.entries: dict[str, list[str]] = {}  # of arrays that are not stored: the C texts of their entries
 
     def arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
@@ -515,7 +517,8 @@ class _KernelPrinter:
             self._map(step.whole())  # a loop would read entries that were never stored
             return
         pairs = step.start is not None and step.start.name in self.flat
-        if not self._public(step.target):
+        in_place = step.start is not None and not pairs and not self._public(step.target)
+        if not self._public(step.target) and not in_place:
             self._declare(step.target, "ij" if pairs else "")
         elif pairs:
             self._store([step.target], self.inputs)
@@ -532,7 +535,13 @@ class _KernelPrinter:
         changes = [k for k in range(n * n) if not changed[k // n, k % n].is_zero()]
         texts = [self._write(Operand(step.target, ""), k) for k in range(n * n)]
         outputs = []
-        if step.start is not None:
+        if in_place:  # the entries that do not change are read where they are
+            assert step.start is not None
+            texts = [self._write(Operand(step.start, ""), min(k, k % n * n + k // n)) for k in range(n * n)]
+            for k in changes:
+                texts[k] = f"{step.target.name}{k // n}{k % n}"
+            self.entries[step.target.name] = texts
+        elif step.start is not None:
             self._call("copy_symmetric", self._first(step.start), n, self._first(step.target))
         for before, k in zip([-1, *changes], [*changes, n * n], strict=True):
             # What lies between is 0, one statement a run, in the order of the places: compilers make wide stores of it.
@@ -547,6 +556,7 @@ class _KernelPrinter:
             wide={text for _, text in inputs} if every else (),
             target=self.target,
             wide_outputs=every,
+            define=len(changes) if in_place else 0,
             temporaries=self.temporaries,
         )
         self.temporaries = printed.temporaries
@@ -963,6 +973,8 @@ class _KernelPrinter:
 
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
+        if array.name in self.entries:
+            return self.entries[array.name][k]
         if operand.at == "":
             return f"{array.name}[{k}]" if self._public(array) or array.name in self.flat else element(array, k)
         if operand.at != "ij":
@@ -994,8 +1006,18 @@ class _KernelPrinter:
         if step.mirror:
             self._call("mirror_upper", target.name, "N")
 
+    def _nothing(self, term: Term) -> str:
+        """C name of zeros, as many as the largest argument of a term that has none."""
+        size = max(array.size for array, source in term.arguments if not source.array)
+        opening = "" if self.target.lanes else f" = {{{self.target.scalar.constant(0.0)}}}"
+        self._note(f"{self.target.number} nothing[{size}]{opening};")
+        if self.target.lanes and "memset(nothing, 0, sizeof nothing);" not in self.lines:
+            self.lines.append("memset(nothing, 0, sizeof nothing);")
+        return "nothing"
+
     def _sum(self, step: Sum) -> None:
-        self._store(step.targets, self.inputs)
+        if len(step.terms) > 1:  # what is not summed was guarded where it was called
+            self._store(step.targets, self.inputs)
         parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.targets, strict=True)]
         for target, part in zip(step.targets, parts, strict=True):
             if len(step.terms) > 1 and target.name not in step.apart:
@@ -1004,7 +1026,8 @@ class _KernelPrinter:
             given: list[str] = []
             for array, source in term.arguments:
                 offset = 0 if source.index is None else source.index * array.size
-                given.append(f"&{source.array.name}[{offset}]" if source.index is not None else source.array.name)
+                name = source.array.name if source.array else self._nothing(term)
+                given.append(f"&{name}[{offset}]" if source.index is not None else name)
             for target, part in zip(step.targets, parts, strict=True):
                 if target.name in step.apart:
                     given.append(f"&{target.name}[{target.size // len(step.terms) * index}]")

@@ -506,13 +506,28 @@ def wrapped(text: str, width: int = 104, indent: str = "") -> list[str]:
     return [*lines, current]
 
 
+def _explained_arguments(kernel: Kernel) -> tuple[Argument, ...]:
+    """The arguments that a kernel's documentation explains: of a product, which has a result for each other one, the
+    cotangents.
+    """
+    if not kernel.product_of:
+        return kernel.arguments
+    return kernel.arguments[len(kernel.results) :]
+
+
+def _as_before(kernel: Kernel, width: int = 104) -> list[str]:
+    """Where the other arguments of a product are explained, in lines."""
+    others = ", ".join(each.name for each in kernel.arguments if each not in _explained_arguments(kernel))
+    return wrapped(f"{others}: as {kernel.product_of} takes them", width, indent="    ") if kernel.product_of else []
+
+
 def _documentation(chain: Chain, kernel: Kernel, bounds: Sequence[Stated]) -> list[str]:
     """The comment over a C prototype."""
     lines = [kernel.summary, *wrapped(kernel.equation)]
     if kernel.note:
         lines += wrapped(kernel.note)
-    lines.append("")
-    for argument in (*kernel.arguments, *kernel.results):
+    lines += ["", *_as_before(kernel)]
+    for argument in (*_explained_arguments(kernel), *kernel.results):
         lines += wrapped(_described(chain, argument), indent="    ")
     if bounds:
         lines += wrapped(f"Rounding: {', '.join(each.text for each in bounds)}.")
@@ -524,8 +539,8 @@ def _doxygen(chain: Chain, kernel: Kernel) -> list[str]:
     lines = [f"@brief {kernel.summary}", "", *wrapped(kernel.equation)]
     if kernel.note:
         lines += wrapped(kernel.note)
-    lines.append("")
-    for direction, arguments in (("in", kernel.arguments), ("out", kernel.results)):
+    lines += ["", *_as_before(kernel)]
+    for direction, arguments in (("in", _explained_arguments(kernel)), ("out", kernel.results)):
         for argument in arguments:
             lines += wrapped(f"@param[{direction}] {_described(chain, argument)}", indent="    ")
     return lines
@@ -544,8 +559,8 @@ def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
     lines = [kernel.summary, "", *wrapped(kernel.equation, 88), ""]
     if kernel.note:
         lines += [*wrapped(kernel.note, 88), ""]
-    for title, arguments in (("Parameters", kernel.arguments), ("Returns", kernel.results)):
-        lines += [title, "-" * len(title)]
+    for title, arguments in (("Parameters", _explained_arguments(kernel)), ("Returns", kernel.results)):
+        lines += [title, "-" * len(title), *(_as_before(kernel, 88) if title == "Parameters" else [])]
         for argument in arguments:
             shape = ", ".join(("...", *map(str, argument.array(chain).shape)))
             lines.append(f"{argument.name} : ({shape}) [{argument.unit}]")

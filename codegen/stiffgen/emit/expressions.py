@@ -448,7 +448,7 @@ class _Writer:
             given = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
             libm = self.target.scalar.suffix if kind in LIBM + LIBM_OF_TWO else ""
             function = f"{kind}_lanes" if wide else f"{kind}{libm}"
-            self.calls.add(function)
+            self.calls |= {function, "masked", self.target.spread} if wide and kind in OWN else {function}
             return f"{function}({given})", _ATOM
         self.operations.add += 1
         sign = "+" if kind == "add" else "-"

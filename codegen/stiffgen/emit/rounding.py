@@ -334,6 +334,8 @@ class ErrorBounds:
         for term in step.terms:
             given = {}
             for array, part in term.arguments:
+                if part.array is None:
+                    raise NoBound("a product of more than is asked for")
                 start = 0 if part.index is None else part.index * array.size
                 given[array.name] = arrays[part.array.name][start : start + array.size]
             self._run(term.chain, term.program, given, term.chain.tips[0].name)

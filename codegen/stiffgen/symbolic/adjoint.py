@@ -120,6 +120,7 @@ class _Reverse:
     def __init__(self, chain: Chain, program: Program, names: dict[str, str]) -> None:
         self.chain = chain
         self.forward = [self._with_columns(step) for step in program]
+        self.written = {array.name for step in program for array in writes(step)}
         self.names = names
         self.final: dict[str, str] = {}
         self.bars: dict[str, list[Array]] = {}
@@ -267,6 +268,10 @@ class _Reverse:
             if gradient.is_zero():
                 continue
             if operand.at == "j" or not step.over:
+                alone = len(bars) == 1 and operand.array.name in self.written and gradient.numel() == seed.numel()
+                if alone and ca.is_equal(_column(gradient), seed, 1):
+                    self.bars.setdefault(operand.array.name, []).append(bars[0].array)  # handed on as it is
+                    continue
                 self._append_map(step, operand, gradient, given)
                 continue
             for array, part in self._through_sums(operand.array, gradient):
@@ -460,10 +465,9 @@ def _sum(step: Sum) -> Sum:
         program = reverse(term.chain, term.program, own, results, inner)
         given = tuple((array, Part(outer, None)) for array, outer in zip(inner, cotangents, strict=True))
         terms.append(Term(f"{term.function}_vjp", term.chain, program, (*term.arguments, *given)))
-    targets = tuple(Array(bar_name(part.array.name), gradient_shape(part.array)) for _, part in first.arguments)
-    apart = frozenset(
-        target.name for target, (_, part) in zip(targets, first.arguments, strict=True) if part.index is not None
-    )
+    given_whole = [(part.array or array, part.index) for array, part in first.arguments]
+    targets = tuple(Array(bar_name(array.name), gradient_shape(array)) for array, _ in given_whole)
+    apart = frozenset(target.name for target, (_, index) in zip(targets, given_whole, strict=True) if index is not None)
     return Sum(targets, tuple(bar_name(array.name) for array, _ in first.arguments), tuple(terms), apart)
 
 

@@ -45,6 +45,11 @@ class Kernel:
     tip: Tip | None = None
     batch: bool = False
     """Whether C has it for many configurations in one call, too: NAME_..._batch."""
+    part_of: str = ""
+    """Name of another kernel of the group, with the same arguments, which gives these results beside others at hardly
+    more cost: one vector-Jacobian product does for both."""
+    product_of: str = ""
+    """Name of the kernel of the group whose vector-Jacobian product this is, with its arguments and cotangents."""
     by_tips: Callable[[Chain], Program] | None = None
     """Of a sum over the tips that is computed in one pass: the same as a sum, which has a derivative tip by tip."""
 
@@ -185,9 +190,22 @@ def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel
     terms, joint_terms = programs.spring_terms, programs.spring_joint_terms
     hessian = "Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian"
 
-    def kernel(name: str, results: tuple[Argument, ...], summary: str, equation: str, program: _Steps) -> Kernel:
+    def kernel(
+        name: str, results: tuple[Argument, ...], summary: str, equation: str, program: _Steps, part_of: str = ""
+    ) -> Kernel:
         arguments = (*given, *spring.parameters)
-        return Kernel(name, spring.name, arguments, results, summary, equation, program, spring.domain, batch=True)
+        return Kernel(
+            name,
+            spring.name,
+            arguments,
+            results,
+            summary,
+            equation,
+            program,
+            spring.domain,
+            batch=True,
+            part_of=part_of,
+        )
 
     return (
         kernel(
@@ -212,6 +230,7 @@ def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel
             "joint_stiffness", (joint,), "Joint stiffness of the spring: the exact tangent of its torque.",
             f"d2U/dq2 = {hessian} (Lachner, Nah, Hogan 2025)",
             partial(joint_terms, spring=spring, joint_stiffness=joint),
+            part_of="linearization",
         ),
         kernel(
             "linearization", (energy, torque, joint),
@@ -397,9 +416,7 @@ KERNELS: tuple[Kernel, ...] = _serial()
 
 
 def _cotangent(result: Argument, count: int) -> Argument:
-    meaning = f"weight of every entry of {result.name}: what is differentiated is the sum of weights times entries"
-    if result.symmetric:
-        meaning += "; both triangles are read"
+    meaning = f"weights of the entries of {result.name}" + (", both triangles" if result.symmetric else "")
     name = adjoint.cotangent_name(result.name, count)
     return Argument(name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", own=True)
 
@@ -414,7 +431,7 @@ def _gradient(argument: Argument) -> Argument:
         return Argument(name, (6,), "1/m, 1/rad", meaning)
     meaning = f"gradient by {argument.name}"
     if argument.triangle:
-        meaning += ": zero below the diagonal, which is not read"
+        meaning += ", zero below the diagonal"
     return Argument(name, argument.shape, f"1/({argument.unit})", meaning)
 
 
@@ -424,8 +441,23 @@ def _reverse_program(chain: Chain, of: Kernel) -> Program:
     return adjoint.reverse(chain, (of.by_tips or of.program)(chain), given, results, cotangents)
 
 
-def vector_jacobian_product(of: Kernel) -> Kernel:
-    """The kernel NAME_vjp: what a kernel takes, and a cotangent for each result; gradients by all that it takes."""
+def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
+    """The product of a kernel that gives all results and more, with nothing for what is more."""
+    product = vector_jacobian_product(whole)
+    own = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
+    given = [(argument.array(chain), Part(argument.array(chain))) for argument in whole.arguments]
+    for result in whole.results:
+        given.append((_cotangent(result, len(whole.results)).array(chain), Part(own.get(result.name))))
+    targets = tuple(result.array(chain) for result in product.results)
+    term = Term(product.qualified_name, chain, product.program(chain), tuple(given))
+    return (Sum(targets, tuple(target.name for target in targets), (term,)),)
+
+
+def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
+    """The kernel NAME_vjp: what a kernel takes, and a cotangent for each result; gradients by all that it takes.
+
+    ``whole`` is the kernel that it is part of.
+    """
     count = len(of.results)
     cotangents = tuple(_cotangent(result, count) for result in of.results)
     names = " + ".join(f"sum {cotangent.name} * {r.name}" for cotangent, r in zip(cotangents, of.results, strict=True))
@@ -436,8 +468,17 @@ def vector_jacobian_product(of: Kernel) -> Kernel:
         results=tuple(map(_gradient, of.arguments)),
         summary=f"Reverse mode of {of.name}: gradients of L = {names} by every argument.",
         equation=f"x_bar = (d {', '.join(result.name for result in of.results)}/dx)^T cotangent",
-        program=partial(_reverse_program, of=of),
+        note="",
+        product_of=of.name,
+        program=partial(_product_of_whole, of=of, whole=whole) if whole else partial(_reverse_program, of=of),
     )
+
+
+def _products(kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
+    """Of each kernel, those behind the others that call them."""
+    by_place = {(kernel.path, kernel.name): kernel for kernel in kernels}
+    ordered = sorted(kernels, key=lambda kernel: bool(kernel.part_of))
+    return tuple(vector_jacobian_product(each, by_place.get((each.path, each.part_of))) for each in ordered)
 
 
 MAX_BATCH_JOINTS = 24
@@ -455,7 +496,7 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     if chain.floating:
         kernels = tuple(map(_in_the_world, kernels))
     if options.derivatives:
-        kernels = (*kernels, *map(vector_jacobian_product, kernels))
+        kernels = (*kernels, *_products(kernels))
     if len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)

@@ -135,8 +135,9 @@ class SparseSum:
     """``target = start + expression(*operands)``, square, where most of the expression's entries are zero whatever the
     operands.
 
-    Of ``start`` the upper triangle is read and taken for both; None is zero. C code copies the start in a loop and then
-    stores the entries that change; without a start, neighbouring zeros share a statement.
+    Of ``start`` the upper triangle is read and taken for both; None is zero. C code stores the entries that change, and
+    reads the others where the start has them, unless the target is a result. Without a start, neighbouring zeros share
+    a statement.
     """
 
     comment: str
@@ -245,10 +246,10 @@ class Scan:
 
 @dataclass(frozen=True)
 class Part:
-    """Block ``index`` of an argument that holds one block a tip, or (None) the whole argument."""
+    """Block ``index`` of an argument that holds one block a tip, or (None) the whole argument; zeros without one."""
 
-    array: Array
-    index: int | None
+    array: Array | None
+    index: int | None = None
 
 
 @dataclass(frozen=True)
@@ -349,7 +350,9 @@ def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.S
         given = {}
         for array, part in term.arguments:
             start = 0 if part.index is None else part.index * array.size
-            entries = _entries(arguments[part.array.name])[start : start + array.size]
+            entries = array.size * [ca.SX(0)]
+            if part.array:
+                entries = _entries(arguments[part.array.name])[start : start + array.size]
             given[array.name] = as_operand(array.shape, entries)
         results = evaluate(term.chain, term.program, given, held)
         for target, name in zip(step.targets, step.results, strict=True):
@@ -378,7 +381,7 @@ def reads(step: Step) -> tuple[Array, ...]:
     if isinstance(step, (Map, Gather, Reduce)):
         return tuple(operand.array for operand in step.operands)
     if isinstance(step, Sum):
-        return tuple(part.array for term in step.terms for _, part in term.arguments)
+        return tuple(part.array for term in step.terms for _, part in term.arguments if part.array)
     return (step.source,)
 
 

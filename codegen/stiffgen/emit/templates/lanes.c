@@ -7,6 +7,7 @@
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES {{ scalar.bytes }}
 #define {{ scalar.group }}({{ letters | join(", ") }}) {{ letters | join(", ") }}
+#define EACH(of) {of(0)}
 typedef {{ scalar.name }} lanes;
 typedef {{ scalar.pattern }} pattern;
 #else
@@ -16,6 +17,7 @@ typedef {{ scalar.pattern }} pattern;
 #define LANE_BYTES {{ bytes }}
 #define {{ scalar.group }}({{ letters | join(", ") }}) {% for lane in letters | batch(count) %}{ {{- lane | join(", ") -}} }{{ ", " if not loop.last }}{% endfor %}
 
+#define EACH(of) { {%- for k in range(count) %}of({{ k }}){{ ", " if not loop.last }}{% endfor -%} }
 #define LOWER_HALVES {% for k in range(count // 2) %}{{ k }}, {{ k + count }}{{ ", " if not loop.last }}{% endfor %}
 
 #define UPPER_HALVES {% for k in range(count // 2, count) %}{{ k }}, {{ k + count }}{{ ", " if not loop.last }}{% endfor %}
@@ -28,10 +30,19 @@ typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
 
 #define LANES (LANE_BYTES / {{ scalar.bytes }})
 
+/* Of a comparison of lanes the bits: all of a lane, or none. */
+#if LANE_BYTES > {{ scalar.bytes }}
+#define MASK(comparison) ((pattern)(comparison))
+#else
+#define MASK(comparison) (0 - (pattern)(comparison))
+#endif
+
 #if defined(__GNUC__)
 #define ALIGNED __attribute__((aligned(64)))
+#define APART __attribute__((noinline))
 #else
 #define ALIGNED
+#define APART
 #endif
 
 /* Before a loop of few rounds, which gcc leaves a loop at -O2. */

@@ -86,13 +86,19 @@ static inline void store_four(const lanes *from, int first, int present, int siz
 #endif
 
 {% endif %}
-/* Entry k of LANES configurations becomes lanes k; where fewer are left, the last one stands in. */
-static inline void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, size_t left, int size, lanes *to)
+/*
+ * Of LANES configurations from number first on, step apart, entry k becomes lanes k; where fewer are left, the last one
+ * stands in. What all of them share (step 0) is loaded with the first ones. Not inlined, nor is store_lanes: that took
+ * half of the compiler's time, for nothing.
+ */
+static APART void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, size_t first, size_t count, int size, lanes *to)
 {
-    const int present = left < LANES ? (int)left : LANES;
+    if (first != 0 && step == 0) {
+        return;
+    }
     const {{ scalar.name }} *configuration[LANES];
-    for (int c = 0; c < LANES; ++c) {
-        configuration[c] = from + step * (c < present ? c : present - 1);
+    for (size_t c = 0; c < LANES; ++c) {
+        configuration[c] = from + step * (ptrdiff_t)(first + c < count ? first + c : count - 1);
     }
     const int whole = size - size % LANES;
     for (int k = 0; k < whole; k += LANES) {
@@ -111,15 +117,16 @@ static inline void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, siz
     }
 #endif
 {% endif %}
+#define ENTRY(c) configuration[c][k]
     for (int k = whole; k < size; ++k) {
-        for (int c = 0; c < LANES; ++c) {
-            (({{ scalar.name }} *)to)[LANES * k + c] = configuration[c][k];
-        }
+        const lanes entries = EACH(ENTRY);
+        to[k] = entries;
     }
+#undef ENTRY
 }
 
 /* Lanes k become entry k of LANES configurations, or of those that are left. */
-static inline void store_lanes(const lanes *from, size_t left, int size, {{ scalar.name }} *to)
+static APART void store_lanes(const lanes *from, size_t left, int size, {{ scalar.name }} *to)
 {
     const int present = left < LANES ? (int)left : LANES;
     const int whole = size - size % LANES;

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""Where the time of a batch goes (contenders/batch_parts.c): the hybrid joint stiffness of the iiwa 14, parts left out.
+
+Prints the table of docs/performance.md: ns a configuration, the least of all rounds, on one core, with so few
+configurations that they stay in a cache, and with so many that they stream through memory.
+"""
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import stiffgen
+from benchmarks.run import AVX2, NATIVE, URDF, pinned, run
+from stiffgen.check.verify import Samples
+
+ROBOT = URDF.parent.parent / "generated" / "iiwa14"
+SOURCE = Path(__file__).resolve().parent / "contenders" / "batch_parts.c"
+COUNTS = {4096: 101, 1_000_000: 15}
+"""Configurations, and rounds."""
+
+
+def main() -> None:
+    """Measure and print."""
+    samples = Samples.draw(stiffgen.load_chain(URDF), max(COUNTS), seed=1)
+    columns: dict[str, dict[str, float]] = {}
+    with tempfile.TemporaryDirectory() as name:
+        program, inputs = Path(name) / "parts", Path(name) / "inputs"
+        for compiler in filter(shutil.which, ("gcc", "clang")):
+            for flags in (NATIVE, AVX2):
+                run([compiler, *flags.split(), "-w", f"-I{ROBOT}", str(SOURCE), "-o", str(program), "-lm"])
+                for count, rounds in COUNTS.items():
+                    given = samples.q[:count], samples.wrench[:count], samples.task_stiffness[0]
+                    inputs.write_bytes(b"".join(np.ascontiguousarray(each).tobytes() for each in given))
+                    lines = run(pinned([str(program), str(count), str(rounds), str(inputs)])).splitlines()
+                    measured = dict(line.split("\t") for line in lines)
+                    columns[f"{compiler} {flags}, {count}"] = {part: float(ns) for part, ns in measured.items()}
+    print(f"| ns a configuration | {' | '.join(columns)} |")
+    print("|---" * (len(columns) + 1) + "|")
+    for part in next(iter(columns.values())):
+        print(f"| {part} | {' | '.join(f'{each[part]:.1f}' for each in columns.values())} |")
+    print(f"| the batch to seven libm sincos | {' | '.join(ratio(each) for each in columns.values())} |")
+
+
+def ratio(column: dict[str, float]) -> str:
+    """The bar: 0.22 with AVX-512."""
+    return f"{column['the batch'] / column['seven libm sincos']:.3f}"
+
+
+if __name__ == "__main__":
+    main()

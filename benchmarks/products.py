@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: MIT
+"""What derivatives cost: a product over its function, and a folder with derivatives over the same without.
+
+    python -m benchmarks.products
+
+Prints the table of docs/derivatives.md (hybrid joint stiffness of the iiwa 14, contenders/products.c), then lines and
+the compiler's processor time of whole folders, as ``stiffgen generate`` builds them.
+"""
+
+import resource
+import shutil
+import tempfile
+from pathlib import Path
+
+import stiffgen
+from benchmarks.run import AVX2, HERE, NATIVE, PLAIN, URDF, pinned, run
+from stiffgen.symbolic.potentials import SpringOptions
+
+ROUNDS = 301
+
+
+def ratios(folder: Path, scratch: Path) -> None:
+    """A line for every compiler and its flags."""
+    print("| product over function | single | batch | ns: function, product, batches of them |\n|---|---|---|---|")
+    for compiler in filter(shutil.which, ("gcc", "clang")):
+        for flags in (NATIVE, AVX2, PLAIN):
+            source = f'-DSOURCE="{folder / folder.name}.c"'
+            built = [str(HERE / "contenders" / "products.c"), source, f"-I{folder}", "-o", str(scratch / "products")]
+            run([compiler, *flags.split(), "-w", *built, "-lm"])
+            ns = [float(text) for text in run(pinned([str(scratch / "products"), str(ROUNDS)])).split()]
+            row = f"{ns[1] / ns[0]:.2f} | {ns[3] / ns[2]:.2f} | {', '.join(f'{each:.0f}' for each in ns)}"
+            print(f"| {compiler} {flags} | {row} |")
+
+
+def main() -> None:
+    """Measure and print."""
+    with tempfile.TemporaryDirectory() as name:
+        lines, seconds = [], []
+        for which in (False, True):
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            options = SpringOptions(derivatives=which)
+            output = Path(name) / str(which)
+            folder = stiffgen.generate(URDF, output=output, springs=options)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+            texts = [path for path in folder.iterdir() if path.suffix not in (".so", ".pyd") and path.is_file()]
+            lines.append(sum(len(path.read_text().splitlines()) for path in texts))
+        ratios(folder, Path(name))
+        print(f"lines {lines[0]}, with derivatives {lines[1]}: {lines[1] / lines[0]:.2f}")
+        print(f"compiler {seconds[0]:.1f} s, with derivatives {seconds[1]:.1f} s: {seconds[1] / seconds[0]:.2f}")
+
+
+if __name__ == "__main__":
+    main()
