@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 
 import pytest
 
 from stiffgen import rendering
 from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN
-from stiffgen.emit.target import SINGLE
+from stiffgen.emit.target import DOUBLE, FLOAT, SINGLE
 from support.project import require_compiler
 
 ONE_NUMBER = ("sign", "negation")
@@ -43,9 +44,10 @@ COMPARED = """
 """
 
 
+@pytest.mark.parametrize("scalar", [DOUBLE, FLOAT], ids=lambda scalar: scalar.name)
 @pytest.mark.parametrize("flags", ["-march=native", "-mavx2", "-msse2", "-DSTIFFGEN_NO_VECTORS"])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_lanes_choose_as_numbers_do(compiler, flags, tmp_path):
+def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
     require_compiler(compiler)
     calls = {*OWN, *(f"{name}_lanes" for name in OWN), "masked"}
     text = '{% from "choices.c.j2" import choices with context %}{% include "lanes.c" %}'
@@ -59,11 +61,22 @@ def test_lanes_choose_as_numbers_do(compiler, flags, tmp_path):
     source = (
         rendering.environment("stiffgen.emit")
         .from_string(text)
-        .render(target=SINGLE, calls=calls, libm=LIBM, libm_of_two=LIBM_OF_TWO, own=OWN)
+        .render(
+            target=replace(SINGLE, scalar=scalar),
+            scalar=scalar,
+            calls=calls,
+            libm=LIBM,
+            libm_of_two=LIBM_OF_TWO,
+            own=OWN,
+        )
     )
     file = tmp_path / "choices.c"
     includes = "#include <math.h>\n#define EXCESS_PRECISION 0\n"
-    file.write_text(includes + source + MAIN.replace("COMPARED", compared))
+    text = source + MAIN.replace("COMPARED", compared)
+    if scalar is FLOAT:
+        text = text.replace("double", "float").replace("5e-324", "1e-45f").replace("1.7e308", "3e38f")
+        text = text.replace("2.5", "2.5f")
+    file.write_text(includes + text)
     program = tmp_path / "choices"
     strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wno-unused-function", "-Werror"]
     subprocess.run([compiler, "-O2", *strict, flags, str(file), "-o", str(program), "-lm"], check=True)
