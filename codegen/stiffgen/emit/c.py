@@ -1049,9 +1049,7 @@ def _handed_on(step: Step) -> tuple[Array, ...]:
         return (step.source,)
     if isinstance(step, Block) and step.name:
         return step.arguments
-    if isinstance(step, Sum):
-        return tuple(source.array for term in step.terms for _, source in term.arguments)
-    return ()
+    return reads(step) if isinstance(step, Sum) else ()
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:
