@@ -15,22 +15,23 @@ _UNWOUND = 2000
 
 
 def check(
-    tools: Tools, source: Path, includes: Sequence[Path], timeout: float, *, unwound: int = _UNWOUND
+    tools: Tools, source: Path, includes: Sequence[Path], timeout: float, *, entry: str, solver: str
 ) -> tuple[Outcome, float, str]:
     """Outcome, processor time and what failed of a harness, doubles in IEEE arithmetic.
 
     Args:
         tools: the programs.
-        source: the harness, with a main.
+        source: the harness.
         includes: folders of headers and sources.
         timeout: in seconds of wall clock.
-        unwound: rounds of a loop; more of them are a failure.
+        entry: the function to begin with.
+        solver: which of ESBMC's decides the formula.
 
     """
     command = [
         *(tools.esbmc, str(source), *(f"-I{each}" for each in includes)),
-        *("-DSTIFFGEN_NO_VECTORS", "--unwind", str(unwound), "--z3", "--floatbv", "--quiet", "--color", "never"),
-        *("--no-div-by-zero-check", "--ub-shift-check", "--uninitialised-vars-check"),  # 1.0 / 0.0 is a number of IEEE
+        *("-DSTIFFGEN_NO_VECTORS", "--unwind", str(_UNWOUND), f"--{solver}", "--floatbv", "--quiet", "--color", "never"),
+        *("--no-div-by-zero-check", "--ub-shift-check", "--function", entry),  # 1.0 / 0.0 is a number of IEEE
     ]
     result = run(command, source.parent, timeout)
     if result.timed_out:

@@ -61,7 +61,7 @@ def analyse(
         by_contract: functions taken by their contract instead of their body.
 
     """
-    table = folder / "properties.csv"
+    table = folder / f"{source}_{entry}.csv"
     table.unlink(missing_ok=True)
     # Without __GNUC__ the headers of Frama-C and the plain C of the folder: no vectors, no pragmas.
     flags = " ".join(["-DSTIFFGEN_NO_VECTORS", "-U__GNUC__", *(f"-I{each}" for each in includes)])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,6 +13,7 @@ import jinja2
 
 from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO
 from stiffgen.emit.fields import CONFIG, FAULTS, REASONS, Field
+from stiffgen.errors import OutputError
 from stiffgen.opened import GeneratedRobot
 from stiffgen.rendering import environment
 from stiffgen.symbolic.arguments import Argument
@@ -111,18 +113,21 @@ SERVICES = ("step_without", "init", "reset", "default_config", "error_text")
 """Entries of the controller's harness that take validate by its contract."""
 
 
-def kernel_bits(robot: GeneratedRobot, function: Function, *, batch: bool) -> str:
-    """One kernel for ESBMC: symmetry, untouched arguments, bounds and loops, in IEEE arithmetic."""
+def kernels_bits(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
+    """All kernels for ESBMC: symmetry, bounds and loops, in IEEE arithmetic; it includes :func:`bodies_apart`."""
     libm = ["sin", "cos", *(each for each in LIBM if each not in _EXACT)]
-    return _render(
-        "kernel_bits.c.j2",
-        name=robot.name,
-        k=function,
-        batch=batch,
-        most=MOST if batch else 1,
-        libm=libm,
-        libm_of_two=LIBM_OF_TWO,
-    )
+    return _render("kernels_bits.c.j2", name=robot.name, kernels=kernels, libm=libm, libm_of_two=LIBM_OF_TWO)
+
+
+def bodies_apart(kernels: Sequence[Function], text: str) -> str:
+    """The kernels' C file, bodies of batches renamed: a harness says what a batch's call of its body gives."""
+    for each in kernels:
+        if each.batch:
+            body = f"{each.qualified_name}_lanes("
+            if len(re.findall(rf"\b{re.escape(body)}", text)) != 2:
+                raise OutputError(f"{body}): not defined once and called once; generate the folder again")
+            text = text.replace(f"static void {body}", f"static void {each.qualified_name}_body(")
+    return text
 
 
 def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Function], entries: Sequence[str]) -> str:

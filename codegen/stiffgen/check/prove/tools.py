@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,8 +87,6 @@ def _bundled() -> str | None:
 
 def run(command: Sequence[str], folder: Path, timeout: float) -> Run:
     """Run one in ``folder``, for at most ``timeout`` seconds of wall clock, in 8 GiB; its children end with it."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    timed_out = False
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
             command,
@@ -100,16 +99,18 @@ def run(command: Sequence[str], folder: Path, timeout: float) -> Run:
         )
         if hasattr(resource, "prlimit"):  # Linux
             resource.prlimit(process.pid, resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+        end = time.monotonic() + timeout
+        timed_out = False
         try:
-            process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            timed_out = True
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
+            while not (ended := os.wait4(process.pid, os.WNOHANG))[0]:
+                if time.monotonic() > end and not timed_out:
+                    timed_out = True
+                    os.killpg(process.pid, signal.SIGKILL)
+                time.sleep(0.02)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+        process.returncode = os.waitstatus_to_exitcode(ended[1])
         output.seek(max(0, output.seek(0, os.SEEK_END) - _KEPT))
         said = output.read().decode("utf-8", "replace")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Run(said, seconds, timed_out)
+    return Run(said, ended[2].ru_utime + ended[2].ru_stime, timed_out)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import platform
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from stiffgen.check.prove import harness
@@ -29,7 +29,11 @@ _CLAIMS = "every lane in bounds, no uninitialised value used, no undefined behav
 
 
 def width_verdicts(
-    robot: GeneratedRobot, kernels: Sequence[harness.Function], folder: Path, timeout: float
+    robot: GeneratedRobot,
+    kernels: Sequence[harness.Function],
+    folder: Path,
+    timeout: float,
+    progress: Callable[[str], None],
 ) -> list[Verdict]:
     """One verdict a vector width: run and clean, or why it was not run."""
     clang = shutil.which("clang")
@@ -37,6 +41,7 @@ def width_verdicts(
     verdicts = []
     for lanes, name, options, instruction in WIDTHS:
         what = f"all kernels, {lanes} lanes ({name})"
+        progress(f"sanitizers: {what}")
         if clang is None or instruction not in flags:
             why = "clang is not installed" if clang is None else f"this machine has no {name}"
             verdicts.append(Verdict(what, _CLAIMS, "sanitizers", "unproved", 0.0, why))
