@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""``stiffgen prove``: what is proved of the iiwa 14 and of other robots; twenty seeded faults, each one caught."""
+"""``stiffgen prove``: what CI proves of the iiwa 14, and some seeded faults; tests/long/ has all of both."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import hashlib
 import json
 import os
 import re
-import shutil
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -22,10 +20,8 @@ from stiffgen.check.safety_page import filed_for, write_page
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, OutputError, StiffgenError
 from stiffgen.opened import open_robot
-from support.project import ROOT, require_program
-
-FOLDER = ROOT / "generated" / "iiwa14"
-C, CONTROLLER = "iiwa14.c", "iiwa14_impedance.c"
+from support.project import require_program
+from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, C, Fault, faulty
 
 
 @pytest.fixture
@@ -38,74 +34,6 @@ def provers() -> None:
         if os.environ.get("CI"):
             pytest.fail(str(error))
         pytest.skip(str(error))
-
-
-class Fault(NamedTuple):
-    """Replace ``old`` by ``new`` at its first place behind ``after``, and prove ``only`` a kernel, or a ``part``."""
-
-    title: str
-    old: str
-    new: str
-    after: str = ""
-    only: str = ""
-    part: str = "kernels"
-
-
-STIFFNESS, BATCH, LANES = (
-    "void iiwa14_hybrid_joint_stiffness(",
-    "void iiwa14_hybrid_joint_stiffness_batch(",
-    "static void hybrid_joint_stiffness_lanes(",
-)
-FAULTS = (
-    Fault("a row too many", "i < N; ++i", "i <= N; ++i", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("a column too many", "j < BLOCKS; ++j", "j <= BLOCKS; ++j", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("a block too short", "lanes u[6][PADDED]", "lanes u[5][PADDED]", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("a local array too short", "lanes row[PADDED]", "lanes row[PADDED - 2]", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("an argument read beyond its end", "F[5]", "F[6]", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("an argument read before its start", "F[5]", "F[-1]", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("an uninitialised row", "u[0][j] = ", "const lanes unused = ", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("uninitialised columns", "hybrid_columns(q, J);", "", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("an uninitialised row of a batch", "u[4][j] = ", "const lanes unused = ", LANES, "hybrid_joint_stiffness"),
-    Fault("a row that is not written", "i < N; ++i", "i < N - 1; ++i", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("not mirrored", "mirror_upper(joint_stiffness, N);", "", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault(
-        "symmetric but for one entry", "mirror_upper(joint_stiffness, N);",
-        "mirror_upper(joint_stiffness, N);\n    joint_stiffness[45] = wrench[0];", STIFFNESS, "hybrid_joint_stiffness",
-    ),
-    Fault(
-        "an argument is written", "hybrid_columns(q, J);", "hybrid_columns(q, J);\n    ((double *)wrench)[2] = 0.0;",
-        STIFFNESS, "hybrid_joint_stiffness",
-    ),
-    Fault(
-        "the result aliases an argument", "lanes u[6][PADDED];",
-        "lanes (*const u)[PADDED] = (lanes (*)[PADDED])task_stiffness;",
-        STIFFNESS, "hybrid_joint_stiffness",
-    ),
-    Fault("the batch reads one too many", "k < whole", "k <= whole", "void load_lanes(", "hybrid_jacobian"),
-    Fault("the batch writes one too many", "done < count", "done <= count", BATCH, "hybrid_joint_stiffness"),
-    Fault("the batch never ends", "done += LANES", "done += 0", BATCH, "hybrid_joint_stiffness"),
-    Fault("the batch writes beside", "+ 49 * done)", "+ 49 * done + 1)", BATCH, "hybrid_joint_stiffness"),
-    Fault("a shift beyond the width", "<< 62)", "<< 64)", "void sine_cosine(", "forward_kinematics"),
-    Fault("copies of the torque too many", "copy < 3; ++copy", "copy < 4; ++copy", "void keep(", part="services"),
-    Fault("a loop without end", "sizeof word; ++k", "sizeof word; k += 0", "uint64_t checksum(", part="services"),
-    Fault("an invalid configuration is taken", "x <= RULES[r].most", "x <= 2.0 * RULES[r].most", "", part="services"),
-    Fault("a delay beyond the memory of torques", "c->delay_samples;", "c->delay_samples + 1;", "", part="step"),
-    Fault("an unguarded conversion", "ceil(fmin(most, (double)RECENT))", "ceil(most)", "", part="step"),
-)  # fmt: skip
-
-
-def faulty(fault: Fault, folder: Path) -> Path:
-    """A copy of the iiwa 14's folder with the fault."""
-    target = folder / "iiwa14"
-    shutil.copytree(FOLDER, target)
-    file = target / (C if fault.part == "kernels" else CONTROLLER)
-    text = file.read_text()
-    start = 0 if not fault.after else text.index(f"{fault.after}")
-    if fault.after:  # a definition, not the comment or the call before it
-        assert "{" in text[start : start + 400], fault.title
-    place = text.index(fault.old, start)
-    file.write_text(text[:place] + fault.new + text[place + len(fault.old) :])
-    return target
 
 
 def outcomes(verdicts: list[Verdict]) -> dict[str, list[Verdict]]:
@@ -129,23 +57,36 @@ def test_at_least_twenty_faults() -> None:
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
 def test_fault_still_applies(fault: Fault, tmp_path: Path) -> None:
     folder = faulty(fault, tmp_path)
-    name = C if fault.part == "kernels" else CONTROLLER
+    name = C if fault.part == "memory" else CONTROLLER
     assert (folder / name).read_text() != (FOLDER / name).read_text()
 
 
 @pytest.mark.usefixtures("provers")
-def test_a_kernel_is_proved() -> None:
-    verdicts = prove(FOLDER, parts=("kernels",), only=("forward_kinematics", "hybrid_jacobian"))
+def test_symmetry_of_a_kernel_is_proved() -> None:
+    verdicts = prove(FOLDER, parts=("bits",), only=("hybrid_joint_stiffness",))
     assert_proved(verdicts)
-    assert {verdict.tool for verdict in verdicts} == {"Frama-C", "ESBMC"}
-    assert "hybrid_jacobian_batch" in {verdict.function for verdict in verdicts}
+    assert [verdict.function for verdict in verdicts] == ["hybrid_joint_stiffness", "hybrid_joint_stiffness_batch"]
+    assert all("symmetric" in verdict.claims for verdict in verdicts)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("provers")
+def test_memory_of_all_kernels_is_proved() -> None:
+    verdicts = prove(FOLDER, parts=("memory",))
+    assert_proved(verdicts)
+    assert len(verdicts) > 50
+    assert {"hybrid_jacobian_batch", "self_check"} < {verdict.function for verdict in verdicts}
 
 
 @pytest.mark.usefixtures("provers")
-@pytest.mark.parametrize("title", ["a shift beyond the width"])
+@pytest.mark.parametrize(
+    "title",
+    ["a shift beyond the width", "an argument is written", "a rate too many", "an invalid configuration is taken"],
+)
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)
-    assert outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=(fault.only,)))["FAILED"]
+    only = (fault.only,) if fault.only else ()
+    assert outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=only))["FAILED"]
 
 
 def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,16 @@ def check(
     """
     command = [
         *(tools.esbmc, str(source), *(f"-I{each}" for each in includes)),
-        *("-DSTIFFGEN_NO_VECTORS", "--unwind", str(_UNWOUND), f"--{solver}", "--floatbv", "--quiet", "--color", "never"),
+        *(
+            "-DSTIFFGEN_NO_VECTORS",
+            "--unwind",
+            str(_UNWOUND),
+            f"--{solver}",
+            "--floatbv",
+            "--quiet",
+            "--color",
+            "never",
+        ),
         *("--no-div-by-zero-check", "--ub-shift-check", "--function", entry),  # 1.0 / 0.0 is a number of IEEE
     ]
     result = run(command, source.parent, timeout)

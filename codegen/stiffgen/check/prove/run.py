@@ -19,8 +19,9 @@ from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, StiffgenError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 
-PARTS = ("kernels", "services", "step", "widths")
-"""What can be asked for alone; services are the controller's functions but its step."""
+PARTS = ("memory", "bits", "services", "step", "widths")
+"""What can be asked for alone: of the kernels memory, bits and widths; services are the controller's functions but
+its step."""
 _MEMORY = "in bounds, initialised, no undefined behaviour, loops bounded, returns, nothing written but the result"
 _BITS = "in bounds, loops bounded"
 _SYMMETRIC = ", symmetric to the last bit"
@@ -62,7 +63,7 @@ def prove(
 
     Args:
         folder: what ``stiffgen generate`` wrote; it need not be compiled.
-        parts: of "kernels", "services", "step" and "widths" those that are wanted.
+        parts: of "memory", "bits", "services", "step" and "widths" those that are wanted.
         only: qualified names of kernels ("hybrid_joint_stiffness"), or none for all.
         timeout: for one function, in seconds of wall clock.
         json: a file for the verdicts, or None.
@@ -100,12 +101,13 @@ def prove(
         entries = [each.qualified_name for each in chosen]
         entries += [f"{each.qualified_name}_batch" for each in chosen if each.batch]
         checked = ["self_check"] if len(chosen) == len(functions) else []
-        memory = pool.submit(_memory, job, chosen, [*entries, *checked]) if "kernels" in parts else None
+        memory = pool.submit(_memory, job, chosen, [*entries, *checked]) if "memory" in parts else None
         with_controller = has_controller(robot.chain) and not only and {"services", "step"} & set(parts)
         controller = pool.submit(_controller, job, parts) if with_controller else None
         widths = pool.submit(width_verdicts, robot, chosen, job.work, timeout, progress) if "widths" in parts else None
         if memory is not None:
             verdicts += memory.result()
+        if "bits" in parts:
             failed = {each.function for each in verdicts if each.outcome == "FAILED"}  # their bits mean nothing
             verdicts += _bits(job, chosen, [each for each in entries if each not in failed], pool)
         for part in (controller, widths):
