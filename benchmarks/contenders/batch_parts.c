@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * Where the time of a batch goes: hybrid joint stiffness of the iiwa 14, one task stiffness for all, as it is and with
  * parts left out. Prints a line a part: its name and the least ns a configuration of all rounds.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * The hybrid joint stiffness and its vector-Jacobian product in turn on the same 4096 configurations, single and in a batch:
  * least ns a configuration of as many rounds as its argument says.
