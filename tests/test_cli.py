@@ -215,6 +215,7 @@ def test_options_that_contradict_are_refused(capsys, tmp_path, options, named):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_another_robot_in_the_folder_asks_for_force(capsys, tmp_path):
     generate = ("generate", URDF, "--no-build", "--output", tmp_path)

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from support.pages import blocks
 from support.project import ROOT, URDF
 
@@ -32,6 +34,7 @@ def inserted(file: Path, *changes: tuple[str, str]) -> None:
     file.write_text(text)
 
 
+@pytest.mark.slow
 def test_add_a_kernel(tmp_path: Path) -> None:
     program, record = (b.code for b in blocks(ROOT / "CONTRIBUTING.md") if b.language == "python" and not b.marker)
     package = tmp_path / "stiffgen"

@@ -198,6 +198,7 @@ def install(words: list[str]) -> None:
         assert {"cmake", "clang", *" ".join(known).split()} >= set(words[1:]), words
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 @pages(having("sh"))
 def test_commands(page: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,6 +61,7 @@ def test_fault_still_applies(fault: Fault, tmp_path: Path) -> None:
     assert (folder / name).read_text() != (FOLDER / name).read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("provers")
 def test_symmetry_of_a_kernel_is_proved() -> None:
     verdicts = prove(FOLDER, parts=("bits",), only=("hybrid_joint_stiffness",))
@@ -81,7 +82,13 @@ def test_memory_of_all_kernels_is_proved() -> None:
 @pytest.mark.usefixtures("provers")
 @pytest.mark.parametrize(
     "title",
-    ["a shift beyond the width", "an argument is written", "a rate too many", "an invalid configuration is taken"],
+    [
+        "a shift beyond the width",
+        *(
+            pytest.param(title, marks=pytest.mark.slow)
+            for title in ("an argument is written", "a rate too many", "an invalid configuration is taken")
+        ),
+    ],
 )
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)

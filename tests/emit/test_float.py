@@ -55,24 +55,20 @@ def test_folder_is_verified(folder):
     assert failed(folder, 30) == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize(
     ("compiler", "flags", "types", "options"),
     [
         ("gcc", "-mno-avx", "rprmr", {}),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (
-                ("gcc", "-march=native", "rrrpmrrrrrrrrrrrr", {}),
-                ("gcc", "-mno-avx512f", "rprmrr", {}),
-                ("gcc", "-DSTIFFGEN_NO_VECTORS", "rprmrr", {}),
-                ("gcc", "-mno-avx", "rr", {"runtime_tool": True}),
-                ("gcc", "-march=native", "rrrr", {"floating_base": True}),
-                ("clang", "-march=native", "rprmrr", {}),
-                ("clang", "-mno-avx", "rprmrr", {}),
-                ("clang", "-DSTIFFGEN_NO_VECTORS", "p", {}),
-            )
-        ),
+        ("gcc", "-march=native", "rrrpmrrrrrrrrrrrr", {}),
+        ("gcc", "-mno-avx512f", "rprmrr", {}),
+        ("gcc", "-DSTIFFGEN_NO_VECTORS", "rprmrr", {}),
+        ("gcc", "-mno-avx", "rr", {"runtime_tool": True}),
+        ("gcc", "-march=native", "rrrr", {"floating_base": True}),
+        ("clang", "-march=native", "rprmrr", {}),
+        ("clang", "-mno-avx", "rprmrr", {}),
+        ("clang", "-DSTIFFGEN_NO_VECTORS", "p", {}),
     ],
 )
 def test_other_chains_and_widths(compiler, flags, types, options, tmp_path, monkeypatch):

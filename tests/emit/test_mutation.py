@@ -465,12 +465,13 @@ PRODUCTS = (
 LARGE = 1e6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("types", "floating", "chosen"),
     [
         ("rpr", True, PRODUCTS),
-        pytest.param("rrpmr", False, None, marks=pytest.mark.slow),
-        pytest.param("rpm", True, None, marks=pytest.mark.slow),
+        ("rrpmr", False, None),
+        ("rpm", True, None),
     ],
 )
 def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chosen, tmp_path):

@@ -104,6 +104,7 @@ def check_overflow(types, springs, tmp_path):
     assert failed == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_what_overflows_is_nan_with_two_tips(tmp_path):
     """Sums over tips, and a tool given at run time."""

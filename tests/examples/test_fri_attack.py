@@ -21,6 +21,7 @@ def attack(version: str, make_programs: Callable[[str], Programs], tmp_path: Pat
         yield attack
 
 
+@pytest.mark.slow
 @versions
 def test_a_short_climb_finds_nothing(attack: Attack) -> None:
     most, breaks = climb(attack, np.random.default_rng(5), 150)

@@ -167,6 +167,7 @@ def test_every_byte_replaced(tmp_path):
     assert refused > len(data) / 3
 
 
+@pytest.mark.slow
 def test_inspect_prints_every_problem_and_any_name_on_any_terminal(tmp_path):
     text = ARM.replace("elbow", "ellbögen\u202e").replace('"0 1 0"', '"0 0 0"').replace('effort="5"', 'effort="-5"')
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")

@@ -15,7 +15,7 @@ from support.plant.loop import Q0, Loop
 from support.project import ROOT, Once, require_compiler
 
 
-@pytest.mark.parametrize("part", [slice(0, 8), pytest.param(slice(8, 30), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("part", [slice(0, 3), pytest.param(slice(3, 30), marks=pytest.mark.slow)], ids=str)
 def test_random_situations_settle(loop: Loop, part: slice) -> None:
     """Thirty of the situations of settle.py."""
     random = np.random.default_rng(11)
@@ -50,7 +50,7 @@ def test_energy_of_schedules(loop: Loop, pattern: object) -> None:
         assert got.summary.torque_step <= 1 + 1e-9
 
 
-@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("moving", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_energy_hill_climbed(loop: Loop, moving: bool) -> None:
     for seed in range(5):
         got = energy.climb(np.random.default_rng(seed), loop, 60, moving)[1]
