@@ -8,7 +8,7 @@ benchmarks and the parametrised tests follow.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -474,11 +474,14 @@ def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
     )
 
 
-def _products(kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
-    """Of each kernel, those behind the others that call them."""
-    by_place = {(kernel.path, kernel.name): kernel for kernel in kernels}
-    ordered = sorted(kernels, key=lambda kernel: bool(kernel.part_of))
-    return tuple(vector_jacobian_product(each, by_place.get((each.path, each.part_of))) for each in ordered)
+def _products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
+    """Of each kernel; what calls another's comes behind it, and before sums over the tips, which may call both."""
+    whole = {(kernel.path, kernel.name): kernel for kernel in kernels}
+    parts = {kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if kernel.part_of}
+    for kernel in kernels:
+        if kernel not in parts:
+            yield vector_jacobian_product(kernel)
+        yield from (vector_jacobian_product(part, kernel) for part, of in parts.items() if of is kernel)
 
 
 MAX_BATCH_JOINTS = 24
