@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen.check.prove import tools
+from stiffgen.check.prove import tools, widths
 from stiffgen.check.prove.run import prove
 from stiffgen.check.prove.verdict import Verdict, read_verdicts
 from stiffgen.check.result import Check
@@ -77,6 +77,13 @@ def test_memory_of_all_kernels_is_proved() -> None:
     assert_proved(verdicts)
     assert len(verdicts) > 50
     assert {"hybrid_jacobian_batch", "self_check"} < {verdict.function for verdict in verdicts}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("provers")
+def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(widths, "WIDTHS", widths.WIDTHS[:1])
+    assert_proved(prove(FOLDER, parts=("widths",), only=("hybrid_jacobian",)))
 
 
 @pytest.mark.usefixtures("provers")

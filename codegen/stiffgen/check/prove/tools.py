@@ -85,8 +85,11 @@ def _bundled() -> str | None:
     return None
 
 
-def run(command: Sequence[str], folder: Path, timeout: float) -> Run:
-    """Run one in ``folder``, for at most ``timeout`` seconds of wall clock, in 8 GiB; its children end with it."""
+def run(command: Sequence[str], folder: Path, timeout: float, *, limited: bool = True) -> Run:
+    """Run one in ``folder``, for at most ``timeout`` seconds of wall clock; its children end with it.
+
+    ``limited`` to 8 GiB of addresses, of which clang's sanitizers take terabytes that they do not use.
+    """
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
             command,
@@ -97,7 +100,7 @@ def run(command: Sequence[str], folder: Path, timeout: float) -> Run:
             start_new_session=True,
             env=os.environ | {"LC_ALL": "C.UTF-8"},
         )
-        if hasattr(resource, "prlimit"):  # Linux
+        if limited and hasattr(resource, "prlimit"):  # Linux
             resource.prlimit(process.pid, resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         end = time.monotonic() + timeout
         timed_out = False

@@ -80,7 +80,7 @@ def _run_width(
         seconds += built.seconds
         if "error:" in built.said or built.timed_out or not program.exists():
             return "unproved", seconds, f"clang -fsanitize={sanitizer}: {_first(built)}"
-        ran = run([str(program)], folder, timeout)
+        ran = run([str(program)], folder, timeout, limited=False)
         seconds += ran.seconds
         program.unlink()
         if ran.timed_out:
