@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping
@@ -48,6 +49,22 @@ class GeneratedRobot:
                 f"{self.folder}: was generated with --scalar {self.scalar.name}, and {what} takes doubles; generate a "
                 "second folder without --scalar, with another --name"
             )
+
+    def source_digests(self) -> dict[str, str]:
+        """SHA-256 of the C of kernels and controller, by file, for what is filed about these bytes.
+
+        Raises:
+            OutputError: one of them cannot be read.
+
+        """
+        ends = (".c", ".h", "_impedance.c", "_impedance.h")
+        files = [file for file in (f"{self.name}{end}" for end in ends) if file in self.manifest["files"]]
+        try:
+            return {file: hashlib.sha256((self.folder / file).read_bytes()).hexdigest() for file in files}
+        except OSError as error:
+            raise OutputError(
+                f"{error.filename}: cannot be read ({error.strerror}); generate the folder again"
+            ) from error
 
     @cached_property
     def module(self) -> ModuleType:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -53,12 +52,11 @@ class Target:
 
 def write_targets(file: Path, robot: GeneratedRobot, targets: Sequence[Target]) -> None:
     """Targets as JSON, with the digests of the C sources that they are about."""
-    sources = {
-        name: hashlib.sha256((robot.folder / name).read_bytes()).hexdigest()
-        for name in robot.manifest["files"]
-        if name in (f"{robot.name}{end}" for end in (".c", ".h", "_impedance.c", "_impedance.h"))
+    content = {
+        "robot": robot.name,
+        "sources": robot.source_digests(),
+        "targets": [asdict(target) for target in targets],
     }
-    content = {"robot": robot.name, "sources": sources, "targets": [asdict(target) for target in targets]}
     file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 

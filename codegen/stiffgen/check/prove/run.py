@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import tempfile
 from collections.abc import Callable, Sequence
@@ -89,7 +88,7 @@ def prove(
         raise StiffgenError(f"parts are {', '.join(PARTS)}; not {listed(list(parts)) or 'none'}")
     if not timeout > 0.0:
         raise StiffgenError(f"--timeout {timeout:g}: must be above 0 (seconds)")
-    sources = _digests(robot)
+    sources = robot.source_digests()
     tools = find_tools()
     if json is not None and not Path(json).parent.is_dir():
         raise OutputError(f"{json}: there is no such folder; give another --json")
@@ -115,17 +114,6 @@ def prove(
     if json is not None:
         write_verdicts(Path(json), robot.name, sources, tools.versions, verdicts)
     return verdicts
-
-
-def _digests(robot: GeneratedRobot) -> dict[str, str]:
-    """SHA-256 of the C files that proofs are about."""
-    files = [f"{robot.name}.c", f"{robot.name}.h"]
-    if has_controller(robot.chain):
-        files += [f"{robot.name}_impedance.c", f"{robot.name}_impedance.h"]
-    try:
-        return {file: hashlib.sha256((robot.folder / file).read_bytes()).hexdigest() for file in files}
-    except OSError as error:
-        raise OutputError(f"{error.filename}: cannot be read ({error.strerror}); generate the folder again") from error
 
 
 def _memory(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str]) -> list[Verdict]:
