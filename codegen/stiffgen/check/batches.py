@@ -11,7 +11,7 @@ import numpy as np
 
 from stiffgen.check.result import Array, Check, Kernels, as_results, bound_of, faultless, relative_error
 from stiffgen.check.rounding import beyond_rounding, rounding_errors
-from stiffgen.emit.target import DOUBLE, FLOAT, Scalar
+from stiffgen.emit.target import Scalar, scalar_of
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
@@ -147,8 +147,7 @@ def _agree_but_for_rounding(
     chain: Chain, kernel: Kernel, stacks: list[Any], values: tuple[Any, ...], expected: tuple[Any, ...]
 ) -> bool:
     """Whether values agree where their contributions do not cancel, and elsewhere up to what rounding explains."""
-    scalar = FLOAT if np.asarray(values[0]).dtype == np.float32 else DOUBLE
-    errors = rounding_errors(chain, kernel, stacks, scalar)
+    errors = rounding_errors(chain, kernel, stacks, scalar_of(values[0]))
     return errors is not None and _agree(
         tuple(
             each + beyond_rounding(np.asarray(value) - each, error)

@@ -41,7 +41,7 @@ from stiffgen.check.result import Array, Check, Kernels, as_results, compared, o
 from stiffgen.check.rounding import beyond_rounding, rounding_errors
 from stiffgen.check.springs import by_hand, differentiated
 from stiffgen.emit.build import build_library
-from stiffgen.emit.target import DOUBLE, FLOAT
+from stiffgen.emit.target import Scalar, scalar_of
 from stiffgen.errors import BuildError, StiffgenError
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
@@ -633,21 +633,21 @@ def _against_casadi(
             for one in zip(*arguments, strict=True)
         ]
         values = as_results(kernels[kernel.qualified_name](*arguments))
-        errors = partial(_rounding, chain, kernel, arguments)
+        errors = partial(_rounding, chain, kernel, arguments, scalar_of(values[0]))
         for result, value, stack in zip(kernel.results, values, zip(*each, strict=True), strict=True):
             name = kernel.qualified_name + (f", {result.name}" if len(values) > 1 else "")
             reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
             check = compared(name, "closed form in CasADi", value, reference)
             if not check.passed:  # contributions that cancel leave their rounding, which is each program's own
-                rest = beyond_rounding(np.asarray(value) - reference, errors(np.asarray(value).dtype)[result.name])
+                rest = beyond_rounding(np.asarray(value) - reference, errors()[result.name])
                 check = compared(name, check.oracle, (reference + rest).astype(np.asarray(value).dtype), reference)
             checks.append(check)
     return checks
 
 
-def _rounding(chain: Chain, kernel: Kernel, given: list[Array], dtype: np.dtype[Any]) -> dict[str, Array]:
+def _rounding(chain: Chain, kernel: Kernel, given: list[Array], scalar: Scalar) -> dict[str, Array]:
     """Standard errors of a kernel's results by name, zero where they are not known."""
-    found = rounding_errors(chain, kernel, given, FLOAT if dtype == np.float32 else DOUBLE)
+    found = rounding_errors(chain, kernel, given, scalar)
     return {
         result.name: np.zeros((len(given[0]), *result.array(chain).shape)) if found is None else found[k]
         for k, result in enumerate(kernel.results)

@@ -80,6 +80,11 @@ SCALARS = {scalar.name: scalar for scalar in (DOUBLE, FLOAT)}
 """By name."""
 
 
+def scalar_of(values: Any) -> Scalar:
+    """The type of an array's numbers."""
+    return FLOAT if np.asarray(values).dtype == FLOAT.dtype else DOUBLE
+
+
 @dataclass(frozen=True)
 class Target:
     """One way to print the kernels.
