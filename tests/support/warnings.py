@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import stiffgen
+from stiffgen.emit.manifest import MANIFEST
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.potentials import SpringOptions
@@ -39,7 +40,7 @@ def sources_of_random_robot(
     chain = stiffgen.load_chain(urdf, base=base, tip=robot.tip, floating_base=floating)
     texts = render(chain, "arm", options=options)
     for file, text in texts.items():
-        if file.endswith((".h", ".c")):
+        if file.endswith((".h", ".c")) or file == MANIFEST:
             (folder / file).write_text(text, encoding="utf-8")
     return [folder / file for file in ("arm.c", "arm_impedance.c") if file in texts]
 
