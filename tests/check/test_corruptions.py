@@ -8,7 +8,6 @@ must fail is a comparison of values.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import re
 import shutil
 from collections.abc import Callable
@@ -22,6 +21,7 @@ import stiffgen
 from stiffgen.check.files import check_files
 from stiffgen.check.verify import verify
 from stiffgen.emit import build
+from support.confined import LOADED
 from support.project import URDF
 
 C, PYTHON_C, PYTHON, CONTROLLER = "iiwa14.c", "iiwa14_python.c", "__init__.py", "iiwa14_impedance.c"
@@ -139,11 +139,6 @@ def corrupted(text: str, fault: Fault) -> str:
     return text[:start] + changed
 
 
-SERVER = multiprocessing.get_context("forkserver")
-SERVER.set_forkserver_preload(["stiffgen.check.verify"])
-"""Runs each verification in a process of its own, since a fault may write where it should not; imports are made once."""
-
-
 def _verify(folder: Path, urdf: Path | None, send: Connection) -> None:
     build._LIBRARY_FLAGS = ("-O0",)
     checks = verify(folder, urdf=urdf, count=10)
@@ -151,9 +146,9 @@ def _verify(folder: Path, urdf: Path | None, send: Connection) -> None:
 
 
 def failures(folder: Path, urdf: Path | None = None) -> list[str]:
-    """The comparisons that fail, without the digests'."""
-    receive, send = SERVER.Pipe(duplex=False)
-    process = SERVER.Process(target=_verify, args=(folder, urdf, send))
+    """The comparisons that fail, without the digests'. In a process apart: a fault may write where it should not."""
+    receive, send = LOADED.Pipe(duplex=False)
+    process = LOADED.Process(target=_verify, args=(folder, urdf, send))
     process.start()
     send.close()
     try:

@@ -10,8 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-_LOADED = multiprocessing.get_context("forkserver")
-_LOADED.set_forkserver_preload(["stiffgen.cli"])
+LOADED = multiprocessing.get_context("forkserver")
+"""Makes processes that have loaded stiffgen already; a Python process has one such server."""
+LOADED.set_forkserver_preload(["stiffgen.cli"])
 
 
 def run_forked(arguments: list[str], folder: Path, megabytes: int, seconds: int) -> subprocess.CompletedProcess[str]:
@@ -19,7 +20,7 @@ def run_forked(arguments: list[str], folder: Path, megabytes: int, seconds: int)
 
     The last line of standard error has the memory that it had at most [MB]: PEAK and a number.
     """
-    process = _LOADED.Process(target=_confined, args=(arguments, folder, megabytes, seconds))
+    process = LOADED.Process(target=_confined, args=(arguments, folder, megabytes, seconds))
     process.start()
     process.join(60 * seconds)
     assert process.exitcode is not None, "still running"
