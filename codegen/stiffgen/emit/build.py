@@ -22,7 +22,7 @@ from stiffgen.errors import BuildError
 _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
 """As CMake's release build of the folder's CMakeLists.txt has them. The user's own come after them: CFLAGS."""
-_LIBRARY_FLAGS = ("-O1",)
+_FAST_TO_COMPILE = ("-O1",)
 
 
 def build_module(folder: Path, name: str) -> None:
@@ -51,11 +51,11 @@ def build_module(folder: Path, name: str) -> None:
     with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
         native = _native(compiler, Path(build))
         command = [*compiler, *_FLAGS, *native, *shlex.split(os.environ.get("CFLAGS", ""))]
-        options: dict[str, list[str]] = {
+        options: dict[str, Sequence[str]] = {
             f"{name}.c": [],
             f"{name}_impedance.c": [],
             f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
-            f"{name}_casadi.c": [],
+            f"{name}_casadi.c": _FAST_TO_COMPILE,  # nothing to gain: it copies, and calls
             f"{name}_jax.c": [f"-I{include}" for include in _xla_headers()],
         }
         sources = [source for source in options if (folder / source).exists()]
@@ -89,7 +89,7 @@ def build_library(
     """
     compiler = _compiler()
     library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
-    chosen = _LIBRARY_FLAGS if flags is None else flags
+    chosen = _FAST_TO_COMPILE if flags is None else flags
     command = [*compiler, "-std=gnu99", *chosen, "-fPIC", "-shared", f"-I{folder.resolve()}"]
     command += [str(folder.resolve() / f"{name}.c"), *map(str, more)]
     _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)

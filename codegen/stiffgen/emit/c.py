@@ -31,6 +31,7 @@ from stiffgen.symbolic.program import (
     Program,
     Reduce,
     Scan,
+    Shared,
     SparseSum,
     Spread,
     Step,
@@ -57,8 +58,8 @@ class CFunction:
     operations: Operations
     calls: frozenset[str]
     meaning: str = ""
-    columns: int = 0
-    """Of the outputs, so many are columns of joints."""
+    columns: frozenset[str] = frozenset()
+    """Names of what are columns of joints, of an internal function."""
 
 
 @dataclass(frozen=True)
@@ -136,13 +137,23 @@ class _TargetPrinter:
         prefix = f"{kernel.tip.name}_" if kernel.tip else ""
         scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix, self.target.scalar))
         program = kernel.steps(self.chain)
-        printer = _KernelPrinter(self, scope, kernel)
-        printer.arguments(program)
-        for step in program:
-            printer.step(step)
-        function = printer.function()
+        inputs = tuple(argument.array(self.chain) for argument in kernel.arguments)
+        results = tuple(result.array(self.chain) for result in kernel.results)
+        printer = _ProgramPrinter(self, scope, inputs, results)
+        printer.program(program)
+        function = printer.function(kernel.qualified_name)
         self.finished[function.name] = function.operations
         return function
+
+    def shared_steps(self, scope: Scope, step: Shared) -> CFunction:
+        """The internal function of steps that several kernels have in common, printed once."""
+        name = scope.prefix + step.name
+        if name not in self.shared:
+            printer = _ProgramPrinter(self, scope, step.arguments, (step.result,))
+            columns = frozenset(array.name for array in step.arguments if _is_columns(scope, array))
+            printer.internal(step.steps, columns)
+            self.shared[name] = scope, replace(printer.function(name), meaning=step.meaning, columns=columns)
+        return self.shared[name][1]
 
     def shared_block(self, scope: Scope, step: Block) -> CFunction:
         """The internal function of a shared block, printed once however many kernels call it."""
@@ -158,7 +169,7 @@ class _TargetPrinter:
                 block.operations,
                 block.calls,
                 step.meaning,
-                step.columns,
+                frozenset(target.name for target in targets[: step.columns]),
             )
             self.shared[name] = scope, function
         return self.shared[name][1]
@@ -310,17 +321,23 @@ _RANGES = {
 """Loop over j in row i: start, condition, first, one past the last."""
 
 
-class _KernelPrinter:
-    """Collects the declarations and statements of one kernel."""
+def _is_columns(scope: Scope, array: Array) -> bool:
+    return array.shape == (6, len(scope.chain.joints))
 
-    def __init__(self, printer: _TargetPrinter, scope: Scope, kernel: Kernel) -> None:
+
+class _ProgramPrinter:
+    """Collects the declarations and statements of one function: of a kernel, or of what several kernels share."""
+
+    def __init__(
+        self, printer: _TargetPrinter, scope: Scope, inputs: tuple[Array, ...], results: tuple[Array, ...]
+    ) -> None:
         self.printer = printer
         self.target = printer.target
         self.calls: set[str] = set()
         self.scope = scope
-        self.kernel = kernel
-        self.inputs = tuple(argument.array(printer.chain) for argument in kernel.arguments)
-        self.results = tuple(result.array(printer.chain) for result in kernel.results)
+        self.inputs = inputs
+        self.results = results
+        self.columns: frozenset[str] = frozenset()  # inputs that other functions of this program have written
         self.declarations: list[str] = []
         self.lines: list[str] = []
         self.operations = Operations()
@@ -340,16 +357,37 @@ class _KernelPrinter:
         self.read_whole: set[str] = set()  # arrays that helpers read: what is always zero in them is stored, too
         self.entries: dict[str, list[str]] = {}  # of arrays that are not stored: the C texts of their entries
 
-    def arguments(self, program: Program) -> None:
+    def program(self, program: Program) -> None:
+        """Print a kernel's program."""
+        self._arguments(program)
+        for step in program:
+            self._step(step)
+
+    def internal(self, program: Program, columns: frozenset[str]) -> None:
+        """Print steps that kernels call: what they are given was guarded, and columns of joints are lanes."""
+        self._readers(program)
+        self.columns = columns
+        if self.target.joint_lanes:
+            self.lane_arrays |= columns
+        self.flat |= {array.name for array in self.inputs if array.name not in columns}
+        for step in program:
+            self._step(step)
+
+    def _readers(self, program: Program) -> list[Map | Gather | Reduce]:
+        """Note how arrays are read; the maps among the steps."""
+        whole = [step.whole() if isinstance(step, SparseSum) else step for step in program]
+        maps = [step for step in whole if isinstance(step, (Map, Gather, Reduce))]
+        self.by_joints = {operand.array.name for step in maps for operand in step.operands if operand.at}
+        self.read_whole = {array.name for step in program for array in _handed_on(step)}
+        return maps
+
+    def _arguments(self, program: Program) -> None:
         """Give the arguments of the program's maps their short names, as copies in which infinity has become NaN.
 
         Kernels that end in sums over pairs need no copies: no sum and no product brings a number that is not finite
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
-        whole = [step.whole() if isinstance(step, SparseSum) else step for step in program]
-        maps = [step for step in whole if isinstance(step, (Map, Gather, Reduce))]
-        self.by_joints = {operand.array.name for step in maps for operand in step.operands if operand.at}
-        self.read_whole = {array.name for step in program for array in _handed_on(step)}
+        maps = self._readers(program)
         pairs = any(isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", "j")) for step in maps)
         guarded = self.target.joint_lanes and not pairs
         read = {
@@ -384,11 +422,10 @@ class _KernelPrinter:
             declared = f"const {self.target.number} (*const {short.name}){row}"
             self.declarations.append(f"{declared} = (const {self.target.number} (*){row}){array.name};")
 
-    def function(self) -> CFunction:
+    def function(self, name: str) -> CFunction:
         self._guard_results()
         lines = (*self.declarations, *([""] if self.declarations else []), *self.lines)
-        name, calls = self.kernel.qualified_name, frozenset(self.calls)
-        return CFunction(name, self.inputs, self.results, lines, self.operations, calls)
+        return CFunction(name, self.inputs, self.results, lines, self.operations, frozenset(self.calls))
 
     def _guard_results(self) -> None:
         """Make NaN of what overflowed; the stores of lanes do that themselves."""
@@ -405,8 +442,7 @@ class _KernelPrinter:
         if slides or any(array.name != "q" for array in arguments):
             self.unguarded |= {target.name for target in targets if self._public(target)}
 
-    def step(self, step: Step) -> None:
-        """Print one step of the kernel's program."""
+    def _step(self, step: Step) -> None:
         if isinstance(step, Block):
             self._block(step)
         elif isinstance(step, Sum):
@@ -425,8 +461,18 @@ class _KernelPrinter:
             self._reduce(step)
         elif isinstance(step, Scan):
             self._scan(step)
+        elif isinstance(step, Shared):
+            self._shared(step)
         else:
             self._map(step)
+
+    def _shared(self, step: Shared) -> None:
+        function = self.printer.shared_steps(self.scope, step)
+        if not self._public(step.target):
+            self._declare(step.target, "")
+        self.operations = self.operations + function.operations
+        given = ", ".join(array.name for array in (*step.given, step.target))
+        self.lines += ["", f"{function.name}{self.target.suffix}({given});"]
 
     def _block(self, step: Block) -> None:
         # Columns of joints are lanes; the public Jacobian is copied out of them.
@@ -449,7 +495,7 @@ class _KernelPrinter:
             self.lines.append(f"{function.name}{self.target.suffix}({self._given(step)}, {into});")
         else:
             private = {target.name for target in targets if not self._public(target)} - self.read_whole
-            inputs = {array.name for array in self.inputs}
+            inputs = {array.name for array in self.inputs} - self.columns
             local = {a.name: self._texts(a) for a in step.arguments if a.name not in inputs}
             zeros = {name: set(known) for name, known in self.zero_rows.items()}
             for array in step.arguments:
@@ -822,8 +868,8 @@ class _KernelPrinter:
         if step.over == BASE:
             self._call("weigh_base", source, *shape, own, *into)
             return
-        name = "weigh_" + {"<": "upper", ">": "lower"}[step.over[1]]
-        self._call(name, source, *shape, int("=" in step.over), int(step.mirror), *into)
+        upper, diagonal = step.over[1] == "<", "=" in step.over
+        self._call("weigh_triangle", source, *shape, int(upper), int(diagonal), int(step.mirror), *into)
         if step.but_of_base:
             self._call("clear_base", *shape[1:], own, *into)
 
@@ -865,13 +911,22 @@ class _KernelPrinter:
     def _gather(self, step: Gather) -> None:
         size, target = self.scope.size, step.target
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
-        zeros = self.zero_rows[target.name] = {k for k, value in enumerate(results) if value.is_zero()}
-        self._refuse_gaps(target)
+        zeros = {k for k, value in enumerate(results) if value.is_zero()}
+        self.zero_rows[target.name] = set() if target.name in self.read_whole else zeros
         self.of_joints.add(target.name)
         self._declare(target, "j")
         opening, printed = self._sums(inputs, wide, results)
         pairs = sum(1 for _ in indices(self.scope.chain, step.over, but_of_base=step.but_of_base))
         self.operations = self.operations + printed.operations.times(pairs)
+        source = self._weighted(step) if self.target.joint_lanes and step.over != BASE else None
+        if source is not None:
+            weights = next(self.weights[o.array.name][0] for o in step.operands if o.at == "ij")
+            rows, padded, blocks = source.shape[0], self.scope.padded, self.scope.blocks
+            self.lines += ["", f"/* {step.comment} */"]
+            self._call(
+                "weighted_sums", f"{source.name}[0]", rows, size, padded, blocks, f"{weights}[0]", f"{target.name}[0]"
+            )
+            return
         start, stop = ("0", str(self.scope.chain.base_joints) if step.over == BASE else size)
         if not self.target.joint_lanes:
             if step.but_of_base or step.over == BASE:
@@ -883,6 +938,8 @@ class _KernelPrinter:
         stores = [f"{target.name}[{k}][j] = sum[{index}];" for index, k in enumerate(kept)]
         if not zeros:
             stores = [f"for (int k = 0; k < {len(kept)}; ++k) {{", f"    {target.name}[k][j] = sum[k];", "}"]
+        elif target.name in self.read_whole:
+            stores += [f"{target.name}[{k}][j] = {self.target.row_zero};" for k in sorted(zeros)]
         self.lines += [
             "",
             f"/* {step.comment} */",
@@ -894,6 +951,23 @@ class _KernelPrinter:
             *_indented(stores, 1),
             "}",
         ]
+
+    def _weighted(self, step: Gather) -> Array | None:
+        """The columns of which a gather is nothing but the sum, each with its weight."""
+        columns = [operand for operand in step.operands if operand.at == "i"]
+        weights = [operand for operand in step.operands if operand.at == "ij" and operand.count == 1]
+        if (
+            len(columns) != 1
+            or len(weights) != 1
+            or len(step.operands) != 2
+            or self.zero_rows.get(columns[0].array.name)
+        ):
+            return None
+        symbols = {operand: ca.SX.sym("x", *operand_shape(operand)) for operand in step.operands}
+        weighed = ca.densify(step.expression(*(symbols[operand] for operand in step.operands)))
+        sums = ca.densify(symbols[columns[0]] * symbols[weights[0]])
+        same = sums.shape == weighed.shape and ca.is_equal(sums, weighed, 1)
+        return columns[0].array if same and columns[0].array.name in self.lane_arrays else None
 
     def _reduce(self, step: Reduce) -> None:
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
@@ -948,7 +1022,8 @@ class _KernelPrinter:
         self._declare(target, "j")
         self.lines += ["", f"/* {step.comment} */"]
         zeros = self.zero_rows[target.name] = self.zero_rows.get(source.name, set())
-        self._refuse_gaps(target)
+        if target.name in self.read_whole and zeros:
+            raise NotImplementedError(f"{target.name} has rows that are never stored, and is read as a whole")
         self.of_joints.add(target.name)
         rows = [k for k in range(source.shape[0]) if k not in zeros]
         # Rows of lanes are filled up to the last block that holds a joint; what lies beyond was never written.
@@ -966,10 +1041,6 @@ class _KernelPrinter:
             self._call(helper, given, len(group), stride, length, into)
             if step.base:
                 self._call("sums_of_base", given, len(group), stride, step.base, int(step.beyond), into)
-
-    def _refuse_gaps(self, array: Array) -> None:
-        if array.name in self.read_whole and self.zero_rows[array.name]:
-            raise NotImplementedError(f"{array.name} has rows that are never stored, and is read as a whole")
 
     def _write(self, operand: Operand, k: int) -> str:
         array = self.renamed.get(operand.array.name, operand.array)
@@ -1047,6 +1118,8 @@ def _handed_on(step: Step) -> tuple[Array, ...]:
     """Arrays that a step reads as a whole, through a helper or a function, whatever is known of their entries."""
     if isinstance(step, (SumJoints, Spread, Weights)):
         return (step.source,)
+    if isinstance(step, Shared):
+        return step.given
     if isinstance(step, Block) and step.name:
         return step.arguments
     return reads(step) if isinstance(step, Sum) else ()

@@ -213,10 +213,12 @@ def shared_functions(code: TargetCode) -> list[Definition]:
 
 
 def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
-    parameters = [f"const {target.number} {_declared(array)}" for array in function.inputs]
     extent = scope.padded if target.joint_lanes else scope.size
-    parameters += [f"{target.row} {array.name}[6][{extent}]" for array in function.outputs[: function.columns]]
-    parameters += [f"{target.number} {_declared(array)}" for array in function.outputs[function.columns :]]
+    parameters = [
+        f"{target.row} {array.name}[6][{extent}]" if array.name in function.columns
+        else f"{'const ' if array in function.inputs else ''}{target.number} {_declared(array)}"
+        for array in (*function.inputs, *function.outputs)
+    ]  # fmt: skip
     tip = f", tip {scope.title}" if scope.title else ""
     return Definition(
         comment=[*wrapped(f"{function.meaning}{tip}."), f"{_cost(function.operations)}."],

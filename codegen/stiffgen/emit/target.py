@@ -139,8 +139,13 @@ class Target:
     @property
     def zero(self) -> str:
         """C text of a ``number`` that is 0."""
+        return self.row_zero if self.number == "lanes" else self.scalar.constant(0.0)
+
+    @property
+    def row_zero(self) -> str:
+        """C text of a ``row`` that is 0."""
         zero = self.scalar.constant(0.0)
-        return f"{self.spread}({zero})" if self.number == "lanes" else zero
+        return f"{self.spread}({zero})" if self.spread else zero
 
 
 # gcc 12 stores to large arrays with an alignment that it does not give them itself.

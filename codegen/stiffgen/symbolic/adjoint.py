@@ -37,6 +37,7 @@ import casadi as ca
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import kinematics, programs
 from stiffgen.symbolic.arguments import BASE_POSE, Q
+from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.program import (
     Array,
@@ -49,6 +50,7 @@ from stiffgen.symbolic.program import (
     Program,
     Reduce,
     Scan,
+    Shared,
     SparseSum,
     Spread,
     Step,
@@ -286,9 +288,17 @@ class _Reverse:
     def _append_map(
         self, step: Map, operand: Operand, gradient: ca.SX, given: tuple[tuple[Operand, ca.SX], ...]
     ) -> None:
-        operands, body = _pruned(given, _column(gradient))
-        target = Operand(self._new(operand.array), operand.at)
         comment = f"gradient by {_shown(operand.array)}, through {_shown(step.target.array)}"
+        total = _column(gradient)
+        if operand.at == "j" and operand.array.name in self.written and operand.array.name in self.bars:
+            # What other steps hand back is added here: one array, not one each.
+            others = [Operand(each, "j") for each in self.bars.pop(operand.array.name)]
+            seeds = [_symbols(each, f"b{k}_") for k, each in enumerate(others)]
+            given = (*given, *zip(others, seeds, strict=True))
+            total = sum(seeds, total)
+            comment += ", and what others hand back"
+        operands, body = _pruned(given, total)
+        target = Operand(self._new(operand.array), operand.at)
         self.steps.append(Map(comment, step.over, target, operands, body))
 
     def _through_sums(self, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
@@ -347,86 +357,71 @@ class _Reverse:
         return Array(f"{name}{self.count}", shape)
 
     def _block(self, step: Block, by: tuple[Array, ...]) -> None:
-        """CasADi's reverse mode of the statements."""
-        bars = [(target, bar) for target in step.targets for bar in self.bars.get(target.name, ())]
+        """CasADi's reverse mode of the statements; that of columns which several kernels share is shared, too."""
         targets = tuple(self._new(array) for array in by)
-        differentiated = [argument in by for argument in step.arguments]
-        given = len(step.arguments)
+        bars = [(target, bar) for target in step.targets for bar in self.bars.get(target.name, ())]
+        shared = not step.moves and step.name and {target for target, _ in bars} == set(step.targets[: step.columns])
+        if not shared:
+            self.steps.append(_statements(step, by, bars, targets))
+            return
+        (columns,), (result,) = step.targets[: step.columns], targets
+        bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)
+        meaning = f"Gradient by q of what depends on the columns {_shown(columns)}, {bar.name} its gradient by them"
+        steps = (_statements(step, by, [(columns, bar)], (q_bar,)),)
+        given = (*step.arguments, self._one(columns))
+        arguments = (*step.arguments, bar)
+        self.steps.append(Shared(f"{step.name}_vjp", meaning, arguments, q_bar, steps, given, result))
 
-        def expressions(chain: Chain, *values: ca.SX) -> Expressions:
-            symbols = [ca.SX.sym(a.name, *_extents(a.shape)) for a in step.arguments]
-            forward = step.expressions(chain, *symbols)
-            sums = {target.name: ca.SX.zeros(target.size) for target in step.targets}
-            for (target, _), value in zip(bars, values[given:], strict=True):
-                sums[target.name] += _column(value)
-            seed = ca.vertcat(*(sums[target.name] for target in step.targets))
-            of = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, differentiated, strict=True) if wanted))
-            gradient = ca.densify(ca.jtimes(_column(forward.result), of, seed, True))
-            entries = []
-            start = 0
-            for symbol, wanted in zip(symbols, differentiated, strict=True):
-                if wanted:
-                    size = symbol.numel()
-                    entries.append(_column(ca.reshape(gradient[start : start + size], *symbol.shape)))
-                    start += size
-            place = ca.vertcat(*map(ca.vec, symbols))
-            at = ca.vertcat(*map(ca.vec, values[:given]))
-            return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), place, at)), ())
-
-        heading = "gradients by " + ", ".join(_shown(array) for array in by)
-        arguments = (*step.arguments, *(bar for _, bar in bars))
-        linear = step.q_enters_linearly
-        self.steps.append(Block(targets, expressions, arguments, heading=heading, q_enters_linearly=linear))
+    def _one(self, columns: Array) -> Array:
+        """The gradient by columns of joints as one array of such columns."""
+        bars = self.bars[columns.name]
+        made = {array.name for step in self.steps if isinstance(step, (Map, Gather)) for array in writes(step)}
+        if len(bars) == 1 and bars[0].name in made:
+            return bars[0]
+        total = self._local(bar_name(columns.name), columns.shape)
+        operands = tuple(Operand(bar, "j") for bar in bars)
+        comment = f"gradient by {_shown(columns)}"
+        self.steps.append(Map(comment, "j", Operand(total, "j"), operands, lambda *values: sum(values, ca.SX(0))))
+        return total
 
     def _moving(self, step: Block) -> None:
         """Columns and pose: closed forms of their derivatives by q; a tool's pose by the statements."""
         assert step.moves is not None
         others = tuple(each for each in step.arguments if each.name not in (BASE_POSE.name, Q.name))
-        J = step.targets[0]
-        operands = [Operand(J, "j")]
-        if J.name in self.bars:
-            operands += [Operand(sums, "j") for sums in self._column_sums(step, J)]
-        for pose in step.targets[1:]:
-            if pose.name in self.bars:
-                operands.append(Operand(self._covector(pose), ""))
+        J, m = step.targets[0], len(self.chain.joints)
+        covectors = [self._covector(pose) for pose in step.targets[1:] if pose.name in self.bars]
         if self.chain.floating:
             target = self._local("motion_bar", (self.chain.dof,))
             self.motions.append(target)
         else:
             (q,) = (each for each in step.arguments if each.name == Q.name)
             target = self._new(q)
-        coupled = self.chain.coupled
-        of_joints = self._local("q_bar_of_joints", (len(self.chain.joints),)) if coupled else target
-        comment = "gradient by q: q_bar_j = J_j . sums" + ("; the base's twist first" if self.chain.floating else "")
-        self.steps.append(Map(comment, "j", Operand(of_joints, "j"), tuple(operands), _dot_of_sum))
-        if coupled:
+        of_joints = self._local("q_bar_of_joints", (m,)) if self.chain.coupled else target
+        if J.name in self.bars:
+            self._columns(step.moves, J, covectors, of_joints)
+        else:
+            operands = tuple(Operand(each, "") for each in covectors)
+            self.steps.append(_dots(J, operands, of_joints, based=self.chain.floating))
+        if self.chain.coupled:
             self.steps.append(SumJoints(of_joints, target))
         if others:
             self._block(step, others)
 
-    def _column_sums(self, step: Block, J: Array) -> list[Array]:
-        """For every joint j the sums of y_i, dJ_i/dq_j . J_bar_i = J_j . y_i."""
-        assert step.moves is not None
-        bars = self.bars[J.name]
-        column, by = ca.SX.sym("column", 6), ca.SX.sym("by", 6)
-        seeds = [ca.SX.sym(f"c{k}_", 6) for k in range(len(bars))]
-        given = (
-            (Operand(J, "j"), column), *((Operand(bar, "j"), seed) for bar, seed in zip(bars, seeds, strict=True))
-        )  # fmt: skip
-        sums = []
-        for outward, side in ((True, "beyond"), (False, "before")):
-            rate = kinematics.jacobian_column_derivative(step.moves, column, by, by_is_outward=outward)
-            gradient = ca.densify(ca.gradient(ca.dot(rate, sum(seeds, ca.SX(0))), by))
-            if gradient.is_zero():
-                continue
-            y, total = self._local("y", J.shape), self._local("sum", J.shape)
-            operands, body = _pruned(given, gradient)
-            comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j by J_j, for the joints j {side} joint i"
-            self.steps.append(Map(comment, "j", Operand(y, "j"), operands, body))
-            comment = "sums of y_i over i" + (" <= j" if outward else " > j")
-            self.steps.append(Scan(comment, y, total, beyond=not outward, base=self.chain.base_joints))
-            sums.append(total)
-        return sums
+    def _columns(self, moves: Representation, J: Array, covectors: list[Array], target: Array) -> None:
+        """What depends on columns, and on the pose where there is a covector: the same steps in every kernel."""
+        columns, bar = Array("J", J.shape), Array("J_bar", J.shape)
+        forces = tuple(Array(f"f{k}", each.shape) for k, each in enumerate(covectors))
+        q_bar = Array(bar_name(Q.name), target.shape)
+        steps, sums = _column_sums(moves, columns, bar, self.chain.base_joints)
+        operands = (*(Operand(each, "j") for each in sums), *(Operand(each, "") for each in forces))
+        steps.append(_dots(columns, operands, q_bar, based=self.chain.floating))
+        name = f"{moves}_columns_{'and_pose_' if forces else ''}vjp"
+        meaning = "Gradient by q of what depends on Jacobian columns J, J_bar its gradient by them" + (
+            ", and on the pose, f0 the covector of its gradient by that" if forces else ""
+        ) + f"; {moves} representation"  # fmt: skip
+        arguments = (columns, bar, *forces)
+        given = (J, self._one(J), *covectors)
+        self.steps.append(Shared(name, meaning, arguments, q_bar, tuple(steps), given, target))
 
     def _covector(self, pose: Array) -> Array:
         """(p_bar, sum of R_c x R_bar_c): the hybrid wrench of the pose's gradient."""
@@ -447,8 +442,67 @@ def _turn(rotation: ca.SX, gradient: ca.SX) -> ca.SX:
     return sum((ca.cross(rotation[:, c], gradient[:, c]) for c in range(3)), ca.SX.zeros(3))
 
 
-def _dot_of_sum(column: ca.SX, *covectors: ca.SX) -> ca.SX:
-    return ca.SX(ca.dot(column, sum(covectors, ca.SX(0))))
+def _dots(J: Array, covectors: tuple[Operand, ...], target: Array, *, based: bool) -> Map:
+    """The rates that covectors have along the columns."""
+
+    def dot(column: ca.SX, *values: ca.SX) -> ca.SX:
+        return ca.SX(ca.dot(column, sum(values, ca.SX(0))))
+
+    comment = "gradient by q: q_bar_j = J_j . sums" + ("; the base's twist first" if based else "")
+    return Map(comment, "j", Operand(target, "j"), (Operand(J, "j"), *covectors), dot)
+
+
+def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tuple[list[Step], list[Array]]:
+    """For every joint j the sums of y_i, dJ_i/dq_j . J_bar_i = J_j . y_i: the steps, and the arrays of sums."""
+    column, by, seed = ca.SX.sym("column", 6), ca.SX.sym("by", 6), ca.SX.sym("c", 6)
+    given = (Operand(J, "j"), column), (Operand(bar, "j"), seed)
+    steps: list[Step] = []
+    sums = []
+    for outward, side in ((True, "beyond"), (False, "before")):
+        rate = kinematics.jacobian_column_derivative(moves, column, by, by_is_outward=outward)
+        gradient = ca.densify(ca.gradient(ca.dot(rate, seed), by))
+        if gradient.is_zero():
+            continue
+        y, total = Array(f"y_{side}", J.shape), Array(f"sum_{side}", J.shape)
+        operands, body = _pruned(given, gradient)
+        comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j by J_j, for the joints j {side} joint i"
+        steps.append(Map(comment, "j", Operand(y, "j"), operands, body))
+        comment = "sums of y_i over i" + (" <= j" if outward else " > j")
+        steps.append(Scan(comment, y, total, beyond=not outward, base=base))
+        sums.append(total)
+    return steps, sums
+
+
+def _statements(
+    step: Block, by: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], targets: tuple[Array, ...]
+) -> Block:
+    """CasADi's reverse mode of a block's statements: gradients by some arguments; ``bars``: targets and their own."""
+    differentiated = [argument in by for argument in step.arguments]
+    given = len(step.arguments)
+
+    def expressions(chain: Chain, *values: ca.SX) -> Expressions:
+        symbols = [ca.SX.sym(a.name, *_extents(a.shape)) for a in step.arguments]
+        forward = step.expressions(chain, *symbols)
+        sums = {target.name: ca.SX.zeros(target.size) for target in step.targets}
+        for (target, _), value in zip(bars, values[given:], strict=True):
+            sums[target.name] += _column(value)
+        seed = ca.vertcat(*(sums[target.name] for target in step.targets))
+        of = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, differentiated, strict=True) if wanted))
+        gradient = ca.densify(ca.jtimes(_column(forward.result), of, seed, True))
+        entries = []
+        start = 0
+        for symbol, wanted in zip(symbols, differentiated, strict=True):
+            if wanted:
+                size = symbol.numel()
+                entries.append(_column(ca.reshape(gradient[start : start + size], *symbol.shape)))
+                start += size
+        place = ca.vertcat(*map(ca.vec, symbols))
+        at = ca.vertcat(*map(ca.vec, values[:given]))
+        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), place, at)), ())
+
+    heading = "gradients by " + ", ".join(_shown(array) for array in by)
+    arguments = (*step.arguments, *(bar for _, bar in bars))
+    return Block(targets, expressions, arguments, heading=heading, q_enters_linearly=step.q_enters_linearly)
 
 
 def _sum(step: Sum) -> Sum:

@@ -275,7 +275,25 @@ class Term:
     arguments: tuple[tuple[Array, Part], ...]
 
 
-Step = Block | Map | SparseSum | SumJoints | Sum | Spread | Weights | Gather | Reduce | Scan
+@dataclass(frozen=True)
+class Shared:
+    """Steps that several kernels have in common: C code holds them as a function of its own, ``name``.
+
+    They read the ``arguments`` and write the ``result``, whatever a kernel has in their places: ``given`` and
+    ``target``, of the same shapes. Arguments of the shape (6, m) are columns of joints. ``meaning`` is the comment over
+    the function.
+    """
+
+    name: str
+    meaning: str
+    arguments: tuple[Array, ...]
+    result: Array
+    steps: Program
+    given: tuple[Array, ...]
+    target: Array
+
+
+Step = Block | Map | SparseSum | SumJoints | Sum | Spread | Weights | Gather | Reduce | Scan | Shared
 Program = tuple[Step, ...]
 
 
@@ -309,6 +327,10 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX], held: 
             arrays[step.target.name] = _sum_joints(chain, step, arrays[step.source.name])
         elif isinstance(step, Sum):
             _run_sum(step, arguments, arrays, held)
+        elif isinstance(step, Shared):
+            own = zip(step.arguments, step.given, strict=True)
+            taken = {inner.name: as_operand(inner.shape, arrays[outer.name]) for inner, outer in own}
+            arrays[step.target.name] = evaluate(chain, step.steps, taken, held)[step.result.name]
         elif isinstance(step, Spread):
             arrays[step.target.name] = _spread(chain, step, arrays[step.source.name])
         elif isinstance(step, Weights):
@@ -378,6 +400,8 @@ def reads(step: Step) -> tuple[Array, ...]:
         return step.arguments
     if isinstance(step, SparseSum):
         return step.reads
+    if isinstance(step, Shared):
+        return step.given
     if isinstance(step, (Map, Gather, Reduce)):
         return tuple(operand.array for operand in step.operands)
     if isinstance(step, Sum):
