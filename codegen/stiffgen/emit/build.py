@@ -51,15 +51,16 @@ def build_module(folder: Path, name: str) -> None:
     with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
         native = _native(compiler, Path(build))
         command = [*compiler, *_FLAGS, *native, *shlex.split(os.environ.get("CFLAGS", ""))]
+        xla = _xla_headers()
         options: dict[str, Sequence[str]] = {
             f"{name}.c": [],
             f"{name}_impedance.c": [],
             f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
-            f"{name}_casadi.c": _FAST_TO_COMPILE,  # nothing to gain: it copies, and calls
-            f"{name}_jax.c": [f"-I{include}" for include in _xla_headers()],
+            f"{name}_casadi.c": _FAST_TO_COMPILE,  # it copies, and calls
+            f"{name}_jax.c": [*_FAST_TO_COMPILE, *(f"-I{include}" for include in xla)],
         }
         sources = [source for source in options if (folder / source).exists()]
-        if not options[f"{name}_jax.c"]:
+        if not xla:
             sources = [source for source in sources if source != f"{name}_jax.c"]
         objects = {source: str(Path(build) / f"{source}.o") for source in sources}
         compile_each = [

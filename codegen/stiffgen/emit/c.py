@@ -28,6 +28,7 @@ from stiffgen.symbolic.program import (
     Gather,
     Map,
     Operand,
+    Over,
     Program,
     Reduce,
     Scan,
@@ -325,6 +326,10 @@ def _is_columns(scope: Scope, array: Array) -> bool:
     return array.shape == (6, len(scope.chain.joints))
 
 
+_ROWS: tuple[Over, ...] = "j", "coordinate"
+"""What a map over rows in lanes runs over."""
+
+
 class _ProgramPrinter:
     """Collects the declarations and statements of one function: of a kernel, or of what several kernels share."""
 
@@ -388,7 +393,9 @@ class _ProgramPrinter:
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
         maps = self._readers(program)
-        pairs = any(isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", "j")) for step in maps)
+        pairs = any(
+            isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", *_ROWS)) for step in maps
+        )
         guarded = self.target.joint_lanes and not pairs
         read = {
             operand.array.name
@@ -405,17 +412,18 @@ class _ProgramPrinter:
                 self.lines.append(f"(void){array.name};")
             if array.name not in read:
                 continue
-            short = self.renamed[array.name] = Array(array.symbol, array.shape)
+            short = self.renamed[array.name] = Array(array.symbol, array.shape or (1,))
             if not guarded:
-                self._alias(array, short)
+                if short.name != array.name:
+                    self._alias(array, short)
                 continue
             self._declare(short, "")
             self.operations = self.operations + Operations(add=array.size, multiply=array.size)
-            into = short.name if len(array.shape) == 1 else f"{short.name}[0]"
+            into = short.name if len(array.shape) < 2 else f"{short.name}[0]"
             self._call("copy_finite", array.name, array.size, into)
 
     def _alias(self, array: Array, short: Array) -> None:
-        if len(array.shape) == 1:
+        if len(array.shape) < 2:
             self.declarations.append(f"const {self.target.number} *const {short.name} = {array.name};")
         else:
             row = f"[{array.shape[1]}]"
@@ -618,7 +626,7 @@ class _ProgramPrinter:
 
     def _map(self, step: Map) -> None:
         rows = self._by_rows(step)
-        inputs, wide, results = self._run(step.operands, step.expression, rows=rows or step.over == "j")
+        inputs, wide, results = self._run(step.operands, step.expression, rows=rows or step.over in _ROWS)
         target = step.target
         zeros: set[int] = set()
         whole = target.at == "" and target.array.name not in self.by_joints
@@ -641,7 +649,7 @@ class _ProgramPrinter:
             outputs,
             wide=wide,
             target=self.target,
-            wide_outputs=rows or step.over == "j" or not self.target.joint_lanes,
+            wide_outputs=rows or step.over in _ROWS or not self.target.joint_lanes,
             temporaries=self.temporaries,
         )
         self.temporaries = self.temporaries if step.over else printed.temporaries
@@ -679,14 +687,14 @@ class _ProgramPrinter:
 
     def _by_rows(self, step: Map) -> bool:
         """Whether a map over pairs runs over rows i, and over j in lanes."""
-        return self.target.joint_lanes and step.over not in ("", "j", "i on the way to j") and step.target.count == 1
+        return self.target.joint_lanes and step.over not in ("", *_ROWS, "i on the way to j") and step.target.count == 1
 
     def _is_vector_row(self, step: Map) -> bool:
         """Whether a map over joints fills a vector, one number a joint, in lanes."""
-        return self.target.joint_lanes and step.over == "j" and len(step.target.array.shape) == 1
+        return self.target.joint_lanes and step.over in _ROWS and len(step.target.array.shape) == 1
 
     def _vector_row(self, step: Map, printed: Printed) -> list[str]:
-        name, size = step.target.array.name, self.scope.size
+        name, size = step.target.array.name, self._count(step.over)
         return [
             "{",
             f"    lanes row[{self.scope.padded}];",
@@ -720,8 +728,9 @@ class _ProgramPrinter:
         size = self.scope.size
         if step.over == "":
             return printed.lines
-        if step.over == "j":
-            return [f"for (int j = 0; j < {self._blocks}; ++j) {{", *_indented(printed.lines, 1), "}"]
+        if step.over in _ROWS:
+            head = f"for (int j = 0; j < {self._blocks(step.over)}; ++j) {{"
+            return [*self._rolled, head, *_indented(printed.lines, 1), "}"]
         target, lines = step.target, printed.lines
         if step.over == "i on the way to j":
             self.calls.add("parent_of")
@@ -738,7 +747,9 @@ class _ProgramPrinter:
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
             lines = [f"{self.target.number} *const entry = &{position};", *lines]
         return [
+            *self._rolled,
             f"for (int i = 0; i < {self._rows_of(step)}; ++i) {{",
+            *_indented(self._rolled, 1),
             f"    for (int {start}; {condition}; ++j) {{",
             *_indented(lines, 2),
             "    }",
@@ -773,9 +784,19 @@ class _ProgramPrinter:
             self.calls.add(self.target.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
+    def _count(self, over: Over) -> str:
+        """C text of the number of joints or coordinates that a map runs over."""
+        if over != "coordinate":
+            return self.scope.size
+        return f"N - {self.scope.chain.base_joints}" if self.scope.chain.floating else "N"
+
     @property
-    def _blocks(self) -> str:
-        return self.scope.blocks if self.target.joint_lanes else self.scope.size
+    def _rolled(self) -> list[str]:
+        """What stands before a loop over joints in a batch."""
+        return ["ROLLED"] if self.target.lanes == "configurations" else []
+
+    def _blocks(self, over: Over = "j") -> str:
+        return self.scope.blocks if self.target.joint_lanes else self._count(over)
 
     def _pair(self, array: Array, first: str, second: str) -> str:
         return f"{array.name}[{self.scope.size} * {first} + {second}]"
@@ -808,7 +829,9 @@ class _ProgramPrinter:
             rows = 1 if len(array.shape) == 1 else array.shape[0]
             packed = self.packed[array.name] = Array(f"rows_of_{array.name}", (rows, array.shape[-1]))
             self._declare(packed, "j")
-            self._call("pack_rows", self._numbers(array), rows, self.scope.size, self.scope.padded, f"{packed.name}[0]")
+            over: Over = "j" if array.shape[-1] == len(self.scope.chain.joints) else "coordinate"
+            size = self._count(over)
+            self._call("pack_rows", self._numbers(array), rows, size, self.scope.padded, f"{packed.name}[0]")
         return self.packed[array.name]
 
     def _numbers(self, array: Array) -> str:
@@ -910,23 +933,24 @@ class _ProgramPrinter:
 
     def _gather(self, step: Gather) -> None:
         size, target = self.scope.size, step.target
+        pairs = sum(1 for _ in indices(self.scope.chain, step.over, but_of_base=step.but_of_base))
+        source = self._weighted(step) if self.target.joint_lanes and step.over != BASE else None
+        if source is not None:
+            rows, padded, blocks = source.shape[0], self.scope.padded, self.scope.blocks
+            weights = next(self.weights[operand.array.name][0] for operand in step.operands if operand.at == "ij")
+            given, into = (f"{array.name}[0]" for array in (source, target))
+            self._declare(target, "j")
+            self.operations = self.operations + Operations(add=rows, multiply=rows).times(pairs)
+            self.lines += ["", f"/* {step.comment} */"]
+            self._call("weighted_sums", given, rows, size, padded, blocks, f"{weights}[0]", into)
+            return
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
         zeros = {k for k, value in enumerate(results) if value.is_zero()}
         self.zero_rows[target.name] = set() if target.name in self.read_whole else zeros
         self.of_joints.add(target.name)
         self._declare(target, "j")
         opening, printed = self._sums(inputs, wide, results)
-        pairs = sum(1 for _ in indices(self.scope.chain, step.over, but_of_base=step.but_of_base))
         self.operations = self.operations + printed.operations.times(pairs)
-        source = self._weighted(step) if self.target.joint_lanes and step.over != BASE else None
-        if source is not None:
-            weights = next(self.weights[o.array.name][0] for o in step.operands if o.at == "ij")
-            rows, padded, blocks = source.shape[0], self.scope.padded, self.scope.blocks
-            self.lines += ["", f"/* {step.comment} */"]
-            self._call(
-                "weighted_sums", f"{source.name}[0]", rows, size, padded, blocks, f"{weights}[0]", f"{target.name}[0]"
-            )
-            return
         start, stop = ("0", str(self.scope.chain.base_joints) if step.over == BASE else size)
         if not self.target.joint_lanes:
             if step.but_of_base or step.over == BASE:
@@ -943,8 +967,10 @@ class _ProgramPrinter:
         self.lines += [
             "",
             f"/* {step.comment} */",
-            f"for (int j = 0; j < {self._blocks}; ++j) {{",
+            *self._rolled,
+            f"for (int j = 0; j < {self._blocks()}; ++j) {{",
             *_indented(opening, 1),
+            *_indented(self._rolled, 1),
             f"    for (int i = {start}; i < {stop}; ++i) {{",
             *_indented(printed.lines, 2),
             "    }",
@@ -972,10 +998,12 @@ class _ProgramPrinter:
     def _reduce(self, step: Reduce) -> None:
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
         opening, printed = self._sums(inputs, wide, results, whole=True)
-        self.operations = self.operations + printed.operations.times(len(self.scope.chain.joints))
+        count = sum(1 for _ in indices(self.scope.chain, step.over))
+        self.operations = self.operations + printed.operations.times(count)
         lines = [
             *opening,
-            f"for (int j = 0; j < {self._blocks}; ++j) {{",
+            *self._rolled,
+            f"for (int j = 0; j < {self._blocks(step.over)}; ++j) {{",
             *_indented(printed.lines, 1),
             "}",
         ]
@@ -1005,10 +1033,12 @@ class _ProgramPrinter:
         if not every:
             self.zero_rows[target.name] = {k for k, value in enumerate(values) if value.is_zero()}
         kept = [k for k, value in enumerate(values) if not value.is_zero()]
-        n = target.shape[0]
-        upper = [n * i + j for i in range(n) for j in range(i, n)] if len(target.shape) == 2 else []
+        n = target.shape[0] if len(target.shape) == 2 else 0
+        upper = [n * i + j for i in range(n) for j in range(i, n)]
         if kept == upper and n > 2:
             return first + len(kept), [self._called("put_upper", f"&{source}[{first}]", n, target.name)]
+        if len(kept) == len(values) == 1:
+            return first + 1, [f"{target.name}[0] = {source}[{first}];"]
         if len(kept) == len(values):
             loop = f"for (int k = 0; k < {len(values)}; ++k) {{"
             place = f"{source}[{first} + k]" if first else f"{source}[k]"

@@ -29,7 +29,7 @@ p + R v t, R exp([w] t). Where statements read the pose, its entries' gradient (
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -59,6 +59,7 @@ from stiffgen.symbolic.program import (
     Term,
     Weights,
     operand_shape,
+    pruned,
     reads,
     writes,
 )
@@ -226,10 +227,12 @@ class _Reverse:
 
     def _step(self, step: Step) -> None:
         if isinstance(step, Map):
-            if step.over in ("", "j"):
+            if step.over in ("", "j", "coordinate"):
                 self._map(step)
             else:
                 self._pairs(step)
+        elif isinstance(step, Reduce):
+            self._reduce(step)
         elif isinstance(step, SparseSum):
             self._sparse_sum(step)
         elif isinstance(step, SumJoints):
@@ -257,13 +260,31 @@ class _Reverse:
         self._map(Map(step.comment, "", Operand(step.target, ""), operands, step.expression))
 
     def _map(self, step: Map) -> None:
-        """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
         bars = tuple(Operand(bar, step.target.at) for bar in self.bars[step.target.array.name])
+        seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
+        seed = sum((_column(each) for each in seeds), ca.SX(0))
+        self._through(step, (step.target.array,), tuple(zip(bars, seeds, strict=True)), seed)
+
+    def _reduce(self, step: Reduce) -> None:
+        """What every joint adds to a sum gets the sum's gradient."""
+        given: list[tuple[Operand, ca.SX]] = []
+        parts = []
+        for target in step.targets:
+            part = ca.SX.zeros(target.size)
+            for bar in self.bars.get(target.name, ()):
+                operand = Operand(bar, "")
+                given.append((operand, _symbols(operand, f"c{len(given)}_")))
+                part += _column(given[-1][1])
+            parts.append(part)
+        self._through(step, step.targets, tuple(given), ca.vertcat(*parts))
+
+    def _through(
+        self, step: Map | Reduce, targets: tuple[Array, ...], bars: tuple[tuple[Operand, ca.SX], ...], seed: ca.SX
+    ) -> None:
+        """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
         whole: dict[str, tuple[Array, ca.SX]] = {}
         values = self._values(step)
-        seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
-        given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
-        seed = sum((_column(each) for each in seeds), ca.SX(0))
+        given = (*zip(step.operands, values, strict=True), *bars)
         loss = ca.dot(_column(step.expression(*self._known(step, values))), seed)
         for operand, value in zip(step.operands, values, strict=True):
             gradient = ca.densify(ca.gradient(loss, value))
@@ -271,24 +292,30 @@ class _Reverse:
                 continue
             if operand.at == "j" or not step.over:
                 alone = len(bars) == 1 and operand.array.name in self.written and gradient.numel() == seed.numel()
-                if alone and ca.is_equal(_column(gradient), seed, 1):
-                    self.bars.setdefault(operand.array.name, []).append(bars[0].array)  # handed on as it is
+                if alone and isinstance(step, Map) and ca.is_equal(_column(gradient), seed, 1):
+                    self.bars.setdefault(operand.array.name, []).append(bars[0][0].array)  # handed on as it is
                     continue
-                self._append_map(step, operand, gradient, given)
+                self._append_map(step.over, targets, operand, gradient, given)
                 continue
             for array, part in self._through_sums(operand.array, gradient):
                 before = whole.get(array.name, (array, ca.SX.zeros(array.size)))[1]
                 whole[array.name] = array, before + part
         if whole:
-            targets = tuple(self._new(array) for array, _ in whole.values())
-            operands, body = _pruned(given, ca.vertcat(*(part for _, part in whole.values())))
+            sums = tuple(self._new(array) for array, _ in whole.values())
+            operands, body = pruned(given, ca.vertcat(*(part for _, part in whole.values())))
             comment = ", ".join(f"gradient by {_shown(array)}" for array, _ in whole.values())
-            self.steps.append(Reduce(f"sums over the joints: {comment}", targets, operands, body))
+            of = "coordinates" if step.over == "coordinate" else "joints"
+            self.steps.append(Reduce(f"sums over the {of}: {comment}", sums, operands, body, step.over))
 
     def _append_map(
-        self, step: Map, operand: Operand, gradient: ca.SX, given: tuple[tuple[Operand, ca.SX], ...]
+        self,
+        over: Over,
+        through: tuple[Array, ...],
+        operand: Operand,
+        gradient: ca.SX,
+        given: tuple[tuple[Operand, ca.SX], ...],
     ) -> None:
-        comment = f"gradient by {_shown(operand.array)}, through {_shown(step.target.array)}"
+        comment = f"gradient by {_shown(operand.array)}, through {', '.join(map(_shown, through))}"
         total = _column(gradient)
         if operand.at == "j" and operand.array.name in self.written and operand.array.name in self.bars:
             # What other steps hand back is added here: one array, not one each.
@@ -297,9 +324,9 @@ class _Reverse:
             given = (*given, *zip(others, seeds, strict=True))
             total = sum(seeds, total)
             comment += ", and what others hand back"
-        operands, body = _pruned(given, total)
+        operands, body = pruned(given, total)
         target = Operand(self._new(operand.array), operand.at)
-        self.steps.append(Map(comment, step.over, target, operands, body))
+        self.steps.append(Map(comment, over, target, operands, body))
 
     def _through_sums(self, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
         """Gradients (columns) by what a sparse sum reads, or by the array itself if it is no sparse sum's."""
@@ -339,16 +366,16 @@ class _Reverse:
             gradient = ca.densify(ca.gradient(loss, value))
             if gradient.is_zero():
                 continue
-            operands, body = _pruned(given, gradient)
+            operands, body = pruned(given, gradient)
             over = _FLIPPED[step.over] if flip else step.over
             summed = "j" if flip else "i"
             comment = f"gradient by {_shown(operand.array)}_{operand.at}: sum over the joints {summed} of its pairs"
             self.steps.append(Gather(comment, over, self._new(operand.array), operands, body, but_of_base))
 
-    def _values(self, step: Map) -> list[ca.SX]:
+    def _values(self, step: Map | Reduce) -> list[ca.SX]:
         return [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
 
-    def _known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
+    def _known(self, step: Map | Reduce, values: list[ca.SX]) -> list[ca.SX]:
         """The same with zeros where an operand is always zero: nothing flows through these."""
         return [_cleared(value, self.zeros.get(o.array.name)) for o, value in zip(step.operands, values, strict=True)]
 
@@ -464,7 +491,7 @@ def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tupl
         if gradient.is_zero():
             continue
         y, total = Array(f"y_{side}", J.shape), Array(f"sum_{side}", J.shape)
-        operands, body = _pruned(given, gradient)
+        operands, body = pruned(given, gradient)
         comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j by J_j, for the joints j {side} joint i"
         steps.append(Map(comment, "j", Operand(y, "j"), operands, body))
         comment = "sums of y_i over i" + (" <= j" if outward else " > j")
@@ -587,16 +614,3 @@ def _symbols(operand: Operand, name: str) -> ca.SX:
 def _column(value: ca.SX) -> ca.SX:
     """Entries row by row, below each other."""
     return ca.vec(ca.densify(value).T)
-
-
-def _pruned(
-    given: Sequence[tuple[Operand, ca.SX]], expression: ca.SX
-) -> tuple[tuple[Operand, ...], Callable[..., ca.SX]]:
-    """The operands that an expression of their symbols depends on, and the body that takes these."""
-    dependent = [(o, s) for o, s in given if ca.depends_on(expression, ca.vec(s))]
-    place = ca.vertcat(*(ca.vec(symbol) for _, symbol in dependent))
-
-    def body(*values: ca.SX) -> ca.SX:
-        return ca.densify(ca.substitute(expression, place, ca.vertcat(*(ca.vec(ca.densify(v)) for v in values))))
-
-    return tuple(operand for operand, _ in dependent), body

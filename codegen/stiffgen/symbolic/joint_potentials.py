@@ -21,16 +21,17 @@ from typing import Literal
 
 import casadi as ca
 
-from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
-from stiffgen.symbolic.kinematics import Expressions
 
 Part = Literal["energy", "torque", "joint_stiffness"]
 
 
 @dataclass(frozen=True)
 class JointPotential:
-    """A potential of q; ``name`` is the group of its kernels, ``parameters`` are what ``energy`` takes after q."""
+    """A potential of q, a sum over the coordinates; ``name`` is the group of its kernels.
+
+    ``energy`` is that of one coordinate: of its position, and of the ``parameters``, its own where there is one each.
+    """
 
     name: str
     title: str
@@ -41,17 +42,16 @@ class JointPotential:
 
 
 def _posture_energy(q: ca.SX, posture: ca.SX, stiffness: ca.SX) -> ca.SX:
-    return ca.dot(stiffness, (q - posture) ** 2) / 2
+    return stiffness * (q - posture) ** 2 / 2
 
 
-def _cubes(depth: ca.SX) -> ca.SX:
-    """The cubes of what is positive, else 0: two derivatives are continuous."""
-    return ca.vertcat(*(ca.if_else(each <= 0, 0, each**3) for each in ca.vertsplit(depth)))
+def _cube(depth: ca.SX) -> ca.SX:
+    """The cube of what is positive, else 0: two derivatives are continuous."""
+    return ca.if_else(depth <= 0, 0, depth**3)
 
 
 def _limits_energy(q: ca.SX, lower: ca.SX, upper: ca.SX, zone: ca.SX, stiffness: ca.SX) -> ca.SX:
-    cubes = _cubes(q - (upper - zone)) + _cubes((lower + zone) - q)
-    return ca.dot(stiffness, cubes) / (6 * zone)
+    return stiffness * (_cube(q - (upper - zone)) + _cube((lower + zone) - q)) / (6 * zone)
 
 
 _STIFFNESS_UNIT = "N m/rad or N/m"
@@ -84,12 +84,10 @@ LIMITS = JointPotential(
 JOINT_POTENTIALS = (POSTURE, LIMITS)
 
 
-def terms(chain: Chain, q: ca.SX, *parameters: ca.SX, potential: JointPotential, part: Part) -> Expressions:
-    """Energy, torque -dU/dq, or joint stiffness d2U/dq2 (row-major) of a potential; none of a floating base."""
-    at = ca.SX.sym("q", *q.shape)
+def term(q: ca.SX, *parameters: ca.SX, potential: JointPotential, part: Part) -> ca.SX:
+    """Energy U, torque -dU/dq or joint stiffness d2U/dq2 of one coordinate."""
+    at = ca.SX.sym("q")
     energy = potential.energy(at, *parameters)
-    hessian, gradient = ca.hessian(energy, at)
-    own = chain.base_joints
-    gradient, hessian = ca.vertcat(ca.SX.zeros(own), gradient), ca.diagcat(ca.SX(own, own), hessian)
-    result = {"energy": energy, "torque": -gradient, "joint_stiffness": ca.vec(hessian.T)}[part]
-    return Expressions(ca.substitute(result, at, q), ())
+    gradient = ca.gradient(energy, at)
+    result = {"energy": energy, "torque": -gradient, "joint_stiffness": ca.gradient(gradient, at)}[part]
+    return ca.substitute(result, at, q)

@@ -10,7 +10,7 @@ The quadratic part of every kernel is one small expression repeated over joints.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -21,9 +21,10 @@ from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
-Over = Literal["", "j", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j", "i and j of the base", "all"]
-"""What a map runs over: nothing (once), every joint j, or the pairs (i, j) of joints that satisfy the relation (of
-their numbers; "on the way": i is j or a joint between the base and j; "of the base": a floating base's own joints)."""
+Over = Literal["", "j", "coordinate", "i<=j", "i>=j", "i<j", "i>j", "i on the way to j", "i and j of the base", "all"]
+"""What a map runs over: nothing (once), every joint j, every coordinate j of q, or the pairs (i, j) of joints that
+satisfy the relation (of their numbers; "on the way": i is j or a joint between the base and j; "of the base": a
+floating base's own joints)."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,8 @@ def indices(chain: Chain, over: Over, *, but_of_base: bool = False) -> Iterator[
         yield from ((i, j) for i, j in indices(chain, over) if max(i, j) >= chain.base_joints)
         return
     m = len(chain.joints)
-    if over in ("", "j"):
-        yield from ((0, j) for j in range(m if over else 1))
+    if over in ("", "j", "coordinate"):
+        yield from ((0, j) for j in range({"": 1, "j": m, "coordinate": chain.dof - chain.base_joints}[over]))
     elif over == "i on the way to j":
         for j in range(m):
             i = j
@@ -221,12 +222,13 @@ class Gather:
 
 @dataclass(frozen=True)
 class Reduce:
-    """``targets`` = sums of ``expression(*operands)`` over all joints j: their entries below each other."""
+    """``targets`` = sums of ``expression(*operands)`` over joints or coordinates j: their entries below each other."""
 
     comment: str
     targets: tuple[Array, ...]
     operands: tuple[Operand, ...]
     expression: Callable[..., ca.SX]
+    over: Over = "j"
 
 
 @dataclass(frozen=True)
@@ -365,6 +367,19 @@ def operand_shape(operand: Operand) -> tuple[int, ...]:
     return operand.array.shape if operand.at == "" else (operand.count,)
 
 
+def pruned(
+    given: Sequence[tuple[Operand, ca.SX]], expression: ca.SX
+) -> tuple[tuple[Operand, ...], Callable[..., ca.SX]]:
+    """The operands that an expression of their symbols depends on, and the body that takes these."""
+    dependent = [(o, s) for o, s in given if ca.depends_on(expression, ca.vec(s))]
+    place = ca.vertcat(*(ca.vec(symbol) for _, symbol in dependent))
+
+    def body(*values: ca.SX) -> ca.SX:
+        return ca.densify(ca.substitute(expression, place, ca.vertcat(*(ca.vec(ca.densify(v)) for v in values))))
+
+    return tuple(operand for operand, _ in dependent), body
+
+
 def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.SX]], held: Held) -> None:
     for target in step.targets:
         arrays[target.name] = [] if target.name in step.apart else [ca.SX(0)] * target.size
@@ -446,7 +461,7 @@ def _gather(chain: Chain, step: Gather, arrays: dict[str, list[ca.SX]]) -> None:
 def _reduce(chain: Chain, step: Reduce, arrays: dict[str, list[ca.SX]]) -> None:
     for target in step.targets:
         arrays[target.name] = [ca.SX(0)] * target.size
-    for _, j in indices(chain, "j"):
+    for _, j in indices(chain, step.over):
         entries = _entries(step.expression(*_taken(step.operands, arrays, 0, j)))
         for target in step.targets:
             own, entries = entries[: target.size], entries[target.size :]
