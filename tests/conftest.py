@@ -99,7 +99,7 @@ def robot(robot_folder: Path) -> ModuleType:
 def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
     """Folders are compiled without optimisation, in a third of the time: for tests that do not look at the compiler."""
     monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
-    monkeypatch.setattr(build, "_LIBRARY_FLAGS", ("-O0",))
+    monkeypatch.setattr(build, "_FAST_TO_COMPILE", ("-O0",))
 
 
 @pytest.fixture(scope="session")

@@ -140,7 +140,7 @@ def corrupted(text: str, fault: Fault) -> str:
 
 
 def _verify(folder: Path, urdf: Path | None, send: Connection) -> None:
-    build._LIBRARY_FLAGS = ("-O0",)
+    build._FAST_TO_COMPILE = ("-O0",)
     checks = verify(folder, urdf=urdf, count=10)
     send.send([f"{check.kernel}: {check.oracle}" for check in checks if not check.passed and check.kernel != "files"])
 

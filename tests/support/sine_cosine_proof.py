@@ -176,7 +176,11 @@ def proved_units(text: str) -> tuple[arb, arb]:
         NotProvedError: a step does not hold.
 
     """
-    ctx.prec = 160
+    with ctx.workprec(160):
+        return _proved_units(text)
+
+
+def _proved_units(text: str) -> tuple[arb, arb]:
     _check_reduction(text)
     P, Q = _polynomial(text, "P"), _polynomial(text, "Q")
     texts = {name: _statement(text, name) for name in ("P", "Q")}

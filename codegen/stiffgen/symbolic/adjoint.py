@@ -231,8 +231,6 @@ class _Reverse:
                 self._map(step)
             else:
                 self._pairs(step)
-        elif isinstance(step, Reduce):
-            self._reduce(step)
         elif isinstance(step, SparseSum):
             self._sparse_sum(step)
         elif isinstance(step, SumJoints):
@@ -260,42 +258,25 @@ class _Reverse:
         self._map(Map(step.comment, "", Operand(step.target, ""), operands, step.expression))
 
     def _map(self, step: Map) -> None:
+        """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
         bars = tuple(Operand(bar, step.target.at) for bar in self.bars[step.target.array.name])
+        whole: dict[str, tuple[Array, ca.SX]] = {}
         seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
         seed = sum((_column(each) for each in seeds), ca.SX(0))
-        self._through(step, (step.target.array,), tuple(zip(bars, seeds, strict=True)), seed)
-
-    def _reduce(self, step: Reduce) -> None:
-        """What every joint adds to a sum gets the sum's gradient."""
-        given: list[tuple[Operand, ca.SX]] = []
-        parts = []
-        for target in step.targets:
-            part = ca.SX.zeros(target.size)
-            for bar in self.bars.get(target.name, ()):
-                operand = Operand(bar, "")
-                given.append((operand, _symbols(operand, f"c{len(given)}_")))
-                part += _column(given[-1][1])
-            parts.append(part)
-        self._through(step, step.targets, tuple(given), ca.vertcat(*parts))
-
-    def _through(
-        self, step: Map | Reduce, targets: tuple[Array, ...], bars: tuple[tuple[Operand, ca.SX], ...], seed: ca.SX
-    ) -> None:
-        """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
-        whole: dict[str, tuple[Array, ca.SX]] = {}
         values = self._values(step)
-        given = (*zip(step.operands, values, strict=True), *bars)
+        given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
         loss = ca.dot(_column(step.expression(*self._known(step, values))), seed)
         for operand, value in zip(step.operands, values, strict=True):
             gradient = ca.densify(ca.gradient(loss, value))
             if gradient.is_zero():
                 continue
             if operand.at == "j" or not step.over:
-                alone = len(bars) == 1 and operand.array.name in self.written and gradient.numel() == seed.numel()
-                if alone and isinstance(step, Map) and ca.is_equal(_column(gradient), seed, 1):
-                    self.bars.setdefault(operand.array.name, []).append(bars[0][0].array)  # handed on as it is
+                alike = len(bars) == 1 and bars[0].array.shape == operand.array.shape
+                alone = alike and operand.array.name in self.written and gradient.numel() == seed.numel()
+                if alone and ca.is_equal(_column(gradient), seed, 1):
+                    self.bars.setdefault(operand.array.name, []).append(bars[0].array)  # handed on as it is
                     continue
-                self._append_map(step.over, targets, operand, gradient, given)
+                self._append_map(step, operand, gradient, given)
                 continue
             for array, part in self._through_sums(operand.array, gradient):
                 before = whole.get(array.name, (array, ca.SX.zeros(array.size)))[1]
@@ -308,14 +289,9 @@ class _Reverse:
             self.steps.append(Reduce(f"sums over the {of}: {comment}", sums, operands, body, step.over))
 
     def _append_map(
-        self,
-        over: Over,
-        through: tuple[Array, ...],
-        operand: Operand,
-        gradient: ca.SX,
-        given: tuple[tuple[Operand, ca.SX], ...],
+        self, step: Map, operand: Operand, gradient: ca.SX, given: tuple[tuple[Operand, ca.SX], ...]
     ) -> None:
-        comment = f"gradient by {_shown(operand.array)}, through {', '.join(map(_shown, through))}"
+        comment = f"gradient by {_shown(operand.array)}, through {_shown(step.target.array)}"
         total = _column(gradient)
         if operand.at == "j" and operand.array.name in self.written and operand.array.name in self.bars:
             # What other steps hand back is added here: one array, not one each.
@@ -326,7 +302,7 @@ class _Reverse:
             comment += ", and what others hand back"
         operands, body = pruned(given, total)
         target = Operand(self._new(operand.array), operand.at)
-        self.steps.append(Map(comment, over, target, operands, body))
+        self.steps.append(Map(comment, step.over, target, operands, body))
 
     def _through_sums(self, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
         """Gradients (columns) by what a sparse sum reads, or by the array itself if it is no sparse sum's."""
@@ -372,10 +348,10 @@ class _Reverse:
             comment = f"gradient by {_shown(operand.array)}_{operand.at}: sum over the joints {summed} of its pairs"
             self.steps.append(Gather(comment, over, self._new(operand.array), operands, body, but_of_base))
 
-    def _values(self, step: Map | Reduce) -> list[ca.SX]:
+    def _values(self, step: Map) -> list[ca.SX]:
         return [_symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
 
-    def _known(self, step: Map | Reduce, values: list[ca.SX]) -> list[ca.SX]:
+    def _known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
         """The same with zeros where an operand is always zero: nothing flows through these."""
         return [_cleared(value, self.zeros.get(o.array.name)) for o, value in zip(step.operands, values, strict=True)]
 

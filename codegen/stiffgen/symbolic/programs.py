@@ -18,7 +18,7 @@ from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argu
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
-from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, Reduce, SparseSum, SumJoints, pruned
+from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, SparseSum, SumJoints, pruned
 from stiffgen.symbolic.springs import Spring
 
 
@@ -474,18 +474,16 @@ def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, re
     of_one = joint_potentials.term(*symbols, potential=potential, part=part)
     operands, body = pruned(tuple(zip(every, symbols, strict=True)), of_one)
     target, own = result.array(chain), chain.base_joints
-    if part == "energy":
-        return (Reduce("U: sum over the coordinates", (target,), operands, body, over="coordinate"),)
-    formula, symbol = {"torque": ("-dU/dq", "t"), "joint_stiffness": ("d2U/dq2", "d")}[part]
+    symbol, formula = {"energy": ("u", "U"), "torque": ("t", "-dU/dq"), "joint_stiffness": ("d", "d2U/dq2")}[part]
     if part == "torque" and not own:
         return (Map(formula, "coordinate", Operand(target, "j"), operands, body),)
     of_each = Array(symbol, (chain.dof - own,))
-
-    of_all = Map(formula, "coordinate", Operand(of_each, "j"), operands, body)
+    of_all = Map(f"{formula}, of each coordinate", "coordinate", Operand(of_each, "j"), operands, body)
 
     def placed(values: ca.SX) -> ca.SX:
         return ca.vertcat(ca.SX.zeros(own), values)
 
-    if part == "torque":
-        return of_all, Map("nothing of the base", "", Operand(target, ""), (Operand(of_each, ""),), placed)
-    return of_all, SparseSum("diagonal", target, None, (of_each,), lambda values: ca.diag(placed(values)))
+    if part == "joint_stiffness":
+        return of_all, SparseSum("diagonal", target, None, (of_each,), lambda values: ca.diag(placed(values)))
+    comment, gathered = ("sum", ca.sum1) if part == "energy" else ("nothing of the base", placed)
+    return of_all, Map(comment, "", Operand(target, ""), (Operand(of_each, ""),), gathered)

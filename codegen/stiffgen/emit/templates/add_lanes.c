@@ -1,4 +1,4 @@
-#if LANE_BYTES > 8
+#if LANE_BYTES > {{ scalar.bytes }}
 /* The sums of the halves of two, alternating: applied to LANES of them in turn, the sum of each in its own place. */
 static inline lanes add_halves(lanes a, lanes b)
 {
@@ -15,17 +15,17 @@ static inline lanes add_halves(lanes a, lanes b)
 static inline void add_lanes(const lanes *from, int count, lanes *to)
 {
     for (int k = 0; k < count; k += LANES) {
-        const lanes *const f = from + k;
-#if LANE_BYTES == 64
-        const lanes even = add_halves(add_halves(f[0], f[4]), add_halves(f[2], f[6]));
-        const lanes odd = add_halves(add_halves(f[1], f[5]), add_halves(f[3], f[7]));
-        *to++ = finite_lanes(add_halves(even, odd));
-#elif LANE_BYTES == 32
-        *to++ = finite_lanes(add_halves(add_halves(f[0], f[2]), add_halves(f[1], f[3])));
-#elif LANE_BYTES == 16
-        *to++ = finite_lanes(add_halves(f[0], f[1]));
-#else
-        *to++ = finite_lanes(f[0]);
+        lanes sums[LANES];
+        memcpy(sums, &from[k], sizeof sums);
+#if LANE_BYTES > {{ scalar.bytes }}
+        UNROLLED
+        for (int half = LANES / 2; half > 0; half /= 2) {
+            UNROLLED
+            for (int n = 0; n < half; ++n) {
+                sums[n] = add_halves(sums[n], sums[n + half]);
+            }
+        }
 #endif
+        *to++ = finite_lanes(sums[0]);
     }
 }
