@@ -81,7 +81,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "7b32f380e91f6fbc":
+if getattr(_c, "SOURCES", "") != "d0140365d7d83b6e":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

@@ -3562,6 +3562,10 @@ static APART void store_lanes(const lanes *from, size_t left, int size, double *
     }
     for (int k = whole; k < size; ++k) {
         const lanes finite = finite_lanes(from[k]);
+        if (size == 1 && present == LANES) {
+            memcpy(to, &finite, sizeof finite);
+            return;
+        }
         for (int c = 0; c < present; ++c) {
             to[size * c + k] = ((const double *)&finite)[c];
         }

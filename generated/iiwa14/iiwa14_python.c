@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "7b32f380e91f6fbc") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "d0140365d7d83b6e") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -81,7 +81,7 @@ except ImportError as _error:
         "iiwa7: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "65fa59ceb8b069d3":
+if getattr(_c, "SOURCES", "") != "b7a60305c8ea80b3":
     raise ImportError(
         "iiwa7: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

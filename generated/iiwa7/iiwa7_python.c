@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "65fa59ceb8b069d3") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "b7a60305c8ea80b3") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -81,7 +81,7 @@ except ImportError as _error:
         "med14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "1d12db21509f3d0e":
+if getattr(_c, "SOURCES", "") != "7e5f2e808a80b487":
     raise ImportError(
         "med14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "1d12db21509f3d0e") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "7e5f2e808a80b487") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -81,7 +81,7 @@ except ImportError as _error:
         "med7: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "3c6c960f31ebda54":
+if getattr(_c, "SOURCES", "") != "23040d2632583fcc":
     raise ImportError(
         "med7: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"

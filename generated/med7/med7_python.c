@@ -2141,7 +2141,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "3c6c960f31ebda54") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "23040d2632583fcc") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
