@@ -19,8 +19,6 @@ from support.targets import MACHINES, built, counts, footprint, run, step_count
 
 OTHER = {machine.name: machine for machine in MACHINES if not machine.name.startswith("x86-64")}
 BY_NAME = {machine.name: machine for machine in MACHINES}
-BRANCHING = ("limits_energy", "limits_torque", "limits_joint_stiffness")
-"""Functions that choose: what they cost depends on the zone that a joint is in."""
 
 
 def tools(machine):
@@ -62,7 +60,7 @@ def test_golden_values_of_floats(name, floats, chain, tmp_path):
 def test_the_same_instructions_for_every_float(name, floats, chain, tmp_path):
     """Nothing is software on an FPU of single precision, where doubles take ten to forty times as many."""
     machine = tools(BY_NAME[name])
-    kernels = [kernel for kernel in chain_kernels(chain) if kernel.qualified_name not in BRANCHING]
+    kernels = chain_kernels(chain)
     found = counts(machine, built(machine, floats, chain, [], tmp_path, kernels, 160, FLOAT), tmp_path)
     for kernel, count in zip(kernels, found, strict=True):
         assert count.states == 160
@@ -74,7 +72,7 @@ def test_the_same_instructions_for_every_float(name, floats, chain, tmp_path):
 def test_the_same_instructions_for_every_input(name, robot_folder, chain, tmp_path):
     """Denormals, limits, zeros, and NaN, infinity and 1e300 in what is no angle. Software double precision branches."""
     machine = tools(BY_NAME[name])
-    kernels = [kernel for kernel in chain_kernels(chain) if kernel.qualified_name not in BRANCHING]
+    kernels = chain_kernels(chain)
     program = built(machine, robot_folder, chain, [], tmp_path, kernels, 160)
     found = counts(machine, program, tmp_path)
     assert len(found) == len(kernels)
