@@ -198,7 +198,7 @@ class _TargetPrinter:
         # NaN, and what earlier steps wrote comes from guarded numbers.
         base = chain.base_joints
         joints = chain.joints[base:]
-        sliding = {joint.coordinate - base for joint in joints if joint.prismatic or step.q_enters_linearly}
+        sliding = {joint.coordinate - base for joint in joints if joint.prismatic}
         given: list[ca.SX] = []
         inputs: list[tuple[ca.SX, str]] = []
         guards: dict[int, tuple[str, str]] = {}  # local name and source of the inputs that are guarded

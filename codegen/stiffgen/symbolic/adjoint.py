@@ -261,10 +261,10 @@ class _Reverse:
         """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
         bars = tuple(Operand(bar, step.target.at) for bar in self.bars[step.target.array.name])
         whole: dict[str, tuple[Array, ca.SX]] = {}
-        seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
-        seed = sum((_column(each) for each in seeds), ca.SX(0))
         values = self._values(step)
+        seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
         given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
+        seed = sum((_column(each) for each in seeds), ca.SX(0))
         loss = ca.dot(_column(step.expression(*self._known(step, values))), seed)
         for operand, value in zip(step.operands, values, strict=True):
             gradient = ca.densify(ca.gradient(loss, value))
@@ -505,7 +505,7 @@ def _statements(
 
     heading = "gradients by " + ", ".join(_shown(array) for array in by)
     arguments = (*step.arguments, *(bar for _, bar in bars))
-    return Block(targets, expressions, arguments, heading=heading, q_enters_linearly=step.q_enters_linearly)
+    return Block(targets, expressions, arguments, heading=heading)
 
 
 def _sum(step: Sum) -> Sum:

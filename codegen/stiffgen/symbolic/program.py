@@ -78,9 +78,8 @@ class Block:
     shape (6, m): a column a joint. A block that several kernels use has a ``name``, under which C code holds it as a
     function of its own (its arguments are then those of the kernel); without a name it is part of its kernel.
     ``heading`` is the comment over the statements that fill the targets, ``meaning`` the one over the function.
-    ``q_enters_linearly`` says that q is more than the argument of sines, so that infinity in it does not become NaN by
-    itself (of sliding joints this is known). ``moves`` says that the targets are Jacobian columns of this
-    representation, the tip's pose, or both: how they change with q is then known from the columns.
+    ``moves`` says that the targets are Jacobian columns of this representation, the tip's pose, or both: how they
+    change with q is then known from the columns.
     """
 
     targets: tuple[Array, ...]
@@ -90,7 +89,6 @@ class Block:
     heading: str = "result"
     meaning: str = ""
     columns: int = 0
-    q_enters_linearly: bool = False
     moves: Representation | None = None
 
 
