@@ -72,6 +72,17 @@ def test_derivatives_on_a_floating_base(flags, types, tmp_path, monkeypatch):
     assert [check for check in verify(folder, count=3) if not check.passed] == []
 
 
+@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.slow
+def test_one_joint_whose_tool_is_mounted_at_run_time(tmp_path):
+    """Its dJ/dq is zero: what an oracle's rounding leaves of zero is no fault."""
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(chain_urdf("r"))
+    options = stiffgen.SpringOptions(derivatives=True)
+    folder = stiffgen.generate(urdf, output=tmp_path, name="tool_of_one", springs=options, runtime_tool=True)
+    assert [check for check in verify(folder, count=3) if not check.passed] == []
+
+
 def test_batches_of_every_length(robot, chain):
     """Shared and own wrenches, backwards and spread arguments, and nothing written beyond the end."""
     from stiffgen.check.verify import Samples
