@@ -465,6 +465,15 @@ PRODUCTS = (
 LARGE = 1e6
 
 
+def shared_by(source, bodies):
+    """The internal functions that products share, each with the product of the first body that calls it."""
+    functions = dict(re.findall(r"^(?:static )?void (\w+)\([^;{]*\)\n\{\n(.*?)^\}", source, re.MULTILINE | re.DOTALL))
+    shared = [name for name in functions if re.fullmatch(r"\w+_columns\w*_vjp(_lanes)?", name)]
+    calls = {name: [body for body in bodies if f" {name}(" in functions.get(body, "")] for name in shared}
+    assert any(calls.values())
+    return {name: bodies[callers[0]] for name, callers in calls.items() if callers}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("types", "floating", "chosen"),
@@ -488,6 +497,7 @@ def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chos
     products = {name: kernel for name, kernel in table.items() if name in (chosen or table) and name.endswith("_vjp")}
     bodies = {f"robot_{name}": name for name in products} | {f"{name}_lanes": name for name in products}
     texts = render(chain, "robot", options=options)
+    bodies |= shared_by(texts["robot.c"], bodies)
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__, SIGN_OR_FIRST)
     library = compiled_with_switches(texts, tmp_path)
     flip = switches(library, len(places))
@@ -504,7 +514,8 @@ def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chos
         name = bodies[body]
         given = [np.ascontiguousarray(pool[argument]) for argument in products[name].arguments]
         outs = [np.zeros_like(each) for each in wanted[name]]
-        run = batch_call(library[f"robot_{name}_batch"]) if body.endswith("_lanes") else single_call(library[body])
+        lanes = body.endswith("_lanes")
+        run = batch_call(library[f"robot_{name}_batch"]) if lanes else single_call(library[f"robot_{name}"])
         run(given, outs)
         return outs
 

@@ -788,7 +788,7 @@ class _ProgramPrinter:
         """C text of the number of joints or coordinates that a map runs over."""
         if over != "coordinate":
             return self.scope.size
-        return f"N - {self.scope.chain.base_joints}" if self.scope.chain.floating else "N"
+        return str(self.scope.chain.dof - self.scope.chain.base_joints) if self.scope.chain.floating else "N"
 
     @property
     def _rolled(self) -> list[str]:
