@@ -430,7 +430,7 @@ def _of_one(
 
     def errors() -> Array:
         (kernel,) = (each for each in chain_kernels(chain) if each.qualified_name == name)
-        return _rounding(chain, kernel, list(given), scalar_of(value))[kernel.result.name]
+        return _rounding(chain, kernel, list(given), scalar_of(value), 0)
 
     return _but_for_rounding(prefix + name, oracle, value, reference, errors)
 
@@ -649,12 +649,11 @@ def _against_casadi(
             for one in zip(*arguments, strict=True)
         ]
         values = as_results(kernels[kernel.qualified_name](*arguments))
-        errors = partial(_rounding, chain, kernel, arguments, scalar_of(values[0]))
-        for result, value, stack in zip(kernel.results, values, zip(*each, strict=True), strict=True):
+        for k, (result, value, stack) in enumerate(zip(kernel.results, values, zip(*each, strict=True), strict=True)):
             name = kernel.qualified_name + (f", {result.name}" if len(values) > 1 else "")
             reference = np.stack([np.asarray(one).reshape(result.array(chain).shape) for one in stack])
-            own = partial(_rounding_of, errors, result.name)
-            checks.append(_but_for_rounding(name, "closed form in CasADi", value, reference, own))
+            errors = partial(_rounding, chain, kernel, arguments, scalar_of(value), k)
+            checks.append(_but_for_rounding(name, "closed form in CasADi", value, reference, errors))
     return checks
 
 
@@ -667,17 +666,10 @@ def _but_for_rounding(name: str, oracle: str, value: Any, reference: Array, erro
     return compared(name, oracle, (reference + rest).astype(np.asarray(value).dtype), reference)
 
 
-def _rounding_of(errors: Callable[[], dict[str, Array]], result: str) -> Array:
-    return errors()[result]
-
-
-def _rounding(chain: Chain, kernel: Kernel, given: list[Array], scalar: Scalar) -> dict[str, Array]:
-    """Standard errors of a kernel's results by name, zero where they are not known."""
+def _rounding(chain: Chain, kernel: Kernel, given: list[Array], scalar: Scalar, which: int) -> Array:
+    """Standard errors of one of a kernel's results, zero where they are not known."""
     found = rounding_errors(chain, kernel, given, scalar)
-    return {
-        result.name: np.zeros((len(given[0]), *result.array(chain).shape)) if found is None else found[k]
-        for k, result in enumerate(kernel.results)
-    }
+    return np.zeros((len(given[0]), *kernel.results[which].array(chain).shape)) if found is None else found[which]
 
 
 Step = Callable[[], list[Check]]

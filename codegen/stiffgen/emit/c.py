@@ -829,8 +829,8 @@ class _ProgramPrinter:
             rows = 1 if len(array.shape) == 1 else array.shape[0]
             packed = self.packed[array.name] = Array(f"rows_of_{array.name}", (rows, array.shape[-1]))
             self._declare(packed, "j")
-            over: Over = "j" if array.shape[-1] == len(self.scope.chain.joints) else "coordinate"
-            size = self._count(over)
+            columns = array.shape[-1]
+            size = self.scope.size if columns == len(self.scope.chain.joints) else str(columns)
             self._call("pack_rows", self._numbers(array), rows, size, self.scope.padded, f"{packed.name}[0]")
         return self.packed[array.name]
 
@@ -980,20 +980,16 @@ class _ProgramPrinter:
 
     def _weighted(self, step: Gather) -> Array | None:
         """The columns of which a gather is nothing but the sum, each with its weight."""
-        columns = [operand for operand in step.operands if operand.at == "i"]
-        weights = [operand for operand in step.operands if operand.at == "ij" and operand.count == 1]
-        if (
-            len(columns) != 1
-            or len(weights) != 1
-            or len(step.operands) != 2
-            or self.zero_rows.get(columns[0].array.name)
-        ):
+        at = {operand.at: operand for operand in step.operands}
+        if len(step.operands) != 2 or at.keys() != {"i", "ij"} or at["ij"].count != 1:
+            return None
+        columns = at["i"].array
+        if columns.name not in self.lane_arrays or self.zero_rows.get(columns.name):
             return None
         symbols = {operand: ca.SX.sym("x", *operand_shape(operand)) for operand in step.operands}
         weighed = ca.densify(step.expression(*(symbols[operand] for operand in step.operands)))
-        sums = ca.densify(symbols[columns[0]] * symbols[weights[0]])
-        same = sums.shape == weighed.shape and ca.is_equal(sums, weighed, 1)
-        return columns[0].array if same and columns[0].array.name in self.lane_arrays else None
+        sums = ca.densify(symbols[at["i"]] * symbols[at["ij"]])
+        return columns if sums.shape == weighed.shape and ca.is_equal(sums, weighed, 1) else None
 
     def _reduce(self, step: Reduce) -> None:
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
