@@ -33,9 +33,9 @@ COUNT, BLOCK, ROUNDS = 131072, 4096, 9
 FEWER = 16
 """Contenders of a thousandth of the speed get so many times fewer configurations."""
 AGREE = 1e-9
-WHAT = ("joint stiffness", "its product (vjp)", "Hessian dJ/dq", "its product (vjp)")
+WHAT = ("joint stiffness", "its product (vjp)", "Hessian dJ/dq", "its product (vjp)", "joint stiffness, upper triangle")
 Rates = tuple[str, list[float | None]]
-"""Contender, and configurations a second of each of WHAT; None where it has none."""
+"""Contender, and configurations a second of each of WHAT, of the first ones at least; None where it has none."""
 
 
 def rate(call: Callable[[], object], count: int, rounds: int = ROUNDS) -> float:
@@ -66,7 +66,7 @@ class Problem:
     def __init__(self, chain: stiffgen.Chain, folder: Path) -> None:
         self.chain, self.folder = chain, folder
         module: Any = open_robot(folder).module
-        self.robot = module.hybrid
+        self.robot, self.packed = module.hybrid, module.packed
         samples = Samples.draw(chain, COUNT, seed=3)
         self.q, self.wrench, self.task_stiffness = samples.q, samples.wrench, samples.task_stiffness[0]
         self.tip: Array = module.forward_kinematics(self.q)[:, :3, 3]
@@ -82,6 +82,7 @@ class Problem:
             lambda **out: robot.joint_stiffness_vjp(q, F, K, self.stiffness_cotangent[part], **out),
             lambda **out: robot.jacobian_transpose_derivative(q, **out),
             lambda **out: robot.jacobian_transpose_derivative_vjp(q, self.hessian_cotangent[part], **out),
+            lambda **out: self.packed.hybrid_joint_stiffness(q, F, K, **out),
         )
 
     def expected(self, part: slice) -> list[list[Array]]:
@@ -292,6 +293,10 @@ def of_mujoco(problem: Problem, urdf: Path) -> list[Rates]:
     return [("MuJoCo, 7 mj_jacDot from Python, 1 thread", [None, None, measured, None])]
 
 
+def _filled_up(rates: list[float | None]) -> list[float | None]:
+    return [*rates, *[None] * (len(WHAT) - len(rates))]
+
+
 def section(rows: Sequence[Rates]) -> list[str]:
     """Of RESULTS.md."""
     return [
@@ -304,9 +309,9 @@ def section(rows: Sequence[Rates]) -> list[str]:
         "GPU: `make bench-cuda`.",
         "",
         f"| contender | {' | '.join(WHAT)} |",
-        "|---|---|---|---|---|",
+        "|---" * (1 + len(WHAT)) + "|",
         *(
-            f"| {name} | {' | '.join('-' if each is None else f'{each:.3g}' for each in rates)} |"
+            f"| {name} | {' | '.join('-' if each is None else f'{each:.3g}' for each in _filled_up(rates))} |"
             for name, rates in rows
         ),
         "",

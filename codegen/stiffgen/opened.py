@@ -18,7 +18,7 @@ from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.errors import OutputError, StiffgenError
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.kernels import PACKED, Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
 
 
@@ -92,7 +92,7 @@ class GeneratedRobot:
 
     @cached_property
     def kernels(self) -> dict[str, Callable[..., Any]]:
-        """The functions of the module by qualified name ("hybrid_joint_stiffness").
+        """The functions of the module by qualified name ("hybrid_joint_stiffness"), those of ``packed`` with "_packed".
 
         Raises:
             OutputError: see :attr:`module`; also if a function is missing, as in a folder of another version.
@@ -102,18 +102,22 @@ class GeneratedRobot:
 
 
 def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) -> dict[str, Callable[..., Any]]:
-    """The functions of a generated module by the qualified names of ``kernels``; OutputError if one is missing."""
+    """The functions of a generated module by the qualified names of ``kernels``; OutputError if one is missing.
+
+    Those that give symmetric results as upper triangles have "_packed" behind these names.
+    """
+    places = {kernel.qualified_name: (*kernel.path, kernel.name) for kernel in kernels}
+    packed = [kernel.qualified_name for kernel in kernels if len(kernel.batches) > 1]
+    places |= {f"{name}{PACKED}": ("packed", name) for name in packed}
     functions = {}
-    for kernel in kernels:
+    for function, path in places.items():
         owner: Any = module
         try:
-            for name in kernel.path:
+            for name in path:
                 owner = getattr(owner, name)
-            functions[kernel.qualified_name] = getattr(owner, kernel.name)
         except AttributeError as error:
-            raise OutputError(
-                f"{folder}: has no function {kernel.qualified_name}; generate the folder again"
-            ) from error
+            raise OutputError(f"{folder}: has no function {function}; generate the folder again") from error
+        functions[function] = owner
     return functions
 
 

@@ -80,10 +80,12 @@ def function(kernel: Kernel, chain: Chain) -> str:
         for argument in arguments
     ]
     note = f"\n{kernel.note}\n" if kernel.note else ""
-    batch = f"; for many configurations `iiwa14_{kernel.qualified_name}_batch`" if kernel.batch else ""
+    many = " and ".join(f"`iiwa14_{kernel.qualified_name}{each.suffix}`" for each in kernel.batches)
+    batch = f"; for many configurations {many}" if many else ""
+    packed = f", for upper triangles `iiwa14.packed.{kernel.qualified_name}`" if len(kernel.batches) > 1 else ""
     return (
         f"### {kernel.qualified_name}\n\n{kernel.summary}\n\n`{kernel.equation}`\n{note}\n"
-        f"Python: `{path}({names})`, C: `iiwa14_{kernel.qualified_name}({names}, {results})`{batch}.\n\n"
+        f"Python: `{path}({names})`{packed}, C: `iiwa14_{kernel.qualified_name}({names}, {results})`{batch}.\n\n"
         + table(("", "name", "shape", "unit", "meaning"), rows)
     )
 

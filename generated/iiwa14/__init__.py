@@ -58,6 +58,18 @@ limits
         Joint torque of the potential that keeps joints away from their limits.
     joint_stiffness(q, lower, upper, zone, limit_stiffness) -> (7, 7)
         Joint stiffness of the potential that keeps joints away from their limits.
+packed
+    The same with symmetric results as their upper triangles, row by row, for large batches:
+    mass_matrix(q)
+    gravity_joint_stiffness(q, gravity)
+    body_joint_stiffness(q, wrench, task_stiffness)
+    spatial_joint_stiffness(q, wrench, task_stiffness)
+    hybrid_joint_stiffness(q, wrench, task_stiffness)
+    spring_task_stiffness(q, equilibrium, translation_stiffness, rotation_stiffness)
+    spring_joint_stiffness(q, equilibrium, translation_stiffness, rotation_stiffness)
+    spring_linearization(q, equilibrium, translation_stiffness, rotation_stiffness)
+    posture_joint_stiffness(q, posture, posture_stiffness)
+    limits_joint_stiffness(q, lower, upper, zone, limit_stiffness)
 
 Impedance(**config)
     Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name what a step reports.
@@ -81,7 +93,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "d0140365d7d83b6e":
+if getattr(_c, "SOURCES", "") != "1cc00ecc63a2d4d9":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"
@@ -196,6 +208,19 @@ limits = _Functions(
     torque=_c.limits_torque,
     joint_stiffness=_c.limits_joint_stiffness,
 )
+packed = _Functions(
+    "packed",
+    mass_matrix=_c.mass_matrix_packed,
+    gravity_joint_stiffness=_c.gravity_joint_stiffness_packed,
+    body_joint_stiffness=_c.body_joint_stiffness_packed,
+    spatial_joint_stiffness=_c.spatial_joint_stiffness_packed,
+    hybrid_joint_stiffness=_c.hybrid_joint_stiffness_packed,
+    spring_task_stiffness=_c.spring_task_stiffness_packed,
+    spring_joint_stiffness=_c.spring_joint_stiffness_packed,
+    spring_linearization=_c.spring_linearization_packed,
+    posture_joint_stiffness=_c.posture_joint_stiffness_packed,
+    limits_joint_stiffness=_c.limits_joint_stiffness_packed,
+)
 
 from .impedance import Fault, Impedance, Mode, Reason, Status
 
@@ -213,5 +238,6 @@ __all__ = [
     "spring",
     "posture",
     "limits",
+    "packed",
     "Impedance",
 ]

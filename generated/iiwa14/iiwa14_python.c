@@ -24,7 +24,7 @@ typedef struct {
     const char *argument[MAX_OPERANDS];
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
-    void (*evaluate)(const double *const *in, double *const *out);
+    void (*evaluate)(const double *const *in, double *const *out); /* NULL: batches only */
     /* many at a time, steps in doubles; NULL where the C code has no batch */
     void (*evaluate_batch)(size_t count, const double *const *in, const npy_intp *steps, double *const *out);
 } kernel;
@@ -154,7 +154,7 @@ static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps,
     double *buffer = NULL;
     npy_intp needed = 0;
 
-    if (count > 1 && k->evaluate_batch != NULL) {
+    if (k->evaluate == NULL || (count > 1 && k->evaluate_batch != NULL)) {
         batch_loop(k, args, count, steps);
         return;
     }
@@ -493,6 +493,56 @@ static void evaluate_limits_joint_stiffness(const double *const *in, double *con
 static void evaluate_limits_joint_stiffness_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
 {
     iiwa14_limits_joint_stiffness_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], in[3], steps[3], in[4], steps[4], out[0]);
+}
+
+static void evaluate_mass_matrix_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_mass_matrix_packed_batch(count, in[0], steps[0], out[0]);
+}
+
+static void evaluate_gravity_joint_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_gravity_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], out[0]);
+}
+
+static void evaluate_body_joint_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_body_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out[0]);
+}
+
+static void evaluate_spatial_joint_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_spatial_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out[0]);
+}
+
+static void evaluate_hybrid_joint_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_hybrid_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out[0]);
+}
+
+static void evaluate_spring_task_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_spring_task_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], in[3], steps[3], out[0]);
+}
+
+static void evaluate_spring_joint_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_spring_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], in[3], steps[3], out[0]);
+}
+
+static void evaluate_spring_linearization_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_spring_linearization_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], in[3], steps[3], out[0], out[1], out[2]);
+}
+
+static void evaluate_posture_joint_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_posture_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], out[0]);
+}
+
+static void evaluate_limits_joint_stiffness_packed_batch(size_t count, const double *const *in, const npy_intp *steps, double *const *out)
+{
+    iiwa14_limits_joint_stiffness_packed_batch(count, in[0], steps[0], in[1], steps[1], in[2], steps[2], in[3], steps[3], in[4], steps[4], out[0]);
 }
 
 static kernel kernels[] = {
@@ -1622,6 +1672,350 @@ static kernel kernels[] = {
         evaluate_limits_joint_stiffness,
         evaluate_limits_joint_stiffness_batch,
     },
+    {
+        "mass_matrix_packed",
+        "(7)->(28)",
+        "Joint-space mass matrix.\012"
+        "\012"
+        "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)\012"
+        "\012"
+        "Links beyond the chain move with it, their own joints held at zero; rotor inertias are\012"
+        "not in a URDF.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "mass_matrix : (..., 28) [kg m^2]\012"
+        "    symmetric, positive definite where every joint moves a mass: its upper triangle, row\012"
+        "    by row\012"
+        ,
+        1,
+        2,
+        {"q"},
+        {1, 1},
+        {{7}, {28}},
+        NULL,
+        evaluate_mass_matrix_packed_batch,
+    },
+    {
+        "gravity_joint_stiffness_packed",
+        "(7),(3)->(28)",
+        "Joint stiffness of gravity: Hessian of the potential energy.\012"
+        "\012"
+        "d2U/dq_i dq_j = a_i . (g x w_j)\012"
+        "\012"
+        "Links beyond the chain move with it, their own joints held at zero; rotor inertias are\012"
+        "not in a URDF.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "gravity : (..., 3) [m/s^2]\012"
+        "    acceleration of free fall in base axes, (0, 0, -9.81) where z points up\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    d2U/dq2, bitwise symmetric: its upper triangle, row by row\012"
+        ,
+        2,
+        3,
+        {"q", "gravity"},
+        {1, 1, 1},
+        {{7}, {3}, {28}},
+        NULL,
+        evaluate_gravity_joint_stiffness_packed_batch,
+    },
+    {
+        "body_joint_stiffness_packed",
+        "(7),(6),(6,6)->(28)",
+        "Symmetric joint stiffness with the connection's correction.\012"
+        "\012"
+        "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "wrench : (..., 6) [N, N m]\012"
+        "    (force, moment) that the environment applies to the robot, in tip axes, moment about\012"
+        "    the tip's origin\012"
+        "task_stiffness : (..., 6, 6) [N/m, N, N m]\012"
+        "    stiffness on twists (linear, angular), tip axes at the tip's origin; symmetric, only\012"
+        "    the upper triangle is read\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    bitwise symmetric: its upper triangle, row by row\012"
+        ,
+        3,
+        4,
+        {"q", "wrench", "task_stiffness"},
+        {1, 1, 2, 1},
+        {{7}, {6}, {6, 6}, {28}},
+        NULL,
+        evaluate_body_joint_stiffness_packed_batch,
+    },
+    {
+        "spatial_joint_stiffness_packed",
+        "(7),(6),(6,6)->(28)",
+        "Symmetric joint stiffness with the connection's correction.\012"
+        "\012"
+        "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)\012"
+        "\012"
+        "The spatial connection is not the body and hybrid one: the same task stiffness and\012"
+        "wrench, moved to the base's origin, give another joint stiffness.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "wrench : (..., 6) [N, N m]\012"
+        "    (force, moment) that the environment applies to the robot, in base axes, moment\012"
+        "    about the base's origin\012"
+        "task_stiffness : (..., 6, 6) [N/m, N, N m]\012"
+        "    stiffness on twists (linear, angular), base axes at the base's origin; symmetric,\012"
+        "    only the upper triangle is read\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    bitwise symmetric: its upper triangle, row by row\012"
+        ,
+        3,
+        4,
+        {"q", "wrench", "task_stiffness"},
+        {1, 1, 2, 1},
+        {{7}, {6}, {6, 6}, {28}},
+        NULL,
+        evaluate_spatial_joint_stiffness_packed_batch,
+    },
+    {
+        "hybrid_joint_stiffness_packed",
+        "(7),(6),(6,6)->(28)",
+        "Symmetric joint stiffness with the connection's correction.\012"
+        "\012"
+        "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "wrench : (..., 6) [N, N m]\012"
+        "    (force, moment) that the environment applies to the robot, in base axes, moment\012"
+        "    about the tip's origin\012"
+        "task_stiffness : (..., 6, 6) [N/m, N, N m]\012"
+        "    stiffness on twists (linear, angular), base axes at the tip's origin; symmetric,\012"
+        "    only the upper triangle is read\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    bitwise symmetric: its upper triangle, row by row\012"
+        ,
+        3,
+        4,
+        {"q", "wrench", "task_stiffness"},
+        {1, 1, 2, 1},
+        {{7}, {6}, {6, 6}, {28}},
+        NULL,
+        evaluate_hybrid_joint_stiffness_packed_batch,
+    },
+    {
+        "spring_task_stiffness_packed",
+        "(7),(4,4),(3,3),(3,3)->(21)",
+        "Task stiffness of the spring: covariant Hessian of its energy.\012"
+        "\012"
+        "K_ij = d2/dx_i dx_j U(p + v, exp([w]) R) at x = (v, w) = 0\012"
+        "\012"
+        "Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it\012"
+        "softens with the sine of the angle, and is in unstable equilibrium at turns by pi about\012"
+        "the eigenvectors of Ko (all axes if Ko is isotropic), nowhere else. Smooth everywhere.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "equilibrium : (..., 4, 4) [m]\012"
+        "    homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring is at\012"
+        "    rest; R0 must be a rotation\012"
+        "translation_stiffness : (..., 3, 3) [N/m]\012"
+        "    in base axes; symmetric, positive definite, only the upper triangle is read\012"
+        "rotation_stiffness : (..., 3, 3) [N m/rad]\012"
+        "    in the axes of the equilibrium; symmetric, positive definite, only the upper\012"
+        "    triangle is read\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "task_stiffness : (..., 21) [N/m, N, N m]\012"
+        "    covariant Hessian of U on twists (linear, angular), base axes at the tip's origin;\012"
+        "    bitwise symmetric: its upper triangle, row by row\012"
+        ,
+        4,
+        5,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        {1, 2, 2, 2, 1},
+        {{7}, {4, 4}, {3, 3}, {3, 3}, {21}},
+        NULL,
+        evaluate_spring_task_stiffness_packed_batch,
+    },
+    {
+        "spring_joint_stiffness_packed",
+        "(7),(4,4),(3,3),(3,3)->(28)",
+        "Joint stiffness of the spring: the exact tangent of its torque.\012"
+        "\012"
+        "d2U/dq2 = Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian\012"
+        "(Lachner, Nah, Hogan 2025)\012"
+        "\012"
+        "Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it\012"
+        "softens with the sine of the angle, and is in unstable equilibrium at turns by pi about\012"
+        "the eigenvectors of Ko (all axes if Ko is isotropic), nowhere else. Smooth everywhere.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "equilibrium : (..., 4, 4) [m]\012"
+        "    homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring is at\012"
+        "    rest; R0 must be a rotation\012"
+        "translation_stiffness : (..., 3, 3) [N/m]\012"
+        "    in base axes; symmetric, positive definite, only the upper triangle is read\012"
+        "rotation_stiffness : (..., 3, 3) [N m/rad]\012"
+        "    in the axes of the equilibrium; symmetric, positive definite, only the upper\012"
+        "    triangle is read\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    d2U/dq2 = -d torque/dq, bitwise symmetric: its upper triangle, row by row\012"
+        ,
+        4,
+        5,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        {1, 2, 2, 2, 1},
+        {{7}, {4, 4}, {3, 3}, {3, 3}, {28}},
+        NULL,
+        evaluate_spring_joint_stiffness_packed_batch,
+    },
+    {
+        "spring_linearization_packed",
+        "(7),(4,4),(3,3),(3,3)->(),(7),(28)",
+        "Energy, torque and joint stiffness of the spring in one call.\012"
+        "\012"
+        "U, -dU/dq = -J^T F, d2U/dq2 = Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K\012"
+        "the covariant Hessian\012"
+        "\012"
+        "Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it\012"
+        "softens with the sine of the angle, and is in unstable equilibrium at turns by pi about\012"
+        "the eigenvectors of Ko (all axes if Ko is isotropic), nowhere else. Smooth everywhere.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "equilibrium : (..., 4, 4) [m]\012"
+        "    homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring is at\012"
+        "    rest; R0 must be a rotation\012"
+        "translation_stiffness : (..., 3, 3) [N/m]\012"
+        "    in base axes; symmetric, positive definite, only the upper triangle is read\012"
+        "rotation_stiffness : (..., 3, 3) [N m/rad]\012"
+        "    in the axes of the equilibrium; symmetric, positive definite, only the upper\012"
+        "    triangle is read\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "energy : (...) [J]\012"
+        "    energy U of the spring, 0 at the equilibrium\012"
+        "torque : (..., 7) [N m or N]\012"
+        "    -dU/dq: torque that the spring puts on the joints\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    d2U/dq2 = -d torque/dq, bitwise symmetric: its upper triangle, row by row\012"
+        ,
+        4,
+        7,
+        {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        {1, 2, 2, 2, 0, 1, 1},
+        {{7}, {4, 4}, {3, 3}, {3, 3}, {1}, {7}, {28}},
+        NULL,
+        evaluate_spring_linearization_packed_batch,
+    },
+    {
+        "posture_joint_stiffness_packed",
+        "(7),(7),(7)->(28)",
+        "Joint stiffness of the spring that pulls every joint to a posture.\012"
+        "\012"
+        "d2U/dq2, U = sum_i k_i (q_i - r_i)^2/2\012"
+        "\012"
+        "Torque and stiffness add to those of a spring at the tip, and keep the whole\012"
+        "conservative.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "posture : (..., 7) [rad or m]\012"
+        "    joint positions at which the spring is at rest\012"
+        "posture_stiffness : (..., 7) [N m/rad or N/m]\012"
+        "    of every joint, not negative\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    d2U/dq2 = -d torque/dq, diagonal: its upper triangle, row by row\012"
+        ,
+        3,
+        4,
+        {"q", "posture", "posture_stiffness"},
+        {1, 1, 1, 1},
+        {{7}, {7}, {7}, {28}},
+        NULL,
+        evaluate_posture_joint_stiffness_packed_batch,
+    },
+    {
+        "limits_joint_stiffness_packed",
+        "(7),(7),(7),(),(7)->(28)",
+        "Joint stiffness of the potential that keeps joints away from their limits.\012"
+        "\012"
+        "d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a\012"
+        "limit\012"
+        "\012"
+        "0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are\012"
+        "continuous; beyond the limit both grow on. A joint without limits: stiffness zero, and\012"
+        "any finite limits. Not the controller's limit avoidance, which is linear from the zone's\012"
+        "edge on and bounded.\012"
+        "\012"
+        "Parameters\012"
+        "----------\012"
+        "q : (..., 7) [rad or m]\012"
+        "    joint positions, base to tip\012"
+        "lower : (..., 7) [rad or m]\012"
+        "    lower limits\012"
+        "upper : (..., 7) [rad or m]\012"
+        "    upper limits, above the lower ones\012"
+        "zone : (...) [rad or m]\012"
+        "    width w of the zone before a limit where it acts, positive\012"
+        "limit_stiffness : (..., 7) [N m/rad or N/m]\012"
+        "    of every joint at its limit, not negative\012"
+        "\012"
+        "Returns\012"
+        "-------\012"
+        "joint_stiffness : (..., 28) [N m/rad]\012"
+        "    d2U/dq2 = -d torque/dq, diagonal: its upper triangle, row by row\012"
+        ,
+        5,
+        6,
+        {"q", "lower", "upper", "zone", "limit_stiffness"},
+        {1, 1, 1, 0, 1, 1},
+        {{7}, {7}, {7}, {1}, {7}, {28}},
+        NULL,
+        evaluate_limits_joint_stiffness_packed_batch,
+    },
 };
 
 enum { KERNELS = sizeof kernels / sizeof kernels[0] };
@@ -2141,7 +2535,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "d0140365d7d83b6e") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "1cc00ecc63a2d4d9") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -277,6 +277,18 @@ class __limits:
     torque: _Of_q_lower_upper_zone_limit_stiffness  # (7),(7),(7),(),(7)->(7)
     joint_stiffness: _Of_q_lower_upper_zone_limit_stiffness  # (7),(7),(7),(),(7)->(7,7)
 
+class __packed:
+    mass_matrix: _Of_q  # (7)->(28)
+    gravity_joint_stiffness: _Of_q_gravity  # (7),(3)->(28)
+    body_joint_stiffness: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(28)
+    spatial_joint_stiffness: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(28)
+    hybrid_joint_stiffness: _Of_q_wrench_task_stiffness  # (7),(6),(6,6)->(28)
+    spring_task_stiffness: _Of_q_equilibrium_translation_stiffness_rotation_stiffness  # (7),(4,4),(3,3),(3,3)->(21)
+    spring_joint_stiffness: _Of_q_equilibrium_translation_stiffness_rotation_stiffness  # (7),(4,4),(3,3),(3,3)->(28)
+    spring_linearization: _Of_q_equilibrium_translation_stiffness_rotation_stiffness_3  # (7),(4,4),(3,3),(3,3)->(),(7),(28)
+    posture_joint_stiffness: _Of_q_posture_posture_stiffness  # (7),(7),(7)->(28)
+    limits_joint_stiffness: _Of_q_lower_upper_zone_limit_stiffness  # (7),(7),(7),(),(7)->(28)
+
 forward_kinematics: Final[_Of_q]  # (7)->(4,4)
 mass_matrix: Final[_Of_q]  # (7)->(7,7)
 bias_forces: Final[_Of_q_velocity_gravity]  # (7),(7),(3)->(7)
@@ -287,5 +299,6 @@ hybrid: Final[__hybrid]
 spring: Final[__spring]
 posture: Final[__posture]
 limits: Final[__limits]
+packed: Final[__packed]
 
 from .impedance import Fault as Fault, Impedance as Impedance, Mode as Mode, Reason as Reason, Status as Status

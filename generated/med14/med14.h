@@ -576,8 +576,13 @@ void med14_limits_joint_stiffness(const double q[7], const double lower[7], cons
  * Argument x of configuration c is read at x + c * x_step: the step is its size for a contiguous array, 0 for a value
  * that all configurations share, and may be negative. Last digits may differ from those of single calls; within
  * batches they depend on nothing but the configuration.
+ *
+ * A packed batch gives of a symmetric result the upper triangle, row by row: entry (i, j), i <= j, of n rows is number
+ * i * (2 * n - i - 1) / 2 + j of it. The numbers are those of the batch, to the last bit; where results are more than the
+ * caches hold, less to store is less to wait for.
  */
 void med14_mass_matrix_batch(size_t count, const double *q, ptrdiff_t q_step, double *mass_matrix);
+void med14_mass_matrix_packed_batch(size_t count, const double *q, ptrdiff_t q_step, double *mass_matrix);
 void med14_bias_forces_batch(size_t count, const double *q, ptrdiff_t q_step, const double *velocity,
     ptrdiff_t velocity_step, const double *gravity, ptrdiff_t gravity_step, double *bias_forces);
 void med14_gravity_energy_batch(size_t count, const double *q, ptrdiff_t q_step, const double *gravity,
@@ -586,16 +591,27 @@ void med14_gravity_gradient_batch(size_t count, const double *q, ptrdiff_t q_ste
     ptrdiff_t gravity_step, double *gradient);
 void med14_gravity_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q_step,
     const double *gravity, ptrdiff_t gravity_step, double *joint_stiffness);
+void med14_gravity_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *gravity, ptrdiff_t gravity_step, double *joint_stiffness);
 void med14_body_jacobian_batch(size_t count, const double *q, ptrdiff_t q_step, double *jacobian);
 void med14_body_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q_step, const double *wrench,
     ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
+    double *joint_stiffness);
+void med14_body_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
     double *joint_stiffness);
 void med14_spatial_jacobian_batch(size_t count, const double *q, ptrdiff_t q_step, double *jacobian);
 void med14_spatial_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q_step,
     const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
     double *joint_stiffness);
+void med14_spatial_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
+    double *joint_stiffness);
 void med14_hybrid_jacobian_batch(size_t count, const double *q, ptrdiff_t q_step, double *jacobian);
 void med14_hybrid_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
+    double *joint_stiffness);
+void med14_hybrid_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
     const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
     double *joint_stiffness);
 void med14_spring_energy_batch(size_t count, const double *q, ptrdiff_t q_step, const double *equilibrium,
@@ -608,6 +624,10 @@ void med14_spring_task_stiffness_batch(size_t count, const double *q, ptrdiff_t 
     const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
     ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
     ptrdiff_t rotation_stiffness_step, double *task_stiffness);
+void med14_spring_task_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
+    ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
+    ptrdiff_t rotation_stiffness_step, double *task_stiffness);
 void med14_spring_torque_batch(size_t count, const double *q, ptrdiff_t q_step, const double *equilibrium,
     ptrdiff_t equilibrium_step, const double *translation_stiffness, ptrdiff_t translation_stiffness_step,
     const double *rotation_stiffness, ptrdiff_t rotation_stiffness_step, double *torque);
@@ -615,7 +635,15 @@ void med14_spring_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
     const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
     ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
     ptrdiff_t rotation_stiffness_step, double *joint_stiffness);
+void med14_spring_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
+    ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
+    ptrdiff_t rotation_stiffness_step, double *joint_stiffness);
 void med14_spring_linearization_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
+    ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
+    ptrdiff_t rotation_stiffness_step, double *energy, double *torque, double *joint_stiffness);
+void med14_spring_linearization_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
     const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
     ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
     ptrdiff_t rotation_stiffness_step, double *energy, double *torque, double *joint_stiffness);
@@ -624,6 +652,9 @@ void med14_posture_energy_batch(size_t count, const double *q, ptrdiff_t q_step,
 void med14_posture_torque_batch(size_t count, const double *q, ptrdiff_t q_step, const double *posture,
     ptrdiff_t posture_step, const double *posture_stiffness, ptrdiff_t posture_stiffness_step, double *torque);
 void med14_posture_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *posture, ptrdiff_t posture_step, const double *posture_stiffness,
+    ptrdiff_t posture_stiffness_step, double *joint_stiffness);
+void med14_posture_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
     const double *posture, ptrdiff_t posture_step, const double *posture_stiffness,
     ptrdiff_t posture_stiffness_step, double *joint_stiffness);
 void med14_limits_energy_batch(size_t count, const double *q, ptrdiff_t q_step, const double *lower,
@@ -635,6 +666,10 @@ void med14_limits_torque_batch(size_t count, const double *q, ptrdiff_t q_step, 
 void med14_limits_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q_step, const double *lower,
     ptrdiff_t lower_step, const double *upper, ptrdiff_t upper_step, const double *zone, ptrdiff_t zone_step,
     const double *limit_stiffness, ptrdiff_t limit_stiffness_step, double *joint_stiffness);
+void med14_limits_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *lower, ptrdiff_t lower_step, const double *upper, ptrdiff_t upper_step, const double *zone,
+    ptrdiff_t zone_step, const double *limit_stiffness, ptrdiff_t limit_stiffness_step,
+    double *joint_stiffness);
 
 /*
  * Whether this build computes what the functions promise. Some compiler flags change the arithmetic and cannot be seen by

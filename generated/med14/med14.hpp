@@ -253,6 +253,12 @@ inline void mass_matrix_batch(std::size_t count, const double *q, std::ptrdiff_t
     ::med14_mass_matrix_batch(count, q, q_step, mass_matrix);
 }
 
+/// The same with symmetric results as their upper triangles, row by row.
+inline void mass_matrix_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, double *mass_matrix) noexcept
+{
+    ::med14_mass_matrix_packed_batch(count, q, q_step, mass_matrix);
+}
+
 /**
  * @brief Bias forces: Coriolis, centrifugal and gravity's.
  *
@@ -377,6 +383,12 @@ inline void joint_stiffness(Input<7> q, Input<3> gravity, Output<7, 7> joint_sti
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *gravity, std::ptrdiff_t gravity_step, double *joint_stiffness) noexcept
 {
     ::med14_gravity_joint_stiffness_batch(count, q, q_step, gravity, gravity_step, joint_stiffness);
+}
+
+/// The same with symmetric results as their upper triangles, row by row.
+inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *gravity, std::ptrdiff_t gravity_step, double *joint_stiffness) noexcept
+{
+    ::med14_gravity_joint_stiffness_packed_batch(count, q, q_step, gravity, gravity_step, joint_stiffness);
 }
 
 } // namespace gravity
@@ -510,6 +522,12 @@ inline void joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffn
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
 {
     ::med14_body_joint_stiffness_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
+}
+
+/// The same with symmetric results as their upper triangles, row by row.
+inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
+{
+    ::med14_body_joint_stiffness_packed_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
 }
 
 /**
@@ -674,6 +692,12 @@ inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdi
     ::med14_spatial_joint_stiffness_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
 }
 
+/// The same with symmetric results as their upper triangles, row by row.
+inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
+{
+    ::med14_spatial_joint_stiffness_packed_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
+}
+
 /**
  * @brief Conventional joint stiffness, without the correction; for comparison.
  *
@@ -832,6 +856,12 @@ inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdi
     ::med14_hybrid_joint_stiffness_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
 }
 
+/// The same with symmetric results as their upper triangles, row by row.
+inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
+{
+    ::med14_hybrid_joint_stiffness_packed_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
+}
+
 /**
  * @brief Conventional joint stiffness, without the correction; for comparison.
  *
@@ -974,6 +1004,12 @@ inline void task_stiffness_batch(std::size_t count, const double *q, std::ptrdif
     ::med14_spring_task_stiffness_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, task_stiffness);
 }
 
+/// The same with symmetric results as their upper triangles, row by row.
+inline void task_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *task_stiffness) noexcept
+{
+    ::med14_spring_task_stiffness_packed_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, task_stiffness);
+}
+
 /**
  * @brief Joint torque of the spring.
  *
@@ -1049,6 +1085,12 @@ inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdi
     ::med14_spring_joint_stiffness_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, joint_stiffness);
 }
 
+/// The same with symmetric results as their upper triangles, row by row.
+inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *joint_stiffness) noexcept
+{
+    ::med14_spring_joint_stiffness_packed_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, joint_stiffness);
+}
+
 /**
  * @brief Energy, torque and joint stiffness of the spring in one call.
  *
@@ -1094,6 +1136,12 @@ struct linearization_result {
 inline void linearization_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *energy, double *torque, double *joint_stiffness) noexcept
 {
     ::med14_spring_linearization_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, energy, torque, joint_stiffness);
+}
+
+/// The same with symmetric results as their upper triangles, row by row.
+inline void linearization_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *energy, double *torque, double *joint_stiffness) noexcept
+{
+    ::med14_spring_linearization_packed_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, energy, torque, joint_stiffness);
 }
 
 } // namespace spring
@@ -1191,6 +1239,12 @@ inline void joint_stiffness(Input<7> q, Input<7> posture, Input<7> posture_stiff
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *posture, std::ptrdiff_t posture_step, const double *posture_stiffness, std::ptrdiff_t posture_stiffness_step, double *joint_stiffness) noexcept
 {
     ::med14_posture_joint_stiffness_batch(count, q, q_step, posture, posture_step, posture_stiffness, posture_stiffness_step, joint_stiffness);
+}
+
+/// The same with symmetric results as their upper triangles, row by row.
+inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *posture, std::ptrdiff_t posture_step, const double *posture_stiffness, std::ptrdiff_t posture_stiffness_step, double *joint_stiffness) noexcept
+{
+    ::med14_posture_joint_stiffness_packed_batch(count, q, q_step, posture, posture_step, posture_stiffness, posture_stiffness_step, joint_stiffness);
 }
 
 } // namespace posture
@@ -1300,6 +1354,12 @@ inline void joint_stiffness(Input<7> q, Input<7> lower, Input<7> upper, double z
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *lower, std::ptrdiff_t lower_step, const double *upper, std::ptrdiff_t upper_step, const double *zone, std::ptrdiff_t zone_step, const double *limit_stiffness, std::ptrdiff_t limit_stiffness_step, double *joint_stiffness) noexcept
 {
     ::med14_limits_joint_stiffness_batch(count, q, q_step, lower, lower_step, upper, upper_step, zone, zone_step, limit_stiffness, limit_stiffness_step, joint_stiffness);
+}
+
+/// The same with symmetric results as their upper triangles, row by row.
+inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *lower, std::ptrdiff_t lower_step, const double *upper, std::ptrdiff_t upper_step, const double *zone, std::ptrdiff_t zone_step, const double *limit_stiffness, std::ptrdiff_t limit_stiffness_step, double *joint_stiffness) noexcept
+{
+    ::med14_limits_joint_stiffness_packed_batch(count, q, q_step, lower, lower_step, upper, upper_step, zone, zone_step, limit_stiffness, limit_stiffness_step, joint_stiffness);
 }
 
 } // namespace limits

@@ -17,14 +17,17 @@
  *        posture_joint_stiffness, limits_energy, limits_torque, limits_joint_stiffness
  * 5. Batches: the same with lanes of configurations in place of numbers
  *        gravity_columns_lanes, body_columns_lanes, spatial_columns_lanes, hybrid_columns_lanes,
- *        tip_pose_lanes, hybrid_columns_and_pose_lanes, mass_matrix_batch, bias_forces_batch,
- *        gravity_energy_batch, gravity_gradient_batch, gravity_joint_stiffness_batch, body_jacobian_batch,
- *        body_joint_stiffness_batch, spatial_jacobian_batch, spatial_joint_stiffness_batch,
- *        hybrid_jacobian_batch, hybrid_joint_stiffness_batch, spring_energy_batch, spring_wrench_batch,
- *        spring_task_stiffness_batch, spring_torque_batch, spring_joint_stiffness_batch,
- *        spring_linearization_batch, posture_energy_batch, posture_torque_batch,
- *        posture_joint_stiffness_batch, limits_energy_batch, limits_torque_batch,
- *        limits_joint_stiffness_batch
+ *        tip_pose_lanes, hybrid_columns_and_pose_lanes, mass_matrix_batch, mass_matrix_packed_batch,
+ *        bias_forces_batch, gravity_energy_batch, gravity_gradient_batch, gravity_joint_stiffness_batch,
+ *        gravity_joint_stiffness_packed_batch, body_jacobian_batch, body_joint_stiffness_batch,
+ *        body_joint_stiffness_packed_batch, spatial_jacobian_batch, spatial_joint_stiffness_batch,
+ *        spatial_joint_stiffness_packed_batch, hybrid_jacobian_batch, hybrid_joint_stiffness_batch,
+ *        hybrid_joint_stiffness_packed_batch, spring_energy_batch, spring_wrench_batch,
+ *        spring_task_stiffness_batch, spring_task_stiffness_packed_batch, spring_torque_batch,
+ *        spring_joint_stiffness_batch, spring_joint_stiffness_packed_batch, spring_linearization_batch,
+ *        spring_linearization_packed_batch, posture_energy_batch, posture_torque_batch,
+ *        posture_joint_stiffness_batch, posture_joint_stiffness_packed_batch, limits_energy_batch,
+ *        limits_torque_batch, limits_joint_stiffness_batch, limits_joint_stiffness_packed_batch
  * 6. Self-check of the compiler's arithmetic
  */
 #include "med7.h"
@@ -3579,6 +3582,17 @@ static APART void store_lanes(const lanes *from, size_t left, int size, double *
     }
 }
 
+/* The upper triangle of a matrix of n rows, row by row, at its beginning. */
+static APART void pack_upper(lanes *matrix, int n)
+{
+    int k = n; /* the first row stays */
+    for (int i = 1; i < n; ++i) {
+        for (int j = i; j < n; ++j) {
+            matrix[k++] = matrix[n * i + j];
+        }
+    }
+}
+
 /* Copy the upper triangle of a matrix of n rows to the other one. */
 static inline void mirror_upper_lanes(lanes *matrix, int n)
 {
@@ -4614,6 +4628,18 @@ void med7_mass_matrix_batch(size_t count, const double *q, ptrdiff_t q_step, dou
     }
 }
 
+void med7_mass_matrix_packed_batch(size_t count, const double *q, ptrdiff_t q_step, double *mass_matrix)
+{
+    lanes q_of_all[7];
+    lanes mass_matrix_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        mass_matrix_lanes(q_of_all, mass_matrix_of_all);
+        pack_upper(mass_matrix_of_all, 7);
+        store_lanes(mass_matrix_of_all, count - done, 28, mass_matrix + 28 * done);
+    }
+}
+
 /*
  * Bias forces: Coriolis, centrifugal and gravity's.
  * C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)
@@ -4968,6 +4994,21 @@ void med7_gravity_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
     }
 }
 
+void med7_gravity_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *gravity, ptrdiff_t gravity_step, double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes gravity_of_all[3];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(gravity, gravity_step, done, count, 3, gravity_of_all);
+        gravity_joint_stiffness_lanes(q_of_all, gravity_of_all, joint_stiffness_of_all);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
+    }
+}
+
 /*
  * Jacobian in body representation.
  * xi = J dq/dt, twist linear first
@@ -5066,6 +5107,24 @@ void med7_body_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t q_
         load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
         body_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
         store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
+    }
+}
+
+void med7_body_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
+    double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes wrench_of_all[6];
+    lanes task_stiffness_of_all[36];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(wrench, wrench_step, done, count, 6, wrench_of_all);
+        load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
+        body_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
     }
 }
 
@@ -5170,6 +5229,24 @@ void med7_spatial_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
     }
 }
 
+void med7_spatial_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
+    double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes wrench_of_all[6];
+    lanes task_stiffness_of_all[36];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(wrench, wrench_step, done, count, 6, wrench_of_all);
+        load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
+        spatial_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
+    }
+}
+
 /*
  * Jacobian in hybrid representation.
  * xi = J dq/dt, twist linear first
@@ -5262,6 +5339,24 @@ void med7_hybrid_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t 
         load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
         hybrid_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
         store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
+    }
+}
+
+void med7_hybrid_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *wrench, ptrdiff_t wrench_step, const double *task_stiffness, ptrdiff_t task_stiffness_step,
+    double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes wrench_of_all[6];
+    lanes task_stiffness_of_all[36];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(wrench, wrench_step, done, count, 6, wrench_of_all);
+        load_lanes(task_stiffness, task_stiffness_step, done, count, 36, task_stiffness_of_all);
+        hybrid_joint_stiffness_lanes(q_of_all, wrench_of_all, task_stiffness_of_all, joint_stiffness_of_all);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
     }
 }
 
@@ -5593,6 +5688,27 @@ void med7_spring_task_stiffness_batch(size_t count, const double *q, ptrdiff_t q
     }
 }
 
+void med7_spring_task_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
+    ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
+    ptrdiff_t rotation_stiffness_step, double *task_stiffness)
+{
+    lanes q_of_all[7];
+    lanes equilibrium_of_all[16];
+    lanes translation_stiffness_of_all[9];
+    lanes rotation_stiffness_of_all[9];
+    lanes task_stiffness_of_all[36];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
+        spring_task_stiffness_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, task_stiffness_of_all);
+        pack_upper(task_stiffness_of_all, 6);
+        store_lanes(task_stiffness_of_all, count - done, 21, task_stiffness + 21 * done);
+    }
+}
+
 /*
  * Joint torque of the spring.
  * -dU/dq = -J^T F with F = dU
@@ -5894,6 +6010,27 @@ void med7_spring_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t 
     }
 }
 
+void med7_spring_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
+    ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
+    ptrdiff_t rotation_stiffness_step, double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes equilibrium_of_all[16];
+    lanes translation_stiffness_of_all[9];
+    lanes rotation_stiffness_of_all[9];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
+        spring_joint_stiffness_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, joint_stiffness_of_all);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
+    }
+}
+
 /*
  * Energy, torque and joint stiffness of the spring in one call.
  * U, -dU/dq = -J^T F, d2U/dq2 = Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant
@@ -6111,6 +6248,31 @@ void med7_spring_linearization_batch(size_t count, const double *q, ptrdiff_t q_
     }
 }
 
+void med7_spring_linearization_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *equilibrium, ptrdiff_t equilibrium_step, const double *translation_stiffness,
+    ptrdiff_t translation_stiffness_step, const double *rotation_stiffness,
+    ptrdiff_t rotation_stiffness_step, double *energy, double *torque, double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes equilibrium_of_all[16];
+    lanes translation_stiffness_of_all[9];
+    lanes rotation_stiffness_of_all[9];
+    lanes energy_of_all[1];
+    lanes torque_of_all[7];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(equilibrium, equilibrium_step, done, count, 16, equilibrium_of_all);
+        load_lanes(translation_stiffness, translation_stiffness_step, done, count, 9, translation_stiffness_of_all);
+        load_lanes(rotation_stiffness, rotation_stiffness_step, done, count, 9, rotation_stiffness_of_all);
+        spring_linearization_lanes(q_of_all, equilibrium_of_all, translation_stiffness_of_all, rotation_stiffness_of_all, energy_of_all, torque_of_all, joint_stiffness_of_all);
+        store_lanes(energy_of_all, count - done, 1, energy + 1 * done);
+        store_lanes(torque_of_all, count - done, 7, torque + 7 * done);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
+    }
+}
+
 /*
  * Energy of the spring that pulls every joint to a posture.
  * U = sum_i k_i (q_i - r_i)^2/2
@@ -6243,6 +6405,24 @@ void med7_posture_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t
         load_lanes(posture_stiffness, posture_stiffness_step, done, count, 7, posture_stiffness_of_all);
         posture_joint_stiffness_lanes(q_of_all, posture_of_all, posture_stiffness_of_all, joint_stiffness_of_all);
         store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
+    }
+}
+
+void med7_posture_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *posture, ptrdiff_t posture_step, const double *posture_stiffness,
+    ptrdiff_t posture_stiffness_step, double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes posture_of_all[7];
+    lanes posture_stiffness_of_all[7];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(posture, posture_step, done, count, 7, posture_of_all);
+        load_lanes(posture_stiffness, posture_stiffness_step, done, count, 7, posture_stiffness_of_all);
+        posture_joint_stiffness_lanes(q_of_all, posture_of_all, posture_stiffness_of_all, joint_stiffness_of_all);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
     }
 }
 
@@ -6414,6 +6594,29 @@ void med7_limits_joint_stiffness_batch(size_t count, const double *q, ptrdiff_t 
         load_lanes(limit_stiffness, limit_stiffness_step, done, count, 7, limit_stiffness_of_all);
         limits_joint_stiffness_lanes(q_of_all, lower_of_all, upper_of_all, zone_of_all, limit_stiffness_of_all, joint_stiffness_of_all);
         store_lanes(joint_stiffness_of_all, count - done, 49, joint_stiffness + 49 * done);
+    }
+}
+
+void med7_limits_joint_stiffness_packed_batch(size_t count, const double *q, ptrdiff_t q_step,
+    const double *lower, ptrdiff_t lower_step, const double *upper, ptrdiff_t upper_step, const double *zone,
+    ptrdiff_t zone_step, const double *limit_stiffness, ptrdiff_t limit_stiffness_step,
+    double *joint_stiffness)
+{
+    lanes q_of_all[7];
+    lanes lower_of_all[7];
+    lanes upper_of_all[7];
+    lanes zone_of_all[1];
+    lanes limit_stiffness_of_all[7];
+    lanes joint_stiffness_of_all[49];
+    for (size_t done = 0; done < count; done += LANES) {
+        load_lanes(q, q_step, done, count, 7, q_of_all);
+        load_lanes(lower, lower_step, done, count, 7, lower_of_all);
+        load_lanes(upper, upper_step, done, count, 7, upper_of_all);
+        load_lanes(zone, zone_step, done, count, 1, zone_of_all);
+        load_lanes(limit_stiffness, limit_stiffness_step, done, count, 7, limit_stiffness_of_all);
+        limits_joint_stiffness_lanes(q_of_all, lower_of_all, upper_of_all, zone_of_all, limit_stiffness_of_all, joint_stiffness_of_all);
+        pack_upper(joint_stiffness_of_all, 7);
+        store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
     }
 }
 

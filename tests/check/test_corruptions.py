@@ -41,6 +41,7 @@ EVALUATE = "static void evaluate_hybrid_joint_stiffness("
 LAST, LANES = "const lanes finite = finite_lanes(from", "static void hybrid_joint_stiffness_lanes"
 LOAD, STORE = "static APART void load_lanes(", "static APART void store_lanes("
 STIFFNESS, BATCH = "void iiwa14_hybrid_joint_stiffness(", "void iiwa14_hybrid_joint_stiffness_batch("
+PACKED = "void iiwa14_hybrid_joint_stiffness_packed_batch("
 # ruff: noqa: E501
 FAULTS = [
     Fault("load: tail takes the entry before", C, r"configuration\[c\]\[k\]", "configuration[c][k - 1]", LOAD),
@@ -85,6 +86,8 @@ FAULTS = [
     Fault("a batch's q in a row", C, r"q, q_step, done", "q, 7, done", BATCH),
     Fault("a batch without its tail", C, r"done < count", "done + LANES <= count", BATCH),
     Fault("a batch stores in one place", C, r"joint_stiffness \+ 49 \* done", "joint_stiffness", BATCH),
+    Fault("a triangle without its second row's first entry", C, r"int j = i; j < n", "int j = i + (i == 1); j < n", "void pack_upper("),
+    Fault("a packed batch stores in one place", C, r"joint_stiffness \+ 28 \* done", "joint_stiffness", PACKED),
     Fault("arguments exchanged", PYTHON_C, r"in\[0\], in\[1\]", "in[1], in[0]", "static void evaluate_hybrid_kine"),
     Fault("stiffness for wrench", PYTHON_C, r"in\[1\], in\[2\]", "in[2], in[1]", EVALUATE),
     Fault("uncorrected for corrected", PYTHON_C, r"joint_stiffness\(in", "joint_stiffness_uncorrected(in", EVALUATE),

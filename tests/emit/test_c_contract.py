@@ -69,7 +69,7 @@ def test_symbols(compiler, optimisation, compiled):
     assert not [name for kind, name in symbols if kind in "bBC"]
     exported = {name for kind, name in symbols if kind.isupper() and kind != "U"}
     functions = {f"iiwa14_{kernel.qualified_name}" for kernel in KERNELS}
-    functions |= {f"iiwa14_{kernel.qualified_name}_batch" for kernel in KERNELS if kernel.batch}
+    functions |= {f"iiwa14_{kernel.qualified_name}{batch.suffix}" for kernel in KERNELS for batch in kernel.batches}
     tables = {f"iiwa14_{c}" for c in ("joints", "lower", "upper", "velocity", "effort")}
     assert exported == functions | tables | {"iiwa14_self_check"}
 

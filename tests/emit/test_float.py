@@ -174,7 +174,9 @@ def test_nothing_is_a_double(compiler, language, level, folder, tmp_path):
     symbols = [line.split()[-2:] for line in lines if line]
     assert {name for kind, name in symbols if kind == "U"} <= ALLOWED
     assert not [name for kind, name in symbols if kind in "bBC"]
-    functions = {f"{NAME}_{k.qualified_name}{suffix}" for k in KERNELS for suffix in ("", "_batch")[: 1 + k.batch]}
+    functions = {
+        f"{NAME}_{k.qualified_name}{suffix}" for k in KERNELS for suffix in ("", *(b.suffix for b in k.batches))
+    }
     tables = {f"{NAME}_{table}" for table in ("joints", "lower", "upper", "velocity", "effort")}
     exported = {name for kind, name in symbols if kind.isupper() and kind != "U"}
     assert exported == functions | tables | {f"{NAME}_self_check"}

@@ -135,6 +135,36 @@ def test_help_is_for_a_reader(robot):
     assert set(vars(robot.hybrid)) == {kernel.name for kernel in KERNELS if kernel.group == "hybrid"}
 
 
+PACKED = [kernel for kernel in KERNELS if kernel.batch and any(result.symmetric for result in kernel.results)]
+
+
+@pytest.mark.parametrize("kernel", PACKED, ids=[kernel.qualified_name for kernel in PACKED])
+def test_packed(kernel, chain, robot, samples):
+    """The batch's own numbers, entry by entry where the header says that they are; for one configuration, too."""
+    packed, whole = (kernels_of(robot, chain)[kernel.qualified_name + suffix] for suffix in ("_packed", ""))
+    assert packed is getattr(robot.packed, kernel.qualified_name)
+    stacks = arguments(kernel, samples)
+    stacks[0] = stacks[0].copy()
+    stacks[0][3, 2] = np.nan
+    with np.errstate(invalid="ignore"):
+        values, expected = as_results(packed(*stacks)), as_results(whole(*stacks))
+        single = as_results(packed(*(stack[3] for stack in stacks)))
+    for result, value, full, one in zip(kernel.results, values, expected, single, strict=True):
+        assert np.array_equal(value[3], one, equal_nan=True)
+        if not result.symmetric:
+            assert np.array_equal(value, full, equal_nan=True)
+            continue
+        n = full.shape[-1]
+        assert value.shape == (12, n * (n + 1) // 2)
+        for i in range(n):
+            for j in range(i, n):
+                assert np.array_equal(value[:, i * (2 * n - i - 1) // 2 + j], full[:, i, j], equal_nan=True)
+
+
+def test_packed_has_what_is_symmetric(robot):
+    assert vars(robot.packed).keys() - {"__name__", "__doc__"} == {kernel.qualified_name for kernel in PACKED}
+
+
 @every_result
 def test_broadcasting_and_strides(kernel, index, chain, robot, samples):
     """Broadcasts, non-contiguous, Fortran-ordered, reversed and float32 inputs agree with stacks and single calls.

@@ -23,6 +23,8 @@ def test_code_of_the_page(robot, monkeypatch):
     arm, q, wrench, K = names["iiwa14"], names["q"], names["wrench"], names["task_stiffness"]
     at_once = arm.hybrid.joint_stiffness(q, wrench, K)
     np.testing.assert_array_equal(names["traces"], at_once.trace(axis1=1, axis2=2))
+    np.testing.assert_array_equal(names["diagonals"], np.diagonal(at_once, axis1=1, axis2=2))
+    np.testing.assert_array_equal(names["matrix"], at_once[0])
     np.testing.assert_allclose(names["mean"], at_once.mean(axis=0), rtol=1e-9, atol=1e-9)
     for threads in (1, 3):
         out = np.full((len(q), 7, 7), np.nan)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from stiffgen.check.rounding import beyond_rounding, rounding_errors
 from stiffgen.emit.target import Scalar, scalar_of
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
-from stiffgen.symbolic.kernels import Kernel
+from stiffgen.symbolic.kernels import PACKED, Kernel
 
 LENGTHS = (*range(18), 33)
 """0 to two blocks of the widest lanes and one more, of doubles (8) and of floats (16)."""
@@ -28,6 +28,8 @@ def check_stacks(
 ) -> list[Check]:
     """Stacks of every length through the Python module: forwards, backwards, spread, with one argument shared.
 
+    What gives upper triangles is also held to what gives whole matrices, to the last bit.
+
     Args:
         kernels: functions of the module, which take stacks.
         single: the same, one configuration a call.
@@ -37,11 +39,14 @@ def check_stacks(
 
     """
     checks = []
-    for kernel in table:
-        call, reference = kernels[kernel.qualified_name], single[kernel.qualified_name]
+    for kernel, (suffix, form) in [(record, each) for record in table for each in _forms(record)]:
+        whole, call = (kernels[kernel.qualified_name + which] for which in ("", suffix))
+        reference = single[kernel.qualified_name]
         stacks = [pool[argument][:LONG] for argument in kernel.arguments]
-        expected = as_results(reference(*stacks))
+        expected = form(reference(*stacks))
         faults = []
+        if suffix and not all(map(np.array_equal, as_results(call(*stacks)), form(whole(*stacks)))):
+            faults.append(f"other bits than {kernel.qualified_name} has")
         for length in (*LENGTHS, LONG):
             out = tuple(np.full((length + 1, *each.shape[1:]), _UNTOUCHED, each.dtype) for each in expected)
             kept = tuple(each[:length] for each in out)
@@ -61,13 +66,29 @@ def check_stacks(
             given: list[Any] = list(stacks)
             given[k] = stacks[k][3]
             shared = [stack if i != k else np.broadcast_to(stack[3], stack.shape) for i, stack in enumerate(stacks)]
-            found, alone = as_results(call(*given)), as_results(reference(*shared))
+            found, alone = as_results(call(*given)), form(reference(*shared))
             if len(stacks) > 1 and not (
-                _agree(found, alone) or _agree_but_for_rounding(chain, kernel, shared, found, alone)
+                _agree(found, alone) or _agree_but_for_rounding(chain, kernel, form, shared, found, alone)
             ):
                 faults.append(f"{argument.name} shared")
-        checks.append(faultless(kernel.qualified_name, "stacks: lengths, order, sharing", faults))
+        checks.append(faultless(kernel.qualified_name + suffix, "stacks: lengths, order, sharing", faults))
     return checks
+
+
+_Form = Callable[[Any], tuple[Any, ...]]
+"""Results of a kernel, or their errors, as a function gives them."""
+
+
+def _forms(kernel: Kernel) -> list[tuple[str, _Form]]:
+    """The functions of a kernel that take stacks: what their names have behind its own, and their results' form."""
+
+    def packed(results: Any) -> tuple[Any, ...]:
+        whole = zip(kernel.results, as_results(results), strict=True)
+        return tuple(
+            each[(..., *np.triu_indices(each.shape[-1]))] if result.symmetric else each for result, each in whole
+        )
+
+    return [("", as_results), (PACKED, packed)][: 2 if len(kernel.batches) > 1 else 1]
 
 
 def check_c_batches(
@@ -82,22 +103,26 @@ def check_c_batches(
     """NAME_..._batch called from C's side: counts 0 to 17, steps of every sign, NaN around arguments, sentinels."""
     checks = []
     for kernel in table:
-        if kernel.batch:
-            faults = _batch_faults(
-                library[f"{name}_{kernel.qualified_name}_batch"], single, kernel, chain, pool, scalar
-            )
-            checks.append(faultless(f"{kernel.qualified_name}_batch", "C: counts, steps, ends", faults))
+        for batch, (_, form) in zip(kernel.batches, _forms(kernel), strict=False):
+            public = f"{kernel.qualified_name}{batch.suffix}"
+            reference = single[kernel.qualified_name]
+            faults = _batch_faults(library[f"{name}_{public}"], reference, kernel, form, chain, pool, scalar)
+            checks.append(faultless(public, "C: counts, steps, ends", faults))
     return checks
 
 
 def _batch_faults(
-    call: Any, single: Kernels, kernel: Kernel, chain: Chain, pool: Mapping[Argument, Array], scalar: Scalar
+    call: Any,
+    reference: Callable[..., Any],
+    kernel: Kernel,
+    form: _Form,
+    chain: Chain,
+    pool: Mapping[Argument, Array],
+    scalar: Scalar,
 ) -> list[str]:
     most = LENGTHS[-1]
     stacks = [pool[argument][:most].reshape(most, -1).astype(scalar.dtype) for argument in kernel.arguments]
     names = [argument.name for argument in kernel.arguments]
-    sizes = [result.array(chain).size for result in kernel.results]
-    reference = single[kernel.qualified_name]
     shapes = [argument.array(chain).shape for argument in kernel.arguments]
     plans: list[tuple[str, list[str]]] = [(kind, [kind] * len(stacks)) for kind in ("forwards", "backwards", "spread")]
     plans += [(f"{names[k]} shared", ["forwards"] * k + ["shared"] + ["forwards"] * (len(stacks) - k - 1))
@@ -109,7 +134,8 @@ def _batch_faults(
             for stack, kind in zip(stacks, kinds, strict=True)
         ]
         full = [each.reshape(most, *shape) for each, shape in zip(given, shapes, strict=True)]
-        expected = [np.asarray(each).reshape(most, -1) for each in as_results(reference(*full))]
+        expected = [np.asarray(each).reshape(most, -1) for each in form(reference(*full))]
+        sizes = [each.shape[1] for each in expected]
         for length in LENGTHS:
             laid = [_laid_out(stack[:length], kind) for stack, kind in zip(given, kinds, strict=True)]
             outs = [np.full(2 * 16 + length * size, _UNTOUCHED, scalar.dtype) for size in sizes]
@@ -120,7 +146,7 @@ def _batch_faults(
             call(*arguments)
             values = tuple(out[16:-16].reshape(length, size) for out, size in zip(outs, sizes, strict=True))
             own, wanted = [each[:length] for each in full], [each[:length] for each in expected]
-            if not (_agree(values, wanted) or _agree_but_for_rounding(chain, kernel, own, values, wanted)):
+            if not (_agree(values, wanted) or _agree_but_for_rounding(chain, kernel, form, own, values, wanted)):
                 faults.append(f"{title}, count {length}")
             if any((out[:16] != _UNTOUCHED).any() or (out[-16:] != _UNTOUCHED).any() for out in outs):
                 faults.append(f"{title}, count {length}: written beyond the ends")
@@ -145,14 +171,19 @@ def _laid_out(stack: Array, kind: str) -> tuple[Array, int, int]:
 
 
 def _agree_but_for_rounding(
-    chain: Chain, kernel: Kernel, stacks: list[Any], values: tuple[Any, ...], expected: list[Any] | tuple[Any, ...]
+    chain: Chain,
+    kernel: Kernel,
+    form: _Form,
+    stacks: list[Any],
+    values: tuple[Any, ...],
+    expected: list[Any] | tuple[Any, ...],
 ) -> bool:
     """Whether values agree where their contributions do not cancel, and elsewhere up to what rounding explains."""
     errors = rounding_errors(chain, kernel, stacks, scalar_of(values[0]))
     return errors is not None and _agree(
         tuple(
             each + beyond_rounding(np.asarray(value) - each, error)
-            for value, each, error in zip(values, map(np.asarray, expected), errors, strict=True)
+            for value, each, error in zip(values, map(np.asarray, expected), form(errors), strict=True)
         ),
         expected,
     )

@@ -41,13 +41,14 @@ def check_bounds(
     checks = []
     for kernel in table:
         stacks = [pool[argument][: COUNTS[-1]].astype(scalar.dtype) for argument in kernel.arguments]
-        sizes = [result.array(chain).size for result in kernel.results]
+        functions = [("", kernel.results, _single), *((each.suffix, each.results, _batch) for each in kernel.batches)]
         public = f"{name}_{kernel.qualified_name}"
         plans = [
             (f"{public}{suffix} goes {side} its arguments or results",
-             partial(work, library[public + suffix], stacks, sizes, behind=side == "behind"))
+             partial(work, library[public + suffix], stacks, [result.array(chain).size for result in results],
+                     behind=side == "behind"))
             for side in ("before", "behind")
-            for suffix, work in (("", _single), ("_batch", _batch))[: 2 if kernel.batch else 1]
+            for suffix, results, work in functions
         ]  # fmt: skip
         # All in one process first: starting one takes as long as a hundred calls.
         faults = [] if _survive([work for _, work in plans]) else [said for said, work in plans if not _survive([work])]

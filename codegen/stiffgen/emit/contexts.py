@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stiffgen.emit.c import CFunction, Scope, TargetCode, suffix_of
 from stiffgen.emit.expressions import Operations
@@ -12,7 +12,7 @@ from stiffgen.emit.rounding import Stated
 from stiffgen.emit.target import Scalar, Target
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
-from stiffgen.symbolic.kernels import Kernel
+from stiffgen.symbolic.kernels import PACKED, Kernel
 from stiffgen.symbolic.model import matrix_shape
 from stiffgen.symbolic.program import Array
 
@@ -48,7 +48,9 @@ class KernelPage:
         ranks: numbers of dimensions of arguments and results.
         extents: C initialisers of their shapes.
         sizes: their numbers of entries.
+        single: C has it for one configuration.
         batch: there is a batch of it.
+        batches: its C functions for many, names less the robot's.
         documentation: the comment over the C prototype, in lines.
         doxygen: the same over the C++ one.
         docstring: Python's, in lines.
@@ -72,7 +74,9 @@ class KernelPage:
     ranks: list[int]
     extents: list[str]
     sizes: list[int]
+    single: bool
     batch: bool
+    batches: list[str]
     documentation: list[str]
     doxygen: list[str]
     docstring: list[str]
@@ -137,23 +141,36 @@ class Group:
 
 
 @dataclass(frozen=True)
-class BatchPage:
-    """A kernel's batch: the function for one vector of configurations, and the public one that loops over these."""
+class StoredResult:
+    """A result of ``size`` numbers, of which so many are ``stored``.
 
-    definition: Definition
-    prototype: str
-    qualified_name: str
-    inputs: tuple[Array, ...]
-    outputs: tuple[Array, ...]
-
-
-@dataclass(frozen=True)
-class ThreadResult:
-    """A result of a CUDA kernel; ``rows`` are those of a matrix of which the upper triangle is stored, else 0."""
+    ``rows`` are those of a matrix of which the upper triangle is stored, else 0.
+    """
 
     name: str
     size: int
+    stored: int
     rows: int
+
+
+@dataclass(frozen=True)
+class BatchFunction:
+    """A public function for many configurations: its name less the robot's, its prototype, what it stores."""
+
+    name: str
+    prototype: str
+    results: list[StoredResult]
+
+
+@dataclass(frozen=True)
+class BatchPage:
+    """A kernel's batches: the function for one vector of configurations, and the public ones that loop over these."""
+
+    definition: Definition
+    qualified_name: str
+    inputs: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+    functions: list[BatchFunction]
 
 
 @dataclass(frozen=True)
@@ -185,7 +202,7 @@ class ThreadPage:
     varying: list[Array]
     arrays: list[str]
     given: list[str]
-    results: list[ThreadResult]
+    results: list[StoredResult]
     documentation: list[str]
     moved: int
 
@@ -250,9 +267,11 @@ def kernel_page(
         results=[Shaped(array.name, array.shape) for array in function.outputs],
         protocol="_".join(["_Of", *(a.name for a in function.inputs), *([str(outputs)] if outputs > 1 else [])]),
         ranks=[len(array.shape) for array in arrays],
-        extents=["{" + ", ".join(map(str, array.shape or (1,))) + "}" for array in arrays],
+        extents=[_initialiser(array) for array in arrays],
         sizes=[array.size for array in arrays],
+        single=True,
         batch=kernel.batch,
+        batches=[f"{kernel.qualified_name}{batch.suffix}" for batch in kernel.batches],
         documentation=_documentation(chain, kernel, bounds),
         doxygen=_doxygen(chain, kernel),
         docstring=_docstring(chain, kernel),
@@ -260,22 +279,67 @@ def kernel_page(
     )
 
 
-def batch_page(name: str, target: Target, kernel: Kernel, function: CFunction) -> BatchPage:
+def packed_pages(chain: Chain, kernels: Sequence[Kernel], pages: Sequence[KernelPage]) -> list[KernelPage]:
+    """The functions of Python's namespace ``packed``: of kernels and their pages those that have a packed batch."""
+    made = []
+    for kernel, page in zip(kernels, pages, strict=True):
+        for batch in kernel.batches[1:]:
+            packed = replace(kernel, results=batch.results)
+            results = [result.array(chain) for result in batch.results]
+            count = len(kernel.arguments)
+            made.append(
+                replace(
+                    page,
+                    name=kernel.qualified_name,
+                    group="packed",
+                    tip="",
+                    qualified_name=f"{kernel.qualified_name}{PACKED}",
+                    signature=packed.signature(chain),
+                    ranks=[*page.ranks[:count], *(len(array.shape) for array in results)],
+                    extents=[*page.extents[:count], *map(_initialiser, results)],
+                    sizes=[*page.sizes[:count], *(array.size for array in results)],
+                    single=False,
+                    docstring=_docstring(chain, packed),
+                )
+            )
+    return made
+
+
+def _initialiser(array: Array) -> str:
+    """A C initialiser of an array's shape."""
+    return "{" + ", ".join(map(str, array.shape or (1,))) + "}"
+
+
+def batch_page(chain: Chain, name: str, target: Target, kernel: Kernel, function: CFunction) -> BatchPage:
     """A kernel that was printed for vectors of configurations; ``name`` is the robot's."""
     number, parameters = target.scalar.name, ["size_t count"]
     for array in function.inputs:
         parameters += [f"const {number} *{array.name}", f"ptrdiff_t {array.name}_step"]
     parameters += [f"{number} *{array.name}" for array in function.outputs]
+    names = [f"{kernel.qualified_name}{batch.suffix}" for batch in kernel.batches]
     within = [f"const {target.number} {_declared(array)}" for array in function.inputs]
     within += [f"{target.number} {_declared(array)}" for array in function.outputs]
     one_vector = _fill(f"{target.qualifier} void {kernel.qualified_name}{suffix_of(target)}(", within) + ")"
     return BatchPage(
         definition=Definition(_explained(kernel, function), one_vector, function.lines),
-        prototype=_fill(f"void {name}_{kernel.qualified_name}_batch(", parameters) + ")",
         qualified_name=kernel.qualified_name,
         inputs=function.inputs,
         outputs=function.outputs,
+        functions=[
+            BatchFunction(
+                public,
+                _fill(f"void {name}_{public}(", parameters) + ")",
+                [_stored(chain, *each) for each in zip(kernel.results, batch.results, strict=True)],
+            )
+            for public, batch in zip(names, kernel.batches, strict=True)
+        ],
     )
+
+
+def _stored(chain: Chain, result: Argument, stored: Argument) -> StoredResult:
+    """A result, and what is stored of it."""
+    whole, kept = result.array(chain), stored.array(chain)
+    return StoredResult(whole.name, whole.size, kept.size, whole.shape[0] if kept.shape != whole.shape else 0)
 
 
 def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: CFunction) -> ThreadPage:
@@ -299,6 +363,7 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
             arrays.append(f"{array.name}_stride")
     given += [f"{number} *{array.name}" for array in function.outputs]
     arrays += [array.name for array in function.outputs]
+    results = [_stored(chain, result, result.packed()) for result in kernel.results]
     each = ["size_t count", "size_t stride", *(text.replace("*", "*__restrict__ ") for text in given)]
     launch = ["size_t count", "size_t stride", *given, "void *stream"]
     return ThreadPage(
@@ -310,12 +375,9 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
         varying=varying,
         arrays=arrays,
         given=[f"{a.name}_of_one" if a in own or a in varying else a.name for a in function.inputs],
-        results=[
-            ThreadResult(array.name, array.size, array.shape[0] if argument.symmetric else 0)
-            for argument, array in zip(kernel.results, function.outputs, strict=True)
-        ],
+        results=results,
         documentation=_thread_documentation(chain, kernel),
-        moved=sum(_stored(result, chain) for result in kernel.results) + sum(array.size for array in own),
+        moved=sum(result.stored for result in results) + sum(array.size for array in own),
     )
 
 
@@ -367,7 +429,7 @@ def sections_of(single: TargetCode, batch: TargetCode) -> dict[str, Section]:
     shared = [function.name for _, function in single.shared]
     kernels = [kernel.qualified_name for kernel, _ in single.kernels]
     batches = [function.name + batch.target.suffix for _, function in batch.shared]
-    batches += [f"{kernel.qualified_name}_batch" for kernel, _ in batch.kernels]
+    batches += [f"{kernel.qualified_name}{each.suffix}" for kernel, _ in batch.kernels for each in kernel.batches]
     found = {
         "robot": section("Arithmetic, and the robot's sizes, names and limits", []),
         "loops": section("Lanes, and fixed loops over them", []),
@@ -443,12 +505,6 @@ def example_of(chain: Chain) -> Example:
     )
 
 
-def _stored(result: Argument, chain: Chain) -> int:
-    """Numbers that a CUDA kernel stores of a result: of a symmetric matrix, the upper triangle."""
-    array = result.array(chain)
-    return array.shape[0] * (array.shape[0] + 1) // 2 if result.symmetric else array.size
-
-
 def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
     """The comment over a launch function's prototype."""
     lines = [kernel.summary, *wrapped(kernel.equation), *(wrapped(kernel.note) if kernel.note else []), ""]
@@ -457,7 +513,7 @@ def _thread_documentation(chain: Chain, kernel: Kernel) -> list[str]:
         text = _extents(shape)
         if argument in kernel.results:
             text = (
-                f"{_stored(argument, chain)} a configuration: "
+                f"{argument.packed().array(chain).size} a configuration: "
                 + ("upper triangle of " if argument.symmetric else "")
                 + text
             )

@@ -139,6 +139,8 @@ class _RobotPages:
         scopes: the chain, or one branch a tip.
         shared, batch_shared: internal functions of the kernels, and of their batches.
         kernels, groups, overview: the public functions; by tip and representation; in lines for a reader.
+        packed: the functions that give upper triangles, in Python.
+        python_kernels, python_groups: all functions there, and by group.
         public: their names in Python's module.
         argument_lists: the different ones of them: names of the arguments, number of results.
         batches: the public functions with a batch.
@@ -172,6 +174,9 @@ class _RobotPages:
     kernels: list[contexts.KernelPage]
     groups: list[contexts.Group]
     overview: list[str]
+    python_kernels: list[contexts.KernelPage]
+    python_groups: list[contexts.Group]
+    packed: list[contexts.KernelPage]
     public: list[str]
     argument_lists: list[tuple[tuple[str, ...], int]]
     batches: list[contexts.BatchPage]
@@ -202,6 +207,7 @@ def _pages(
         for kernel, function in single.kernels
     ]
     groups = contexts.groups_of(kernels)
+    packed = contexts.packed_pages(chain, [kernel for kernel, _ in single.kernels], kernels)
     functions = contexts.differentiable_pages(chain, [kernel for kernel, _ in single.kernels])
     differentiable = {name for function in functions for name in (function.name, f"{function.name}_vjp")}
     total = sum((function.operations for _, function in single.kernels), Operations())
@@ -229,9 +235,14 @@ def _pages(
         kernels=kernels,
         groups=groups,
         overview=contexts.overview(groups),
-        public=list(dict.fromkeys(k.tip or k.group or k.name for k in kernels)),
+        python_kernels=[*kernels, *packed],
+        python_groups=contexts.groups_of([*kernels, *packed]),
+        packed=packed,
+        public=list(dict.fromkeys(k.tip or k.group or k.name for k in [*kernels, *packed])),
         argument_lists=list(dict.fromkeys((tuple(k.inputs), len(k.outputs)) for k in kernels)),
-        batches=[contexts.batch_page(name, batch.target, kernel, function) for kernel, function in batch.kernels],
+        batches=[
+            contexts.batch_page(chain, name, batch.target, kernel, function) for kernel, function in batch.kernels
+        ],
         functions=functions,
         called=[page for page in kernels if page.qualified_name in differentiable],
         cuda=cuda,

@@ -487,7 +487,7 @@ def _tips(description: Description, tip: str | Sequence[str] | None) -> list[str
 
 
 _GROUPS_AND_KERNELS = (
-    "body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "mass_matrix", "bias_forces",
+    "body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "packed", "mass_matrix", "bias_forces",
     *CPP_NAMES,
 )  # fmt: skip
 """What stands beside the tips' names in a module, and in the namespace of NAME.hpp."""

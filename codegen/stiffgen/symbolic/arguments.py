@@ -10,7 +10,8 @@ from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.program import Array
 
 Extent = int | str
-"""A fixed extent, "n", the number of velocity coordinates, or "q", of joint positions (fewer on a floating base)."""
+"""A fixed extent, "n", the number of velocity coordinates, "q", of joint positions (fewer on a floating base), or
+"triangle", of the entries that the upper triangle of n rows has."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,19 @@ class Argument:
             own=self.own or len(self.shape) == 1,  # as a vector is each configuration's
         )
 
+    def packed(self) -> Argument:
+        """The result as packed batches and CUDA store it: of a symmetric matrix the upper triangle, row by row."""
+        if not self.symmetric:
+            return self
+        rows = self.shape[0]
+        extent = "triangle" if isinstance(rows, str) else rows * (rows + 1) // 2
+        meaning = f"{self.meaning}: its upper triangle, row by row"
+        return replace(self, shape=(extent,), symmetric=False, meaning=meaning)
+
     def array(self, chain: Chain) -> Array:
         """The argument as an array of the chain's sizes."""
-        sizes = {"n": chain.dof, "q": len(chain.coordinates)}
+        n = chain.dof
+        sizes = {"n": n, "q": len(chain.coordinates), "triangle": n * (n + 1) // 2}
         return Array(self.name, tuple(sizes[e] if isinstance(e, str) else e for e in self.shape), self.symbol)
 
 

@@ -26,6 +26,18 @@ _Steps = Callable[[Chain], Program]
 
 
 @dataclass(frozen=True)
+class Batch:
+    """A C function for many configurations in one call: what its name has behind the kernel's, and what it gives."""
+
+    suffix: str
+    results: tuple[Argument, ...]
+
+
+PACKED = "_packed"
+"""What the names of functions have that give symmetric results as their upper triangles."""
+
+
+@dataclass(frozen=True)
 class Kernel:
     """One function of every generated robot.
 
@@ -44,7 +56,7 @@ class Kernel:
     note: str = ""
     tip: Tip | None = None
     batch: bool = False
-    """Whether C has it for many configurations in one call, too: NAME_..._batch."""
+    """Whether C has it for many configurations in one call, too: :attr:`batches`."""
     part_of: str = ""
     """Name of another kernel of the group, with the same arguments, which gives these results beside others at hardly
     more cost: one vector-Jacobian product does for both."""
@@ -69,6 +81,12 @@ class Kernel:
         """The only result."""
         (result,) = self.results
         return result
+
+    @property
+    def batches(self) -> tuple[Batch, ...]:
+        """NAME_..._batch, and NAME_..._packed_batch where a result is symmetric; none without :attr:`batch`."""
+        whole, packed = Batch("_batch", self.results), Batch(f"{PACKED}_batch", tuple(r.packed() for r in self.results))
+        return (whole, packed)[: 2 if packed.results != self.results else 1] if self.batch else ()
 
     def scope(self, chain: Chain) -> Chain:
         """The chain that the kernel's program is about: the branch to its tip, or the whole."""

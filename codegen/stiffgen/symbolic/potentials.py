@@ -30,8 +30,8 @@ from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.springs import KINDS, Placement, Spring, spring
 
 _TAKEN = (
-    "body", "spatial", "hybrid", "posture", "limits", "gravity", "q", "tool_pose", "pose", "energy", "wrench", "torque",
-    "task_stiffness", "joint_stiffness", "linearization", "forward_kinematics", "mass_matrix",
+    "body", "spatial", "hybrid", "posture", "limits", "gravity", "packed", "q", "tool_pose", "pose", "energy", "wrench",
+    "torque", "task_stiffness", "joint_stiffness", "linearization", "forward_kinematics", "mass_matrix",
     "bias_forces", "impedance", *CPP_NAMES,
 )  # fmt: skip
 _WITHOUT_DERIVATIVES = {

@@ -17,7 +17,7 @@ from stiffgen.errors import OutputError
 from stiffgen.opened import GeneratedRobot
 from stiffgen.rendering import environment
 from stiffgen.symbolic.arguments import Argument
-from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, Kernel
+from stiffgen.symbolic.kernels import Kernel
 
 MOST = 3
 """Configurations in a batch with one lane: a first, a middle, a last. docs/proofs.md: why these are all."""
@@ -37,6 +37,14 @@ class _Block:
 
 
 @dataclass(frozen=True)
+class Batch:
+    """A function of a kernel for many configurations: what its name has behind the kernel's, and what it gives."""
+
+    suffix: str
+    outputs: tuple[_Block, ...]
+
+
+@dataclass(frozen=True)
 class Function:
     """A kernel as C has it."""
 
@@ -44,7 +52,7 @@ class Function:
     function: str
     inputs: tuple[_Block, ...]
     outputs: tuple[_Block, ...]
-    batch: bool
+    batches: tuple[Batch, ...]
 
     @property
     def symmetric(self) -> bool:
@@ -68,7 +76,7 @@ def _function(robot: GeneratedRobot, kernel: Kernel) -> Function:
         f"{robot.name}_{kernel.qualified_name}",
         tuple(map(block, kernel.arguments)),
         tuple(map(block, kernel.results)),
-        kernel.batch and robot.chain.dof <= MAX_BATCH_JOINTS,
+        tuple(Batch(each.suffix, tuple(map(block, each.results))) for each in kernel.batches),
     )
 
 
@@ -122,10 +130,12 @@ def kernels_bits(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
 def bodies_apart(kernels: Sequence[Function], text: str) -> str:
     """The kernels' C file, bodies of batches renamed: a harness says what a batch's call of its body gives."""
     for each in kernels:
-        if each.batch:
+        if each.batches:
             body = f"{each.qualified_name}_lanes("
-            if len(re.findall(rf"\b{re.escape(body)}", text)) != 2:
-                raise OutputError(f"{body}): not defined once and called once; generate the folder again")
+            if len(re.findall(rf"\b{re.escape(body)}", text)) != 1 + len(each.batches):
+                raise OutputError(
+                    f"{body}): not defined once and called by {len(each.batches)} batches; generate the folder again"
+                )
             text = text.replace(f"static void {body}", f"static void {each.qualified_name}_body(")
     return text
 

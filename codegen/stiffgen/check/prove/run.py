@@ -98,7 +98,7 @@ def prove(
     with tempfile.TemporaryDirectory(prefix="stiffgen-prove-") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
         job = _Job(robot, functions, tools, Path(temporary).resolve(), timeout, progress, text)
         entries = [each.qualified_name for each in chosen]
-        entries += [f"{each.qualified_name}_batch" for each in chosen if each.batch]
+        entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
         checked = ["self_check"] if len(chosen) == len(functions) else []
         memory = pool.submit(_memory, job, chosen, [*entries, *checked]) if "memory" in parts else None
         with_controller = has_controller(robot.chain) and not only and {"services", "step"} & set(parts)

@@ -161,3 +161,14 @@ static APART void store_lanes(const lanes *from, size_t left, int size, {{ scala
         }
     }
 }
+
+/* The upper triangle of a matrix of n rows, row by row, at its beginning. */
+static APART void pack_upper(lanes *matrix, int n)
+{
+    int k = n; /* the first row stays */
+    for (int i = 1; i < n; ++i) {
+        for (int j = i; j < n; ++j) {
+            matrix[k++] = matrix[n * i + j];
+        }
+    }
+}
