@@ -168,19 +168,23 @@ def test_solver(small, arm):
 
 
 def test_symbols_carry_the_name(small):
-    """CasADi's prefixes adj1_ and jac_ stand before the robot's; nothing else is exported."""
+    """CasADi's prefixes adj1_ and jac_ stand before the robot's; nothing else is exported, no inner call."""
     library = small.folder / "arm_casadi.so"
     listed = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True).stdout
     symbols = [line.split()[-1] for line in listed.splitlines()]
     assert "jac_arm_casadi_hybrid_joint_stiffness" in symbols
     strange = [symbol for symbol in symbols if not re.match(r"(adj1_|jac_)?arm_", symbol)]
     assert set(strange) <= {"_init", "_fini"}
+    assert not [symbol for symbol in symbols if symbol.endswith("_call") or symbol == "arm_casadi_jacobian"]
+    inner = subprocess.run(["nm", library], capture_output=True, text=True, check=True).stdout
+    assert "arm_mass_matrix_call" in inner
 
 
+@pytest.mark.parametrize("part", ["casadi", "calls"])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_source_is_free_of_warnings(small, compiler, tmp_path):
+def test_source_is_free_of_warnings(small, compiler, part, tmp_path):
     require_compiler(compiler)
-    source = small.folder / "arm_casadi.c"
+    source = small.folder / f"arm_{part}.c"
     subprocess.run([compiler, "-std=c99", "-O1", *STRICT, "-c", source, "-o", tmp_path / "object.o"], check=True)
 
 

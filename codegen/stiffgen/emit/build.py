@@ -23,6 +23,8 @@ _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
 """As CMake's release build of the folder's CMakeLists.txt has them. The user's own come after them: CFLAGS."""
 _FAST_TO_COMPILE = ("-O1",)
+_PASSES_ON = ("-O0",)
+"""Nothing in these files takes time: to optimise hundreds of functions of one line would take more than they do."""
 
 
 def build_module(folder: Path, name: str) -> None:
@@ -56,8 +58,9 @@ def build_module(folder: Path, name: str) -> None:
             f"{name}.c": [],
             f"{name}_impedance.c": [],
             f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
-            f"{name}_casadi.c": _FAST_TO_COMPILE,  # it copies, and calls
-            f"{name}_jax.c": [*_FAST_TO_COMPILE, *(f"-I{include}" for include in xla)],
+            f"{name}_calls.c": _FAST_TO_COMPILE,  # it copies, and calls
+            f"{name}_casadi.c": _PASSES_ON,
+            f"{name}_jax.c": [*_PASSES_ON, *(f"-I{include}" for include in xla)],
         }
         sources = [source for source in options if (folder / source).exists()]
         if not xla:
@@ -66,12 +69,14 @@ def build_module(folder: Path, name: str) -> None:
         compile_each = [
             [*command, *options[source], "-c", str(folder / source), "-o", made] for source, made in objects.items()
         ]
-        wrappers = {which: objects.pop(f"{name}_{which}.c", None) for which in ("casadi", "jax")}
+        wrappers = {which: objects.pop(f"{name}_{which}.c", "") for which in ("casadi", "jax")}
+        calls = objects.pop(f"{name}_calls.c", "")
         link = [[*command, *_link_options(), *objects.values(), "-o", str(module), *_libraries()]]
         for which, wrapper in wrappers.items():
             if wrapper:
                 library = folder / f"{name}_{which}{'.pyd' if os.name == 'nt' else '.so'}"
-                link.append([*command, "-shared", wrapper, objects[f"{name}.c"], "-o", str(library), *_libraries()])
+                linked = [wrapper, calls, objects[f"{name}.c"]]
+                link.append([*command, "-shared", *linked, "-o", str(library), *_libraries()])
         for commands in (compile_each, link):
             _run(commands, compiler[0], Path(build))
         _self_check([*command, objects[f"{name}.c"]], folder, name, Path(build))

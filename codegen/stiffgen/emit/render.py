@@ -79,6 +79,7 @@ def render(
     if pages.functions:
         files |= {
             f"{name}_calls.h": "calls.h.j2",
+            f"{name}_calls.c": "calls.c.j2",
             f"{name}_casadi.c": "casadi.c.j2",
             f"{name}_jax.c": "jax.c.j2",
             "_functions.py": "functions.py.j2",
