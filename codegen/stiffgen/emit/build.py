@@ -52,7 +52,8 @@ def build_module(folder: Path, name: str) -> None:
     module = folder / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
     with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
         native = _native(compiler, Path(build))
-        command = [*compiler, *_FLAGS, *native, *shlex.split(os.environ.get("CFLAGS", ""))]
+        ours, theirs = [*compiler, *_FLAGS, *native], shlex.split(os.environ.get("CFLAGS", ""))
+        command = [*ours, *theirs]
         xla = _xla_headers()
         options: dict[str, Sequence[str]] = {
             f"{name}.c": [],
@@ -67,7 +68,8 @@ def build_module(folder: Path, name: str) -> None:
             sources = [source for source in sources if source != f"{name}_jax.c"]
         objects = {source: str(Path(build) / f"{source}.o") for source in sources}
         compile_each = [
-            [*command, *options[source], "-c", str(folder / source), "-o", made] for source, made in objects.items()
+            [*ours, *options[source], *theirs, "-c", str(folder / source), "-o", made]
+            for source, made in objects.items()
         ]
         wrappers = {which: objects.pop(f"{name}_{which}.c", "") for which in ("casadi", "jax")}
         calls = objects.pop(f"{name}_calls.c", "")
