@@ -75,6 +75,12 @@ PART(ahead, load(done, count); compute(); for (int k = LANES * RESULT; k < 2 * L
 } store_lanes(result_lanes, count - done, RESULT, result + RESULT * done))
 PART(lanes_in_memory, const lanes *const a = all_arguments + ARGUMENTS * (done / LANES);
     hybrid_joint_stiffness_lanes(a, a + N, task_stiffness_lanes, all_results + RESULT * (done / LANES)))
+PART(structure_of_arrays, lanes a[ARGUMENTS]; lanes r[RESULT]; for (size_t k = 0; k < ARGUMENTS; ++k) {
+    memcpy(&a[k], (const double *)all_arguments + k * count + done, sizeof a[k]);
+} hybrid_joint_stiffness_lanes(a, a + N, task_stiffness_lanes, r); for (size_t k = 0; k < RESULT; ++k) {
+    const lanes finite = finite_lanes(r[k]);
+    memcpy(result + k * count + done, &finite, sizeof finite);
+})
 PART(fill, for (int k = 0; k < RESULT; ++k) { all_results[RESULT * (done / LANES) + (size_t)k] = result_lanes[0]; })
 
 /* As many multiplications as the kernel has without its sines (546, in the comment over it), each with an addition, none of
@@ -114,6 +120,7 @@ static const struct {
     {"results written, nothing else", fill},
     {"tried: the next results' places fetched ahead", ahead},
     {"tried: arguments and results as lanes", lanes_in_memory},
+    {"tried: arguments and results as structures of arrays", structure_of_arrays},
 };
 enum { PARTS = sizeof parts / sizeof parts[0] };
 

@@ -61,7 +61,7 @@ def test_values_and_gradients_are_those_of_numpy(robot, request):
             assert_close(found, expected.detach().numpy(), case.path)
 
 
-# PyTorch 2.15's check reads .grad of a copy, and hides its warning where it is shown: too late for one that is an error.
+# PyTorch 2.15's check reads .grad of a copy; its way to hide the warning is too late where a warning is an error.
 @pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor that is not a leaf:UserWarning")
 def test_opcheck(small, arm):
     """PyTorch's own checks of every operator and of its product: schema, autograd, fake tensors, compilation."""
