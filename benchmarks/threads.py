@@ -35,12 +35,11 @@ def main() -> None:
     q = random.uniform(robot.LOWER, robot.UPPER, (count, robot.DOF))
     wrench = random.uniform(-20, 20, (count, 6))
     task_stiffness = np.diag([700.0, 700, 800, 30, 30, 30])
-    for title, owner, name in (
-        ("whole matrices", robot.hybrid, "joint_stiffness"),
-        ("upper triangles", robot.packed, "hybrid_joint_stiffness"),
+    for title, function in (
+        ("whole matrices", robot.hybrid.joint_stiffness),
+        ("upper triangles", robot.packed.hybrid_joint_stiffness),
     ):
         print(title, flush=True)
-        function = getattr(owner, name)
         one = function(q[0], wrench[0], task_stiffness)
         scaling(function, (q, wrench), task_stiffness, np.empty((count, *one.shape)))
 

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -293,10 +294,6 @@ def of_mujoco(problem: Problem, urdf: Path) -> list[Rates]:
     return [("MuJoCo, 7 mj_jacDot from Python, 1 thread", [None, None, measured, None])]
 
 
-def _filled_up(rates: list[float | None]) -> list[float | None]:
-    return [*rates, *[None] * (len(WHAT) - len(rates))]
-
-
 def section(rows: Sequence[Rates]) -> list[str]:
     """Of RESULTS.md."""
     return [
@@ -311,7 +308,7 @@ def section(rows: Sequence[Rates]) -> list[str]:
         f"| contender | {' | '.join(WHAT)} |",
         "|---" * (1 + len(WHAT)) + "|",
         *(
-            f"| {name} | {' | '.join('-' if each is None else f'{each:.3g}' for each in _filled_up(rates))} |"
+            f"| {name} | {' | '.join('-' if each is None else f'{each:.3g}' for each, _ in zip_longest(rates, WHAT))} |"
             for name, rates in rows
         ),
         "",

@@ -107,7 +107,7 @@ def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) 
     Those that give symmetric results as upper triangles have "_packed" behind these names.
     """
     places = {kernel.qualified_name: (*kernel.path, kernel.name) for kernel in kernels}
-    packed = [kernel.qualified_name for kernel in kernels if len(kernel.batches) > 1]
+    packed = [kernel.qualified_name for kernel in kernels if kernel.packed]
     places |= {f"{name}{PACKED}": ("packed", name) for name in packed}
     functions = {}
     for function, path in places.items():

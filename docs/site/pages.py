@@ -82,7 +82,7 @@ def function(kernel: Kernel, chain: Chain) -> str:
     note = f"\n{kernel.note}\n" if kernel.note else ""
     many = " and ".join(f"`iiwa14_{kernel.qualified_name}{each.suffix}`" for each in kernel.batches)
     batch = f"; for many configurations {many}" if many else ""
-    packed = f", for upper triangles `iiwa14.packed.{kernel.qualified_name}`" if len(kernel.batches) > 1 else ""
+    packed = f", for upper triangles `iiwa14.packed.{kernel.qualified_name}`" if kernel.packed else ""
     return (
         f"### {kernel.qualified_name}\n\n{kernel.summary}\n\n`{kernel.equation}`\n{note}\n"
         f"Python: `{path}({names})`{packed}, C: `iiwa14_{kernel.qualified_name}({names}, {results})`{batch}.\n\n"

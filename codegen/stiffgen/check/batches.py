@@ -39,7 +39,13 @@ def check_stacks(
 
     """
     checks = []
-    for kernel, (suffix, form) in [(record, each) for record in table for each in _forms(record)]:
+    functions = []
+    for kernel in table:
+        functions.append((kernel, "", kernel.results))
+        if kernel.packed:
+            functions.append((kernel, PACKED, kernel.packed.results))
+    for kernel, suffix, results in functions:
+        form = _form(kernel, results)
         whole, call = (kernels[kernel.qualified_name + which] for which in ("", suffix))
         reference = single[kernel.qualified_name]
         stacks = [pool[argument][:LONG] for argument in kernel.arguments]
@@ -79,16 +85,16 @@ _Form = Callable[[Any], tuple[Any, ...]]
 """Results of a kernel, or their errors, as a function gives them."""
 
 
-def _forms(kernel: Kernel) -> list[tuple[str, _Form]]:
-    """The functions of a kernel that take stacks: what their names have behind its own, and their results' form."""
+def _form(kernel: Kernel, given: tuple[Argument, ...]) -> _Form:
+    """Whole results as those that are ``given``: matrices, or the upper triangles that a packed batch gives."""
 
-    def packed(results: Any) -> tuple[Any, ...]:
-        whole = zip(kernel.results, as_results(results), strict=True)
+    def formed(results: Any) -> tuple[Any, ...]:
+        wanted = zip(as_results(results), kernel.results, given, strict=True)
         return tuple(
-            each[(..., *np.triu_indices(each.shape[-1]))] if result.symmetric else each for result, each in whole
+            each if result == kept else each[(..., *np.triu_indices(each.shape[-1]))] for each, result, kept in wanted
         )
 
-    return [("", as_results), (PACKED, packed)][: 2 if len(kernel.batches) > 1 else 1]
+    return formed
 
 
 def check_c_batches(
@@ -103,8 +109,8 @@ def check_c_batches(
     """NAME_..._batch called from C's side: counts 0 to 17, steps of every sign, NaN around arguments, sentinels."""
     checks = []
     for kernel in table:
-        for batch, (_, form) in zip(kernel.batches, _forms(kernel), strict=False):
-            public = f"{kernel.qualified_name}{batch.suffix}"
+        for batch in kernel.batches:
+            public, form = f"{kernel.qualified_name}{batch.suffix}", _form(kernel, batch.results)
             reference = single[kernel.qualified_name]
             faults = _batch_faults(library[f"{name}_{public}"], reference, kernel, form, chain, pool, scalar)
             checks.append(faultless(public, "C: counts, steps, ends", faults))

@@ -49,7 +49,6 @@ class KernelPage:
         extents: C initialisers of their shapes.
         sizes: their numbers of entries.
         single: C has it for one configuration.
-        batch: there is a batch of it.
         batches: its C functions for many, names less the robot's.
         documentation: the comment over the C prototype, in lines.
         doxygen: the same over the C++ one.
@@ -75,7 +74,6 @@ class KernelPage:
     extents: list[str]
     sizes: list[int]
     single: bool
-    batch: bool
     batches: list[str]
     documentation: list[str]
     doxygen: list[str]
@@ -155,9 +153,8 @@ class StoredResult:
 
 @dataclass(frozen=True)
 class BatchFunction:
-    """A public function for many configurations: its name less the robot's, its prototype, what it stores."""
+    """A public function for many configurations: its prototype, and what it stores."""
 
-    name: str
     prototype: str
     results: list[StoredResult]
 
@@ -270,7 +267,6 @@ def kernel_page(
         extents=[_initialiser(array) for array in arrays],
         sizes=[array.size for array in arrays],
         single=True,
-        batch=kernel.batch,
         batches=[f"{kernel.qualified_name}{batch.suffix}" for batch in kernel.batches],
         documentation=_documentation(chain, kernel, bounds),
         doxygen=_doxygen(chain, kernel),
@@ -283,25 +279,27 @@ def packed_pages(chain: Chain, kernels: Sequence[Kernel], pages: Sequence[Kernel
     """The functions of Python's namespace ``packed``: of kernels and their pages those that have a packed batch."""
     made = []
     for kernel, page in zip(kernels, pages, strict=True):
-        for batch in kernel.batches[1:]:
-            packed = replace(kernel, results=batch.results)
-            results = [result.array(chain) for result in batch.results]
-            count = len(kernel.arguments)
-            made.append(
-                replace(
-                    page,
-                    name=kernel.qualified_name,
-                    group="packed",
-                    tip="",
-                    qualified_name=f"{kernel.qualified_name}{PACKED}",
-                    signature=packed.signature(chain),
-                    ranks=[*page.ranks[:count], *(len(array.shape) for array in results)],
-                    extents=[*page.extents[:count], *map(_initialiser, results)],
-                    sizes=[*page.sizes[:count], *(array.size for array in results)],
-                    single=False,
-                    docstring=_docstring(chain, packed),
-                )
+        if not kernel.packed:
+            continue
+        packed = replace(kernel, results=kernel.packed.results)
+        results = [result.array(chain) for result in packed.results]
+        count = len(kernel.arguments)
+        made.append(
+            replace(
+                page,
+                name=kernel.qualified_name,
+                group="packed",
+                tip="",
+                qualified_name=f"{kernel.qualified_name}{PACKED}",
+                signature=packed.signature(chain),
+                ranks=[*page.ranks[:count], *(len(array.shape) for array in results)],
+                extents=[*page.extents[:count], *map(_initialiser, results)],
+                sizes=[*page.sizes[:count], *(array.size for array in results)],
+                single=False,
+                batches=[f"{kernel.qualified_name}{kernel.packed.suffix}"],
+                docstring=_docstring(chain, packed),
             )
+        )
     return made
 
 
@@ -316,7 +314,6 @@ def batch_page(chain: Chain, name: str, target: Target, kernel: Kernel, function
     for array in function.inputs:
         parameters += [f"const {number} *{array.name}", f"ptrdiff_t {array.name}_step"]
     parameters += [f"{number} *{array.name}" for array in function.outputs]
-    names = [f"{kernel.qualified_name}{batch.suffix}" for batch in kernel.batches]
     within = [f"const {target.number} {_declared(array)}" for array in function.inputs]
     within += [f"{target.number} {_declared(array)}" for array in function.outputs]
     one_vector = _fill(f"{target.qualifier} void {kernel.qualified_name}{suffix_of(target)}(", within) + ")"
@@ -327,11 +324,10 @@ def batch_page(chain: Chain, name: str, target: Target, kernel: Kernel, function
         outputs=function.outputs,
         functions=[
             BatchFunction(
-                public,
-                _fill(f"void {name}_{public}(", parameters) + ")",
+                _fill(f"void {name}_{kernel.qualified_name}{batch.suffix}(", parameters) + ")",
                 [_stored(chain, *each) for each in zip(kernel.results, batch.results, strict=True)],
             )
-            for public, batch in zip(names, kernel.batches, strict=True)
+            for batch in kernel.batches
         ],
     )
 

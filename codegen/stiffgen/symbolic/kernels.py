@@ -83,10 +83,18 @@ class Kernel:
         return result
 
     @property
+    def packed(self) -> Batch | None:
+        """NAME_..._packed_batch, where there is a batch and a result is symmetric."""
+        if not self.batch or not any(result.symmetric for result in self.results):
+            return None
+        return Batch(f"{PACKED}_batch", tuple(result.packed() for result in self.results))
+
+    @property
     def batches(self) -> tuple[Batch, ...]:
-        """NAME_..._batch, and NAME_..._packed_batch where a result is symmetric; none without :attr:`batch`."""
-        whole, packed = Batch("_batch", self.results), Batch(f"{PACKED}_batch", tuple(r.packed() for r in self.results))
-        return (whole, packed)[: 2 if packed.results != self.results else 1] if self.batch else ()
+        """NAME_..._batch and :attr:`packed`, as far as there are any."""
+        if not self.batch:
+            return ()
+        return Batch("_batch", self.results), *((self.packed,) if self.packed else ())
 
     def scope(self, chain: Chain) -> Chain:
         """The chain that the kernel's program is about: the branch to its tip, or the whole."""
