@@ -13,7 +13,7 @@ import numpy as np
 
 import stiffgen
 from benchmarks.run import AVX2, NATIVE, URDF, pinned, run
-from stiffgen.check.verify import Samples
+from stiffgen.verify.verify import Samples
 
 ROBOT = URDF.parent.parent / "generated" / "iiwa14"
 SOURCE = Path(__file__).resolve().parent / "contenders" / "batch_parts.c"

@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.analyze.style import AXES, CORRECTED, THEME
-from stiffgen.check.verify import Samples, joint_poses, product_of_poses
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.verify import Samples, joint_poses, product_of_poses
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks.throughput import section as throughput_section

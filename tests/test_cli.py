@@ -17,9 +17,9 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.check.result import Check
 from stiffgen.cli import main
 from stiffgen.symbolic.kernels import KERNELS
+from stiffgen.verify.result import Check
 from support.project import ROOT, URDF
 
 
@@ -137,8 +137,8 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
 
 def test_bench(capsys, robot_folder, monkeypatch):
     """With fewer rounds and a fast compilation: what the figures are is not looked at."""
-    monkeypatch.setattr("stiffgen.check.bench._ROUNDS", 3)
-    monkeypatch.setattr("stiffgen.check.bench._FLAGS", (("-O1",),))
+    monkeypatch.setattr("stiffgen.bench._ROUNDS", 3)
+    monkeypatch.setattr("stiffgen.bench._FLAGS", (("-O1",),))
     code, out, err = run(capsys, "bench", robot_folder)
     assert code == 0
     rows = [line for line in out.splitlines() if "joint_stiffness " in line]

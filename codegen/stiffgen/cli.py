@@ -33,13 +33,7 @@ from stiffgen.analyze.analysis import SUMMARY, analyze, checked_stiffness, read_
 from stiffgen.analyze.options import GROUPS, AnalysisOptions, has_default, told
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
-from stiffgen.check.bench import bench
-from stiffgen.check.prove.run import PARTS, prove
-from stiffgen.check.prove.verdict import Outcome
-from stiffgen.check.result import Check
-from stiffgen.check.safety_page import filed_for, targets_for
-from stiffgen.check.safety_page import write_page as write_safety_page
-from stiffgen.check.verify import default_count, verify
+from stiffgen.bench import bench
 from stiffgen.emit.rounding import Ranges
 from stiffgen.emit.target import DOUBLE, SCALARS
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
@@ -49,12 +43,18 @@ from stiffgen.new.project import new_project
 from stiffgen.new.questions import CONTROLLERS, Given
 from stiffgen.opened import open_robot
 from stiffgen.play.page import write_page
+from stiffgen.prove.run import PARTS, prove
+from stiffgen.prove.safety_page import filed_for, targets_for
+from stiffgen.prove.safety_page import write_page as write_safety_page
+from stiffgen.prove.verdict import Outcome
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Description, JointElement
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.survey import TipSurvey, survey_tip
 from stiffgen.symbolic.potentials import SpringOptions, read_potential
 from stiffgen.symbolic.springs import AXES, KINDS, Placement
+from stiffgen.verify.result import Check
+from stiffgen.verify.verify import default_count, verify
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

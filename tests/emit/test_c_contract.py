@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import Samples
 from stiffgen.symbolic.kernels import KERNELS
+from stiffgen.verify.verify import Samples
 from support.c_program import STRICT, run_kernels
 from support.chains import chain_urdf
 from support.project import compilers, require_compiler

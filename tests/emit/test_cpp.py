@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.verify import Samples
 from stiffgen.emit.controller import has_controller
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.verify import Samples
 from support.c_program import STRICT
 from support.project import ROOT, URDF, require_compiler
 

@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import as_results, relative_error
-from stiffgen.check.verify import Samples, argument_samples
 from stiffgen.cli import main
 from stiffgen.emit.render import render
 from stiffgen.emit.target import FLOAT
@@ -24,6 +22,8 @@ from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.result import as_results, relative_error
+from stiffgen.verify.verify import Samples, argument_samples
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import BOUND, as_results, relative_error
-from stiffgen.check.verify import argument_samples, verify
 from stiffgen.emit.render import render
 from stiffgen.opened import open_robot
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.result import BOUND, as_results, relative_error
+from stiffgen.verify.verify import argument_samples, verify
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
 from support.exact_tree import tree_urdf

@@ -15,12 +15,12 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.check.result import as_results
-from stiffgen.check.verify import Samples, verify
 from stiffgen.cli import main
 from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, rounded_up
 from stiffgen.emit.target import FLOAT
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
+from stiffgen.verify.result import as_results
+from stiffgen.verify.verify import Samples, verify
 from support.c_program import STRICT, language_flags
 from support.chains import chain_urdf
 from support.float_sines import Sines

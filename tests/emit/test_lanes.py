@@ -8,7 +8,7 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.check.verify import verify
+from stiffgen.verify.verify import verify
 from support.chains import chain_urdf
 
 FLAGS = {
@@ -85,7 +85,7 @@ def test_one_joint_whose_tool_is_mounted_at_run_time(tmp_path):
 
 def test_batches_of_every_length(robot, chain):
     """Shared and own wrenches, backwards and spread arguments, and nothing written beyond the end."""
-    from stiffgen.check.verify import Samples
+    from stiffgen.verify.verify import Samples
 
     samples = Samples.draw(chain, 21, seed=3)
     kernel = robot.hybrid.joint_stiffness
@@ -102,7 +102,7 @@ def test_batches_of_every_length(robot, chain):
 
 
 def test_a_nan_stays_in_its_configuration(robot, chain):
-    from stiffgen.check.verify import Samples
+    from stiffgen.verify.verify import Samples
 
     samples = Samples.draw(chain, 19, seed=5)
     expected = robot.hybrid.joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)

@@ -11,8 +11,8 @@ import pytest
 import stiffgen
 from benchmarks.generation import long_chain
 from stiffgen import open_robot
-from stiffgen.check.verify import argument_samples, check_against_casadi
 from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.verify.verify import argument_samples, check_against_casadi
 from support.c_program import STRICT
 from support.project import kernels_of
 

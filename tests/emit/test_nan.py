@@ -9,12 +9,12 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.check.not_finite import STACK, check_not_finite
-from stiffgen.check.result import as_results
-from stiffgen.check.verify import Samples, argument_samples
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.not_finite import STACK, check_not_finite
+from stiffgen.verify.result import as_results
+from stiffgen.verify.verify import Samples, argument_samples
 from support.chains import chain_urdf, replaced
 from support.project import kernels_of
 

@@ -14,10 +14,10 @@ import dask.array as da
 import numpy as np
 import pytest
 
-from stiffgen.check.result import as_results, relative_error
-from stiffgen.check.verify import Samples
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import KERNELS
+from stiffgen.verify.result import as_results, relative_error
+from stiffgen.verify.verify import Samples
 from support.project import kernels_of
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from stiffgen import open_robot
-from stiffgen.check.prove.harness import functions, widths
+from stiffgen.prove.harness import functions, widths
 from support.project import require_compiler
 from support.warnings import sources_of_varied_robot
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from stiffgen.check.prove import harness
-from stiffgen.check.prove.run import prove
 from stiffgen.opened import open_robot
+from stiffgen.prove import harness
+from stiffgen.prove.run import prove
 from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, C, Fault, faulty
 
 SANITIZERS = ("address,undefined,float-cast-overflow", "memory,undefined,float-cast-overflow")

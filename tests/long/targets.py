@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.check.result import as_results
-from stiffgen.check.targets import Target, write_targets
-from stiffgen.check.verify import argument_samples
 from stiffgen.emit.controller import has_controller
 from stiffgen.emit.target import DOUBLE, SCALARS
 from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.prove.targets import Target, write_targets
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.result import as_results
+from stiffgen.verify.verify import argument_samples
 from support.golden_calls import golden_calls
 from support.project import ROOT
 from support.targets import MACHINES, Count, Machine, built, counts, footprint, run, step_count

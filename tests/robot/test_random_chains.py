@@ -12,13 +12,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stiffgen.check.result import as_results
-from stiffgen.check.verify import References, check_kernels
 from stiffgen.errors import StiffgenError
 from stiffgen.robot.chain import Chain, ChainOptions, chain_between, select
 from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
+from stiffgen.verify.result import as_results
+from stiffgen.verify.verify import References, check_kernels
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain
 from support.random_urdf import Plain, Robot, broken_files, random_robot, robots

@@ -12,11 +12,11 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.check.verify import References, check_robot
 from stiffgen.cli import main
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
+from stiffgen.verify.verify import References, check_robot
 from support.project import ROOT, URDF, assert_close, kernels_of
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"

@@ -15,11 +15,11 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.check.controller import check_controller, elastic_torque, joint_hessian, modal_damping
-from stiffgen.check.controller import wrench as spring_wrench
 from stiffgen.emit.fields import CONFIG, FAULTS, INPUT, OUTPUT, REASONS, STATUS
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Placement
+from stiffgen.verify.controller import check_controller, elastic_torque, joint_hessian, modal_damping
+from stiffgen.verify.controller import wrench as spring_wrench
 from support.controller_inputs import KO, KT, SPRING, TASK_STIFFNESS, Arm, Q, hostile, walk
 from support.project import ROOT, Once
 from support.runtime import WARNINGS, compile_c

@@ -15,10 +15,10 @@ import numpy.typing as npt
 import pytest
 
 import stiffgen
-from stiffgen.check.result import as_results
-from stiffgen.check.verify import argument_samples
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.result import as_results
+from stiffgen.verify.verify import argument_samples
 from support.chains import chain_urdf
 from support.exact_tree import tree_urdf
 

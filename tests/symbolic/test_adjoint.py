@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import relative_error
-from stiffgen.check.verify import argument_samples
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.result import relative_error
+from stiffgen.verify.verify import argument_samples
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.exact_tree import tree_urdf

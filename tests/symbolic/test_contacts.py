@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import as_results
 from stiffgen.symbolic import contacts
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.result import as_results
 from support.exact_tree import as_array, exponential, mp, tree_urdf
 from support.project import ROOT, assert_close
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.check.result import as_results, relative_error
-from stiffgen.check.verify import References, check_kernels
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.kinematics import forward_kinematics, joint_jacobian
+from stiffgen.verify.result import as_results, relative_error
+from stiffgen.verify.verify import References, check_kernels
 from support.project import ROOT
 
 

@@ -12,9 +12,9 @@ import pytest
 
 import stiffgen
 from benchmarks.spring_orbits import orders, table
-from stiffgen.check.verify import verify
 from stiffgen.cli import main
 from stiffgen.symbolic.springs import KINDS
+from stiffgen.verify.verify import verify
 from support.project import ROOT, URDF
 from support.spring_digits import CASES, FEW, ROBOTS, by_casadi, pose_errors, robot_errors, urdf_of
 

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from stiffgen.check.certified import CERTIFIED
-from stiffgen.check.prove.verdict import Filed, Verdict, read_verdicts
-from stiffgen.check.result import Array, Check
-from stiffgen.check.targets import Target, read_targets
 from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.page import STYLE
+from stiffgen.prove.targets import Target, read_targets
+from stiffgen.prove.verdict import Filed, Verdict, read_verdicts
 from stiffgen.rendering import environment
+from stiffgen.verify.certified import CERTIFIED
+from stiffgen.verify.result import Array, Check
 
 _BELOW, _ABOVE = 6, 4
 """Decades below and above the bound that errors are drawn over."""
@@ -108,7 +108,7 @@ def write_page(
     filed = filed_for(robot, proofs) if proofs is not None else None
     machines = targets_for(robot, targets) if targets is not None else ()
     page = (
-        environment("stiffgen.check", escaped=True)
+        environment("stiffgen.prove", escaped=True)
         .get_template("safety.html.j2")
         .render(
             style=Markup(STYLE),

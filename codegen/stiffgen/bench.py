@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.check.result import as_results
-from stiffgen.check.verify import argument_samples
 from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError
 from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.verify.result import as_results
+from stiffgen.verify.verify import argument_samples
 
 _BATCH = 4096
 _SECONDS = 0.01

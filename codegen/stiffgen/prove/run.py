@@ -10,13 +10,13 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.check.prove import esbmc, frama_c, harness
-from stiffgen.check.prove.tools import Tools, find_tools
-from stiffgen.check.prove.verdict import Outcome, Verdict, write_verdicts
-from stiffgen.check.prove.widths import width_verdicts
 from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, StiffgenError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.prove import esbmc, frama_c, harness
+from stiffgen.prove.tools import Tools, find_tools
+from stiffgen.prove.verdict import Outcome, Verdict, write_verdicts
+from stiffgen.prove.widths import width_verdicts
 
 PARTS = ("memory", "bits", "services", "step", "widths")
 """What can be asked for alone: of the kernels memory, bits and widths; services are the controller's functions but

@@ -7,7 +7,7 @@ Its error is some 1e-13 of what is summed. A floating base moves along a twist i
 that is what the gradient by ``base_pose`` is a covector of. Where a function is not eight times differentiable (the
 potential of the joint limits at the edges of its zones, the cut locus of springs), states are chosen along which
 nothing is crossed: the difference of sixth order must agree with it. A difference that the function's rounding
-explains is none: where its contributions cancel, rounding is all there is (:mod:`stiffgen.check.rounding`).
+explains is none: where its contributions cancel, rounding is all there is (:mod:`stiffgen.verify.rounding`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stiffgen.check.result import Array, Check, Kernels, as_results
-from stiffgen.check.rounding import beyond_rounding, rounding_errors
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import BASE_POSE, Argument, Q
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.result import Array, Check, Kernels, as_results
+from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 
 _EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 _SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}

@@ -11,15 +11,15 @@ import pytest
 from mpmath import mp
 
 import stiffgen
-from stiffgen.check.certified import check_certified_bounds, within
-from stiffgen.check.result import Check, as_results
-from stiffgen.check.rounding import rounding_errors, with_more_digits
-from stiffgen.check.verify import _against_casadi, argument_samples
 from stiffgen.emit.rounding import ErrorBounds, Ranges
 from stiffgen.emit.target import DOUBLE
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.certified import check_certified_bounds, within
+from stiffgen.verify.result import Check, as_results
+from stiffgen.verify.rounding import rounding_errors, with_more_digits
+from stiffgen.verify.verify import _against_casadi, argument_samples
 from support.chains import chain_urdf
 
 OPTIONS = SpringOptions(derivatives=True)

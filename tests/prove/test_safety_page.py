@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen.check.certified import CERTIFIED
-from stiffgen.check.result import Check
-from stiffgen.check.safety_page import targets_for, write_page
-from stiffgen.check.targets import Target, write_targets
 from stiffgen.cli import main
 from stiffgen.errors import OutputError
 from stiffgen.opened import open_robot
+from stiffgen.prove.safety_page import targets_for, write_page
+from stiffgen.prove.targets import Target, write_targets
+from stiffgen.verify.certified import CERTIFIED
+from stiffgen.verify.result import Check
 from support.project import ROOT
 
 FOLDER = ROOT / "generated" / "iiwa14"

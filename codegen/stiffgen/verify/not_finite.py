@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.check.result import Array, Check, Kernels, as_results, faultless
 from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.result import Array, Check, Kernels, as_results, faultless
 
 STACK = 11
 """Configurations of a stack: neither a block of lanes nor several."""

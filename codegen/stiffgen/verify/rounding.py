@@ -17,12 +17,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.check.result import Array
 from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.program import as_operand, evaluate
+from stiffgen.verify.result import Array
 
 SIGMAS = 8.0
 """Errors beyond so many times their size are none of rounding."""

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.check.result import Array, Check, Kernels, as_results, bound_of, faultless, relative_error
-from stiffgen.check.rounding import beyond_rounding, rounding_errors
 from stiffgen.emit.target import Scalar, scalar_of
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import PACKED, Kernel
+from stiffgen.verify.result import Array, Check, Kernels, as_results, bound_of, faultless, relative_error
+from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 
 LENGTHS = (*range(18), 33)
 """0 to two blocks of the widest lanes and one more, of doubles (8) and of floats (16)."""

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from stiffgen.check.prove.tools import Tools, run
+from stiffgen.prove.tools import Tools, run
 
 _UNROLLED = 4000
 """Rounds up to which a loop is unrolled: the longest, over the words of the controller's state, has some 1000."""

@@ -9,7 +9,7 @@ What the kernels compute in closed form is computed here another way, from the c
 * Gamma F: the matrix forms in cross-product matrices, written down;
 * joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
   U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
-* mass matrix, bias forces and gravity: kinetic and potential energy, differentiated (:mod:`stiffgen.check.dynamics`);
+* mass matrix, bias forces and gravity: kinetic and potential energy, differentiated (:mod:`stiffgen.verify.dynamics`);
 * vector-Jacobian products: differences of the functions that they belong to, of eighth order.
 
 Errors are relative to the largest entry of the reference.
@@ -29,17 +29,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from stiffgen.check.batches import LONG, check_c_batches, check_stacks
-from stiffgen.check.bounds import check_bounds
-from stiffgen.check.certified import check_certified_bounds
-from stiffgen.check.controller import check_controller
-from stiffgen.check.derivatives import check_derivatives
-from stiffgen.check.dynamics import differentiated as differentiated_energies
-from stiffgen.check.files import check_files, check_tables, check_urdf
-from stiffgen.check.not_finite import check_not_finite
-from stiffgen.check.result import Array, Check, Kernels, as_results, compared, one_by_one
-from stiffgen.check.rounding import beyond_rounding, rounding_errors
-from stiffgen.check.springs import by_hand, differentiated
 from stiffgen.emit.build import build_library
 from stiffgen.emit.target import Scalar, scalar_of
 from stiffgen.errors import BuildError, StiffgenError
@@ -53,6 +42,17 @@ from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
+from stiffgen.verify.batches import LONG, check_c_batches, check_stacks
+from stiffgen.verify.bounds import check_bounds
+from stiffgen.verify.certified import check_certified_bounds
+from stiffgen.verify.controller import check_controller
+from stiffgen.verify.derivatives import check_derivatives
+from stiffgen.verify.dynamics import differentiated as differentiated_energies
+from stiffgen.verify.files import check_files, check_tables, check_urdf
+from stiffgen.verify.not_finite import check_not_finite
+from stiffgen.verify.result import Array, Check, Kernels, as_results, compared, one_by_one
+from stiffgen.verify.rounding import beyond_rounding, rounding_errors
+from stiffgen.verify.springs import by_hand, differentiated
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ def widths(robot: GeneratedRobot, kernels: Sequence[Function], most: int) -> str
 @cache
 def _templates() -> jinja2.Environment:
     # C; names in it are identifiers that stiffgen has checked
-    return environment("stiffgen.check.prove", {"prefixed": lambda text, prefix: prefix + text})
+    return environment("stiffgen.prove", {"prefixed": lambda text, prefix: prefix + text})
 
 
 def _render(template: str, **context: object) -> str:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.check.result import Check, faultless
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain, load_chain
+from stiffgen.verify.result import Check, faultless
 
 LIMITS = ("lower", "upper", "velocity", "effort")
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen.check.prove import tools, widths
-from stiffgen.check.prove.run import prove
-from stiffgen.check.prove.verdict import Verdict, read_verdicts
-from stiffgen.check.result import Check
-from stiffgen.check.safety_page import filed_for, write_page
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, OutputError, StiffgenError
 from stiffgen.opened import open_robot
+from stiffgen.prove import tools, widths
+from stiffgen.prove.run import prove
+from stiffgen.prove.safety_page import filed_for, write_page
+from stiffgen.prove.verdict import Verdict, read_verdicts
+from stiffgen.verify.result import Check
 from support.project import require_program
 from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, C, Fault, faulty
 

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import pytest
 
 import stiffgen
-from stiffgen.check.files import check_files
-from stiffgen.check.verify import verify
 from stiffgen.emit import build
+from stiffgen.verify.files import check_files
+from stiffgen.verify.verify import verify
 from support.confined import LOADED
 from support.project import URDF
 

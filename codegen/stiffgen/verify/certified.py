@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.check.result import Array, Check, Kernels, as_results
-from stiffgen.check.rounding import with_more_digits
 from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, Ranges, argument_sizes, chain_reach, kinds
 from stiffgen.emit.target import Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.result import Array, Check, Kernels, as_results
+from stiffgen.verify.rounding import with_more_digits
 
 CERTIFIED = "certified bound of rounding"
 """The oracle's name in the table: errors are fractions of the bound."""

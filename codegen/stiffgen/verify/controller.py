@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.check.result import Array, Check, faultless
 from stiffgen.opened import GeneratedRobot
 from stiffgen.symbolic.springs import Placement
+from stiffgen.verify.result import Array, Check, faultless
 
 Poses = Callable[[Array], Any]
 """Poses of the tips at q, (4, 4) or (tips, 4, 4)."""

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from stiffgen.check.result import Array
 from stiffgen.symbolic.springs import KINDS, Placement, Spring
 from stiffgen.symbolic.springs import spring as stiffgen_spring
+from stiffgen.verify.result import Array
 
 Energy = Callable[..., ca.SX]
 

@@ -12,10 +12,10 @@ import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from stiffgen.check.prove import harness
-from stiffgen.check.prove.tools import Run, run
-from stiffgen.check.prove.verdict import Outcome, Verdict
 from stiffgen.opened import GeneratedRobot
+from stiffgen.prove import harness
+from stiffgen.prove.tools import Run, run
+from stiffgen.prove.verdict import Outcome, Verdict
 
 WIDTHS: tuple[tuple[int, str, tuple[str, ...], str], ...] = (
     (1, "no vectors", ("-DSTIFFGEN_NO_VECTORS",), ""),

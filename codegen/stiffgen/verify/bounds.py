@@ -16,11 +16,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from stiffgen.check.result import Array, Check, faultless
 from stiffgen.emit.target import Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.result import Array, Check, faultless
 
 COUNTS = (*range(1, 10), 16, 17)
 _KEPT: list[ctypes.c_char] = []

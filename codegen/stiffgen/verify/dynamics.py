@@ -17,8 +17,8 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from stiffgen.check.result import Array
 from stiffgen.robot.chain import Body, Chain
+from stiffgen.verify.result import Array
 
 
 def _second_moments(body: Body) -> ca.DM:

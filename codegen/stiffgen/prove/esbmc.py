@@ -7,8 +7,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from stiffgen.check.prove.tools import Tools, run
-from stiffgen.check.prove.verdict import Outcome
+from stiffgen.prove.tools import Tools, run
+from stiffgen.prove.verdict import Outcome
 
 _UNWOUND = 2000
 """Rounds after which a loop counts as unbounded; that it ends before is one of the properties."""
