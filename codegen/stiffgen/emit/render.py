@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import jinja2
 
@@ -115,7 +116,9 @@ def _templates() -> jinja2.Environment:
         "python_float": lambda x: repr(x) if math.isfinite(x) else f"float('{x}')",
         "short": lambda x: f"{x:.6g}" if math.isfinite(x) else "none",
     }
-    return environment("stiffgen.emit", filters)
+    templates = environment("stiffgen.emit", filters)
+    templates.loader = jinja2.FileSystemLoader(sorted(Path(__file__).parent.glob("**/templates")))
+    return templates
 
 
 def _banner(file: str, line: str) -> str:
