@@ -68,14 +68,14 @@ $(VENV)/installed-torch: $(VENV)/installed-test
 	@touch $@
 
 test-torch: $(VENV)/installed-torch
-	$(BIN)/python -m pytest tests/long/torch_wrapper.py
+	$(BIN)/python -m pytest tests/campaigns/torch_wrapper.py
 
 $(VENV)/installed-drake: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,drake]'
 	@touch $@
 
 test-drake: $(VENV)/installed-drake
-	$(BIN)/python -m pytest tests/long/drake_conventions.py
+	$(BIN)/python -m pytest tests/campaigns/drake_conventions.py
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .
@@ -139,19 +139,19 @@ $(VENV)/installed-fuzz: $(VENV)/installed-test
 	@touch $@
 
 fuzz: $(VENV)/installed-fuzz
-	PYTHONPATH=tests:. $(BIN)/python tests/long/fuzz_reader.py build/fuzz-corpus $(FUZZ)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/fuzz_reader.py build/fuzz-corpus $(FUZZ)
 
 fri-fuzz: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/fuzz_fri.py build/fri-fuzz $(FRI_FUZZ)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/fuzz_fri.py build/fri-fuzz $(FRI_FUZZ)
 
 fri-attack: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/attack_fri.py build/fri-attack $(FRI_ATTACK)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/attack_fri.py build/fri-attack $(FRI_ATTACK)
 
 random-robots: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/long_run.py --chains $(COUNT) --broken $(COUNT)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/long_run.py --chains $(COUNT) --broken $(COUNT)
 
 robots: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/robots_table.py build/robots docs/robots.md
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/robots_table.py build/robots docs/robots.md
 
 $(VENV)/installed-bench: $(VENV)/installed-test
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,bench]'
@@ -167,30 +167,30 @@ bench-cuda: $(VENV)/installed
 	build/cuda/cuda_stiffness $(CONFIGURATIONS)
 
 spring-digits: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/springs_digits.py $(OPTIONS)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/springs_digits.py $(OPTIONS)
 
 rounding-errors: $(VENV)/installed-test generate
-	PYTHONPATH=tests:. $(BIN)/python tests/long/rounding_errors.py $(OPTIONS)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/rounding_errors.py $(OPTIONS)
 
 targets: $(VENV)/installed-test generate
-	PYTHONPATH=tests:. $(BIN)/python tests/long/targets.py $(OPTIONS)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/targets.py $(OPTIONS)
 
 single-precision: $(VENV)/installed
 	$(BIN)/python benchmarks/single_precision.py $(OPTIONS)
 
 float-sines: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/float_sines.py $(OPTIONS)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/float_sines.py $(OPTIONS)
 
 random-warnings: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/compiler_warnings.py
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/compiler_warnings.py
 
 soak: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/soak.py
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/soak.py
 
 closed-loop: settle energy hostile
 
 settle energy hostile: $(VENV)/installed-test
-	PYTHONPATH=tests:. $(BIN)/python tests/long/$@.py $(OPTIONS)
+	PYTHONPATH=tests:. $(BIN)/python tests/campaigns/$@.py $(OPTIONS)
 
 $(VENV)/installed-docs: $(VENV)/installed
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'

@@ -27,6 +27,7 @@ from stiffgen import open_robot
 from stiffgen.emit import build
 from support.c_program import STRICT, language_flags
 from support.fri_session import EXACT
+from support.plant.loop import Loop
 from support.project import ROOT, URDF, Compiled, Once, require_compiler
 
 
@@ -134,3 +135,10 @@ def plate_folder(once: Once) -> Path:
 @pytest.fixture(scope="session")
 def plate(plate_folder: Path) -> ModuleType:
     return open_robot(plate_folder).module
+
+
+@pytest.fixture(scope="session")
+def loop(robot_folder: Path, once: Once) -> Loop:
+    """The controller in the loop with a simulated arm, compiled once for all workers."""
+    flags = ("-O2", "-march=native")  # -O3 takes longer to compile than it saves
+    return Loop(once("loop", lambda folder: Loop(folder, robot_folder, flags=flags)), robot_folder)

@@ -278,7 +278,7 @@ def _parser() -> argparse.ArgumentParser:
         "--proofs", type=Path, metavar="FILE", help="verdicts of 'stiffgen prove --json', for the page"
     )
     command.add_argument(
-        "--targets", type=Path, metavar="FILE", help="what tests/long/targets.py --json measured, for the page"
+        "--targets", type=Path, metavar="FILE", help="what tests/campaigns/targets.py --json measured, for the page"
     )
     command.add_argument("--date", metavar="TEXT", help="a date to print on the page (default: none)")
     command.set_defaults(run=_verify)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Faults for ``stiffgen prove``: changes of the iiwa 14's C that it has to find.
 
-tests/long/seeded_faults.py shows of each that it does harm, and that it is found.
+tests/campaigns/seeded_faults.py shows of each that it does harm, and that it is found.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class Precision:
 PRECISIONS = {
     # Proved of templates/sine_cosine.c: 1.22 units (tests/support/sine_cosine_proof.py); CUDA documents two ulps.
     "double": Precision(2.0**-53, 2.0**-1074, 2.0**1023, 1e4, 2.0**-52, 11, 1.0 + 2.0**-36),
-    # 0.96 units, of all floats up to far (tests/long/float_sines.py); CUDA documents two ulps.
+    # 0.96 units, of all floats up to far (tests/campaigns/float_sines.py); CUDA documents two ulps.
     "float": Precision(2.0**-24, 2.0**-149, 2.0**127, 6e3, 2.0**-23, 6, 1.0 + 2.0**-19),
 }
 """By the name of the type."""

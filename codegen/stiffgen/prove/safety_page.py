@@ -97,7 +97,7 @@ def write_page(
         seed: of these.
         urdf: the file that the chain was compared with, or None.
         proofs: the verdicts' file of ``stiffgen prove DIR --json FILE``, or None.
-        targets: what ``python tests/long/targets.py --folder DIR --json FILE`` measured, or None.
+        targets: what ``python tests/campaigns/targets.py --folder DIR --json FILE`` measured, or None.
         date: a date to print, or None: then the page has none.
 
     Raises:
@@ -162,7 +162,7 @@ def targets_for(robot: GeneratedRobot, file: Path) -> tuple[Target, ...]:
 
     """
     sources, targets = read_targets(file)
-    _must_be_of(robot, sources, file, "run 'python tests/long/targets.py' again")
+    _must_be_of(robot, sources, file, "run 'python tests/campaigns/targets.py' again")
     return targets
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What was measured of a folder's C on other machines: a file of tests/long/targets.py, read for the safety page."""
+"""Measurements of a folder's C on target processors, read from a file of tests/campaigns/targets.py."""
 
 from __future__ import annotations
 
@@ -72,4 +72,6 @@ def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
         targets = tuple(Target(**row) for row in content["targets"])
         return dict(content["sources"]), targets
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise OutputError(f"{file}: holds no targets; 'python tests/long/targets.py --json FILE' makes them") from error
+        raise OutputError(
+            f"{file}: holds no targets; 'python tests/campaigns/targets.py --json FILE' makes them"
+        ) from error

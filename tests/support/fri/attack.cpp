@@ -6,7 +6,7 @@
  *   attack TRAJECTORY PERIOD_MS
  *
  * A schedule is "SEED [KIND START LENGTH VALUE]...": what the robot, the network, this machine or the person does, from a
- * time [s] since the first message, for so long [s]. KIND is a name of KINDS. tests/long/attack_fri.py makes and mutates
+ * time [s] since the first message, for so long [s]. KIND is a name of KINDS. tests/campaigns/attack_fri.py makes and mutates
  * them.
  */
 #include "session.h"

@@ -1,0 +1,371 @@
+# SPDX-License-Identifier: MIT
+"""Adversarial schedules against the controller's energy bound, hill-climbed.
+
+    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200]
+
+A schedule is what an environment and a planner do to the robot in a second: loads and held pushes, an arm that is moved
+whatever it does, stiffness and equilibrium that change, missed samples, calls left out, sensor faults, resets. What the
+robot puts out at its port is summed from the exact positions and the torque that really acted, and held against
+
+    U_0 + T_0 + engagement limit x (returns from a fault, and one if the start is not where the arm is wanted)
+
+with the wanted equilibrium constant (the elastic energy and the tank at the start); a moving one may add the positive
+work of the equilibrium's motion, computed here from the springs' energy. A climb starts at a random schedule and keeps
+each change that brings the output nearer to the bound or beyond. Schedules in which control is lost at the start count
+for nothing: a controller that does nothing keeps any bound.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import multiprocessing
+import os
+import shutil
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from support.plant.loop import Q0, Loop, N
+from support.plant.statics import random_stiffness
+from support.project import ROOT
+
+SAMPLES = 2000
+TOLERANCE = 1e-9
+"""[J] by which the bound may be passed."""
+
+LONGEST_SKIP = 2
+"""[samples] that the controller is not called in a row, for as long as it may be: what nobody calls bounds nothing."""
+LIVE = 20
+"""[samples] under control without which a schedule shows nothing."""
+CLIMBED = ("damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit")
+"""Fields of the configuration that a climb changes; tank and engagement limit are its own."""
+
+Random = np.random.Generator
+
+
+@dataclass
+class Schedule:
+    """Fields of the configuration, of the episode, and of the segments, by name."""
+
+    config: dict[str, Any]
+    episode: dict[str, Any]
+    parts: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Of one run: how far the output passed the bound [J], what a climb takes that for, and the episode's summary."""
+
+    excess: float
+    interest: float
+    summary: Any
+
+
+def _springs(random: Random, least: float, least_rotation: float) -> dict[str, np.ndarray]:
+    """Random stiffness, up to 4000 N/m and 400 N m/rad."""
+    return {
+        "translation": random_stiffness(random, least, 4000),
+        "rotation": random_stiffness(random, least_rotation, 400),
+    }
+
+
+def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
+    """A random segment."""
+    made: dict[str, Any] = {
+        "start": int(random.integers(1, SAMPLES)),
+        "missed": 0,
+        "skip": 0,
+        "reset": int(random.random() < 0.4),
+        "driven": 0,
+        "load": np.zeros(6),
+        "push": np.zeros(N),
+        "hand_stiffness": 0.0,
+        "q_stuck": 0,
+        "dq_stuck": 0,
+        "q_offset": np.zeros(N),
+        "dq_offset": np.zeros(N),
+    }
+    kind = random.integers(0, 9)
+    if kind == 0:
+        made["load"] = random.normal(size=6) * [30, 30, 30, 5, 5, 5]
+    elif kind == 1:
+        made["push"] = random.normal(size=N) * 0.05 * loop.effort
+    elif kind <= 4:
+        speed = random.uniform(0, 1) ** 0.5
+        made |= {
+            "driven": 1,
+            "driven_to": random.uniform(-1, 1, N) * loop.velocity * speed,
+            "driven_by": np.exp(random.uniform(np.log(1), np.log(4000), N)),
+        }
+        if kind > 2:
+            made |= {"driven": 2, "driven_at": np.abs(made["driven_to"]), "driven_to": Q0 + random.normal(size=N) * 0.4}
+    elif kind == 5:
+        made |= {
+            "hand_stiffness": 10 ** random.uniform(1, 3),
+            "hand_damping": 10 ** random.uniform(0, 2),
+            "hand_target": Q0 + random.uniform(-0.7, 0.7, N),
+        }
+    elif kind == 6:
+        made |= {"missed": int(random.random() < 0.7), "skip": LONGEST_SKIP * int(random.random() < 0.3)}
+    elif kind == 7:
+        made |= {"q_stuck": int(random.integers(0, 3)), "q_mask": int(random.integers(0, 128))}
+        made |= {"dq_stuck": int(random.integers(0, 3)), "dq_mask": int(random.integers(0, 128))}
+    elif kind == 8:
+        made["q_offset"] = random.normal(size=N) * (random.random(N) < 0.3) * 10 ** random.uniform(-4, 0)
+        made["dq_offset"] = random.normal(size=N) * (random.random(N) < 0.3) * 10 ** random.uniform(-2, 1)
+    if random.random() < 0.4:
+        made |= _springs(random, 1, 0.1)
+    if moving and random.random() < 0.5:
+        made["wanted"] = Q0 + random.uniform(-0.8, 0.8, N)
+        made["pose"] = int(random.random() < 0.3)
+        made["posture"] = Q0 + random.uniform(-0.8, 0.8, N)
+    return made
+
+
+def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = False) -> Schedule:
+    """Draw one. Small tank and engagement limit: then little is hidden below the bound.
+
+    sensors: whether sensor faults and encoder quanta may come in; the bound is for positions that are right.
+    """
+    delay = int(random.integers(0, 3))
+    motor = np.exp(random.uniform(np.log(0.02), np.log(0.3), N))
+    energy = {
+        "tank_initial": float(10 ** random.uniform(-1, 0.6)),
+        "energy_limit": float(10 ** random.uniform(-1, 1)),
+        "engagement_limit": float(10 ** random.uniform(-1, 1)),
+    }
+    made = Schedule(
+        {
+            **energy,
+            "tank_maximum": 4.0,
+            "delay_samples": delay,
+            "motor_inertia": motor,
+            "damping_ratio": float(random.uniform(0, 1.5)),
+            "joint_damping": float(10 ** random.uniform(-2, 0)),
+            "posture_stiffness": float(10 ** random.uniform(-1, 2)),
+            "stiffness_time": float(10 ** random.uniform(-3, -1)),
+            "ramp_time": float(10 ** random.uniform(-3, -0.5)),
+            "position_quantum": 1e-4 if sensors else 0.0,
+        },
+        {
+            "delay": delay,
+            "motor": motor,
+            "differences": int(random.random() < 0.5),
+            "q": Q0.copy() if random.random() < 0.5 else Q0 + random.uniform(-0.6, 0.6, N),
+            "v": np.zeros(N),
+        },
+        [{"wanted": Q0} | _springs(random, 1, 0.1)],
+    )
+    while len(made.parts) < random.integers(3, 12):
+        chosen = part(random, loop, moving)
+        if sensors or not _lies(chosen):
+            made.parts.append(chosen)
+    return _ordered(made)
+
+
+def _lies(one: dict[str, Any]) -> bool:
+    """Whether the positions that are measured are wrong."""
+    return bool(one.get("q_stuck") or one.get("dq_stuck") or np.any(one.get("q_offset", 0)))
+
+
+def _ordered(made: Schedule) -> Schedule:
+    """Segments by their starts."""
+    made.parts[1:] = sorted(made.parts[1:], key=lambda p: p["start"])
+    return made
+
+
+def _base(random: Random, loop: Loop) -> Schedule:
+    made = schedule(random, loop)
+    made.parts = [made.parts[0] | _springs(random, 300, 20)]
+    made.episode["q"] = Q0.copy()
+    return made
+
+
+def _drive(random: Random, loop: Loop, start: float, to: np.ndarray, **others: Any) -> dict[str, Any]:
+    rates = {
+        "driven_at": loop.velocity * random.uniform(0.3, 0.99),
+        "driven_by": np.full(N, 10 ** random.uniform(1, 3)),
+    }
+    return {"start": round(start), "driven": 2, "driven_to": to, **rates, **others}
+
+
+def laps(random: Random, loop: Loop) -> Schedule:
+    """The fault cycle: control is lost, the arm is moved away, a reset, and on the way back it is held and let go."""
+    made, lap = _base(random, loop), int(random.integers(300, 1000))
+    for start in range(5, SAMPLES - lap + 1, lap):
+        away = Q0 + random.uniform(-0.6, 0.6, N)
+        made.parts += [
+            _drive(random, loop, start, away, missed=1, reset=0),
+            _drive(random, loop, start + 0.30 * lap, away, missed=0, reset=0),
+            _drive(random, loop, start + 0.35 * lap, away, missed=0, reset=1),
+            _drive(random, loop, start + 0.75 * lap, Q0, missed=0, reset=0),
+        ]
+    return _ordered(made)
+
+
+def pumping(random: Random, loop: Loop) -> Schedule:
+    """Away on soft springs, back on stiff ones, in a loop."""
+    made, lap = _base(random, loop), int(random.integers(100, 800))
+    soft = {"translation": made.parts[0]["translation"] * 0.01, "rotation": made.parts[0]["rotation"] * 0.01}
+    stiff = {name: made.parts[0][name] for name in soft}
+    away = Q0 + random.uniform(-0.5, 0.5, N)
+    for start in range(1, SAMPLES - lap + 1, lap):
+        made.parts += [
+            _drive(random, loop, start, away, **soft),
+            _drive(random, loop, start + 0.35 * lap, away, **stiff),
+            _drive(random, loop, start + 0.65 * lap, Q0, **stiff),
+        ]
+    return _ordered(made)
+
+
+def shaking(random: Random, loop: Loop) -> Schedule:
+    """To and fro at almost the velocity limit, reversed at once, with samples missed in time with it."""
+    made, half = _base(random, loop), int(random.integers(1, 8))
+    away = Q0 + random.uniform(-0.4, 0.4, N)
+    made.parts.append(_drive(random, loop, 1, away))
+    start, sign, way = int(random.integers(200, 400)), 1.0, random.choice([-1.0, 0.0, 1.0], N)
+    missing, when = int(random.integers(0, 3)), int(random.integers(0, 2))
+    while start < SAMPLES - half:
+        rates = {"driven": 1, "driven_to": sign * way * loop.velocity * 0.98, "driven_by": np.full(N, 1e6)}
+        made.parts.append({"start": start, "missed": 0, **rates})
+        if missing:
+            made.parts.append({"start": start + when, "missed": 1, **rates})
+            made.parts.append({"start": start + when + missing, "missed": 0, **rates})
+        start, sign = start + max(half, when + missing + 1), -sign
+    return _ordered(made)
+
+
+PATTERNS = (laps, pumping, shaking)
+
+
+def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bool) -> Schedule:
+    """A neighbour: numbers shaken, segments moved, doubled, dropped, replaced, or taken from another schedule."""
+    new = copy.deepcopy(old)
+    for _ in range(random.integers(1, 4)):
+        kind = random.integers(0, 7)
+        later = new.parts[1:]
+        if kind == 0 or not later:
+            new.parts.append(part(random, loop, moving))
+        elif kind == 1 and len(later) > 1:
+            del new.parts[1 + random.integers(len(later))]
+        elif kind == 2:
+            one = copy.deepcopy(later[random.integers(len(later))])
+            one["start"] = int(random.integers(1, SAMPLES))
+            new.parts.append(one)
+        elif kind == 3:
+            one = later[random.integers(len(later))]
+            one["start"] = int(np.clip(one["start"] + random.normal() * 20, 1, SAMPLES - 1))
+        elif kind == 4:
+            one = later[random.integers(len(later))]
+            _shake(random, one)
+        elif kind == 5:
+            one = later[random.integers(len(later))]
+            name = ("reset", "missed", "skip")[random.integers(3)]
+            one[name] = 0 if one.get(name) else LONGEST_SKIP if name == "skip" else 1
+        else:
+            name = CLIMBED[random.integers(len(CLIMBED))]
+            new.config[name] *= float(np.exp(random.normal() * 0.5))
+    if not sensors:
+        new.parts = [one for one in new.parts if not _lies(one)]
+    return _ordered(new)
+
+
+def _shake(random: Random, one: dict[str, Any]) -> None:
+    size = 10 ** random.uniform(-2, 0)
+    for name in ("load", "push", "driven_to", "driven_at", "hand_target"):
+        if name in one and np.any(one[name]):
+            one[name] = one[name] * (1 + size * random.normal(size=np.shape(one[name])))
+    if random.random() < 0.3 and one.get("driven"):
+        one["driven_to"] = -one["driven_to"]
+    for name in ("driven_by", "hand_stiffness", "hand_damping", "translation", "rotation"):
+        if name in one:
+            one[name] = one[name] * np.exp(size * random.normal())
+
+
+def measure(loop: Loop, chosen: Schedule) -> Measured:
+    """Run one."""
+    constant = all("wanted" not in part for part in chosen.parts[1:])
+    away = int(bool(np.any(np.asarray(chosen.episode["q"]) != chosen.parts[0]["wanted"])))
+    limit = chosen.config["engagement_limit"]
+    episode = loop.episode(**chosen.episode, engagement=limit, fastest=1.0)
+    summary = loop.run(SAMPLES, loop.segments(*chosen.parts), episode, loop.config(**chosen.config))
+    most = summary.excess if constant else summary.excess_moving
+    held = chosen.config["tank_initial"] + (limit * away if constant else 0.0)
+    dead = summary.faults and summary.fault_at < LIVE
+    return Measured(most - held, -np.inf if dead and most <= held else most - held, summary)
+
+
+def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:
+    """The best of a climb, restarted from the best of ten random schedules."""
+    pattern = random.integers(0, 2 * len(PATTERNS))
+    starts = [
+        PATTERNS[pattern](random, loop) if pattern < len(PATTERNS) else schedule(random, loop, moving, sensors)
+        for _ in range(min(10, steps))
+    ]
+    best, most = max(((one, measure(loop, one)) for one in starts), key=lambda pair: pair[1].interest)
+    for _ in range(steps - len(starts)):
+        new = changed(random, loop, best, moving, sensors)
+        try:
+            got = measure(loop, new)
+        except AssertionError:  # a configuration that is refused
+            continue
+        if got.interest >= most.interest:
+            best, most = new, got
+    return best, most
+
+
+_loop: Loop | None = None
+"""Of a worker process."""
+
+
+def _start() -> None:
+    global _loop
+    _folder = tempfile.mkdtemp()
+    _loop = Loop(Path(_folder), ROOT / "generated" / "iiwa14")
+    shutil.rmtree(_folder)
+
+
+def _climb(task: tuple[int, int, bool]) -> tuple[int, bool, float, float, int]:
+    seed, steps, moving = task
+    assert _loop is not None
+    got = climb(np.random.default_rng(seed), _loop, steps, moving)[1]
+    return seed, moving, got.excess, got.summary.port_most, got.summary.reason
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--climb", type=int, default=200, help="schedules of a climb")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    options = parser.parse_args()
+    start, climbs = time.monotonic(), -(-options.count // options.climb)
+    tasks = [(options.seed + k, options.climb, k % 2 == 1) for k in range(climbs)]
+    found: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
+    with multiprocessing.Pool(options.workers, _start) as pool:
+        for done, (seed, moving, excess, port, reason) in enumerate(pool.imap_unordered(_climb, tasks), 1):
+            found[moving].append((excess, port))
+            if excess > TOLERANCE:
+                print(f"seed {seed}{', moving' * moving}: {excess:.2e} J beyond, reason {reason}", flush=True)
+            if done % 20 == 0 or done == climbs:
+                beyond = sum(x > TOLERANCE for x, _ in found[False] + found[True])
+                print(f"{done * options.climb} schedules, {beyond} climbs beyond the bound, "
+                      f"{time.monotonic() - start:.0f} s", flush=True)  # fmt: skip
+    print("| wanted equilibrium | schedules | climbs beyond | most of output less bound [J] | most put out [J] |")
+    print("|---|---|---|---|---|")
+    for moving, rows in found.items():
+        if rows:
+            beyond, most, port = sum(x > TOLERANCE for x, _ in rows), max(x for x, _ in rows), max(p for _, p in rows)
+            name, count = "moving" if moving else "constant", len(rows) * options.climb
+            print(f"| {name} | {count} | {beyond} | {most:.2e} | {port:.3f} |")
+    return 1 if any(x > TOLERANCE for x, _ in found[False] + found[True]) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

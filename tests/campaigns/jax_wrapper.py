@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""NAME.jax: the functions under jit, vmap and grad, on XLA's own buffers.
+
+tests/contract/bindings/test_jax.py runs this file in its own process, because JAX's threads do not survive the
+forks of other tests.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from stiffgen.opened import open_robot
+from support.wrappers import cases, floating_robot, small_robot, wrapper
+
+COUNT = 3
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_robot(tmp_path_factory.mktemp("jax"))
+
+
+@pytest.fixture
+def double():
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
+
+
+@pytest.fixture
+def arm(small, double):
+    return wrapper(small, "jax")
+
+
+@pytest.fixture(scope="module")
+def walker(tmp_path_factory):
+    return floating_robot(tmp_path_factory.mktemp("walker"))
+
+
+def listed(results):
+    return list(results) if isinstance(results, tuple) else [results]
+
+
+@pytest.mark.parametrize("robot", ["small", "walker"])
+def test_values_and_gradients_are_those_of_numpy(robot, request, double):
+    """Every function: a stack, one configuration, vmap over all, and vmap over the first argument alone."""
+    robot = request.getfixturevalue(robot)
+    for case in cases(robot, wrapper(robot, "jax"), COUNT):
+        close = lambda found, expected, path=case.path: np.testing.assert_allclose(  # noqa: E731
+            found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(initial=0), err_msg=path
+        )
+        for found in (case.function(*case.arguments), jax.jit(jax.vmap(case.function))(*case.arguments)):
+            assert all(isinstance(each, jax.Array) and each.dtype == np.float64 for each in listed(found))
+            for each, expected in zip(listed(found), case.results, strict=True):
+                close(each, expected)
+        results, back = jax.vjp(case.function, *case.arguments)
+        gradients = back(results.__class__(case.cotangents) if isinstance(results, tuple) else case.cotangents[0])
+        for each, expected in zip(gradients, case.of_wrapper(), strict=True):
+            close(each, expected)
+        first, *others = case.arguments
+        shared = [each[0] for each in others]
+        alone = jax.vmap(case.function, (0, *[None] * len(shared)))(first, *shared)
+        for each, expected in zip(listed(alone), listed(case.function(first, *shared)), strict=True):
+            close(each, expected)
+
+
+def test_gradients_are_differences(small, arm):
+    """Through a matrix made symmetric, batched and shared arguments: against JAX's own differences."""
+    random = np.random.default_rng(2)
+    n = small.chain.dof
+    q, wrench, stiffness = random.uniform(-1, 1, (4, n)), random.normal(size=6), random.normal(size=(2, 1, 6, 6))
+
+    def loss(q, wrench, stiffness):
+        return jnp.sin(arm.hybrid.joint_stiffness(q, wrench, (stiffness + stiffness.mT) / 2)).sum()
+
+    check_grads(loss, (q, wrench, stiffness), order=1, modes=["rev"], atol=1e-6, rtol=1e-6)
+    one_by_one = jax.vmap(jax.grad(loss, (0, 1, 2)), (0, None, None))(q, wrench, stiffness[0, 0])
+    for k in range(len(q)):
+        alone = jax.grad(loss, (0, 1, 2))(q[k], wrench, stiffness[0, 0])
+        for found, expected in zip(one_by_one, alone, strict=True):
+            np.testing.assert_allclose(found[k], expected, rtol=1e-11, atol=1e-11)
+
+
+def test_gradients_through_the_bases_pose(walker, double):
+    """A pose that stays a pose, however it is made: against JAX's own differences; stiffnesses of both tips."""
+    random = np.random.default_rng(5)
+    functions, n = wrapper(walker, "jax"), len(walker.chain.coordinates)
+    x, q, equilibria = random.normal(size=(3, 6)), random.uniform(-1, 1, n), np.stack(2 * [np.eye(4)])
+    Kt, Ko = np.stack(2 * [np.diag([300.0, 200, 400])]), np.stack(2 * [np.diag([20.0, 10, 30])])
+
+    def loss(x, q):
+        v, (a, b, c) = x[:3], x[3:]
+        turn = jnp.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
+        pose = jnp.block([[jax.scipy.linalg.expm(turn), v[:, None]], [jnp.array([[0.0, 0, 0, 1]])]])
+        stiffness = functions.spring.joint_stiffness_total(pose, q, equilibria, Kt, Ko)
+        return jnp.sin(stiffness / 100).sum() + jnp.sin(functions.left.hybrid.jacobian(pose, q)).sum()
+
+    for each in x:
+        check_grads(loss, (each, q), order=1, modes=["rev"], atol=1e-6, rtol=1e-6)
+    together = jax.vmap(jax.grad(loss), (0, None))(x, q)
+    for found, each in zip(together, x, strict=True):
+        np.testing.assert_allclose(found, jax.grad(loss)(each, q), rtol=1e-10, atol=1e-10)
+
+
+def test_nested_vmap_shares_what_is_not_mapped(small, arm):
+    """Strides of several batch dimensions, in every order and with values shared along some."""
+    random = np.random.default_rng(3)
+    n, numpys = small.chain.dof, small.module.hybrid.joint_stiffness
+    q, wrench, K = random.uniform(-1, 1, (5, n)), random.normal(size=(4, 6)), random.normal(size=(3, 6, 6))
+    every = jax.vmap(jax.vmap(jax.vmap(arm.hybrid.joint_stiffness, (0, None, None)), (None, 0, None)), (None, None, 0))
+    np.testing.assert_allclose(every(q, wrench, K), numpys(q, wrench[:, None], K[:, None, None]), rtol=1e-12, atol=1e-9)
+    mixed = jax.vmap(jax.vmap(arm.hybrid.joint_stiffness, (0, None, None)), (None, 0, 0))
+    np.testing.assert_allclose(mixed(q, wrench[:3], K), numpys(q, wrench[:3, None], K[:, None]), rtol=1e-12, atol=1e-9)
+    np.testing.assert_array_equal(
+        arm.hybrid.joint_stiffness(q[:, None], wrench, K[0]), mixed(q, wrench, np.stack([K[0]] * 4)).swapaxes(0, 1)
+    )
+    assert arm.hybrid.joint_stiffness(q[:0], wrench[0], K[0]).shape == (0, n, n)
+
+
+def test_nothing_is_copied(small, arm):
+    """XLA's program for a batch with shared arguments is the call and nothing else: no copy, transpose or broadcast."""
+    n = small.chain.dof
+    shapes = [jax.ShapeDtypeStruct(shape, jnp.float64) for shape in ((1000, n), (6,), (6, 6))]
+    text = jax.jit(arm.hybrid.joint_stiffness).lower(*shapes).compile().as_text()
+    steps = [line.split(" = ")[1].split()[1].split("(")[0] for line in text.splitlines() if " = " in line]
+    allowed = {"parameter", "bitcast", "custom-call", "get-tuple-element", "tuple"}
+    assert set(steps) <= allowed, text
+    assert steps.count("custom-call") == 1
+
+
+def test_errors_name_the_thing(small):
+    arm = wrapper(small, "jax")
+    q = np.zeros(small.chain.dof)
+    with pytest.raises(TypeError, match=r'float64.*jax\.config\.update\("jax_enable_x64", True\)'):
+        arm.hybrid.jacobian(q)
+    jax.config.update("jax_enable_x64", True)
+    try:
+        with pytest.raises(ValueError, match=r"hybrid\.jacobian\(\): q has the shape \(\d,\), not \(\.\.\., \d\)"):
+            arm.hybrid.jacobian(q[:-1])
+        with pytest.raises(TypeError, match="'wrench'; its arguments are q, wrench, task_stiffness"):
+            arm.hybrid.joint_stiffness(q, task_stiffness=np.eye(6))
+        with pytest.raises(ValueError, match=r"leading dimensions \(2,\), \(3,\), \(1,\) do not broadcast"):
+            arm.hybrid.joint_stiffness(np.zeros((2, len(q))), np.zeros((3, 6)), np.eye(6))
+    finally:
+        jax.config.update("jax_enable_x64", False)
+
+
+def test_numpy_users_load_neither(small):
+    """The package alone brings neither framework, and a folder whose calls are not compiled says so."""
+    program = f"""
+import sys
+sys.path.insert(0, {str(small.folder.parent)!r})
+import arm
+assert not {{"jax", "jaxlib", "torch"}} & set(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_not_compiled_is_said(small, tmp_path):
+    folder = tmp_path / "arm"
+    folder.mkdir()
+    for file in small.folder.iterdir():
+        if file.is_file() and not file.name.startswith("arm_jax."):
+            (folder / file.name).write_bytes(file.read_bytes())
+    with pytest.raises(ImportError, match=r"install jax .* 'stiffgen generate --derivatives'"):
+        wrapper(open_robot(folder), "jax")
+
+
+def test_a_second_copy_in_the_process(small, arm, tmp_path):
+    """XLA takes a name once a process; both copies compute the same."""
+    copy = tmp_path / "elsewhere" / "arm"
+    shutil.copytree(small.folder, copy)
+    q = np.linspace(-1, 1, 2 * small.chain.dof).reshape(2, -1)
+    expected = small.module.hybrid.jacobian(q)
+    for module in (arm, wrapper(open_robot(copy), "jax"), arm):
+        np.testing.assert_allclose(module.hybrid.jacobian(q), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_two_robots_of_one_name_in_the_process(small, arm, tmp_path):
+    """Each calls its own functions."""
+    other = small_robot(tmp_path, "rp")
+    second = wrapper(other, "jax")
+    for robot, module in ((small, arm), (other, second), (small, arm)):
+        q = np.linspace(-1, 1, robot.chain.dof)
+        np.testing.assert_allclose(module.hybrid.jacobian(q), robot.module.hybrid.jacobian(q), rtol=1e-12, atol=1e-12)
+        pulled = jax.vjp(module.forward_kinematics, q)[1](np.eye(4))[0]
+        expected = robot.kernels["forward_kinematics_vjp"](q, np.eye(4))
+        np.testing.assert_allclose(pulled, np.ravel(expected), rtol=1e-12, atol=1e-12)

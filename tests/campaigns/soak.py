@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: MIT
+"""Long runs of the controller and the eigensolver, by ``make soak``; the tests run the same programs for a few steps.
+
+``make soak``, with --steps N and --pencils N: hostile input (1 % NaN, infinity, 1e308, denormals, limits exceeded,
+1 % missed samples) through builds with the address and undefined-behaviour sanitizers of gcc and clang, the thread
+sanitizer (a quarter of the steps in each of four threads), an allocator that aborts, and valgrind; then random pencils.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from support.project import ROOT
+
+PROGRAM = ROOT / "tests" / "campaigns" / "impedance_soak.c"
+SOURCES = ("iiwa14.c", "iiwa14_impedance.c")
+MEMORY = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+BUILDS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], float]] = {
+    # name: compiler, flags, command before the program, share of the steps
+    "plain": ("gcc", ("-O3",), (), 1.0),
+    "address and undefined behaviour, gcc": ("gcc", MEMORY, (), 1.0),
+    "address and undefined behaviour, clang": ("clang", MEMORY, (), 1.0),
+    "threads": ("gcc", ("-g", "-O1", "-fsanitize=thread"), (), 0.25),
+    "allocator that aborts": ("gcc", ("-O2", "-DABORTING_ALLOCATOR"), (), 1.0),
+    "valgrind": ("gcc", ("-g", "-O1"), ("valgrind", "-q", "--error-exitcode=9"), 1.0),
+}
+
+
+def soak(name: str, folder: Path, robot: Path, steps: int, seed: int = 1) -> subprocess.CompletedProcess[str]:
+    """Build the soak program one way and run it."""
+    compiler, flags, before, share = BUILDS[name]
+    program = folder / "soak"
+    sources = [PROGRAM, *(robot / source for source in SOURCES)]
+    command = [compiler, "-std=gnu99", *flags, f"-I{robot}", *map(str, sources), "-lm", "-lpthread", "-o", str(program)]
+    subprocess.run(command, check=True)
+    threads = "4" if name == "threads" else "1"
+    return subprocess.run(
+        [*before, str(program), str(max(int(steps * share), 600)), str(seed), threads],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def worst_residual(count: int, folder: Path) -> float:
+    """Of generalised eigenproblems of the C runtime, |K v - lambda M v| over (|K| + |lambda| |M|) |v|."""
+    from support.runtime import Matrices, pencils, residual
+
+    matrices, worst = Matrices(folder), 0.0
+    for K, M in pencils(2025, count):
+        code, values, vectors = matrices.pencil(K, M)
+        worst = float(np.maximum(worst, residual(K, M, values, vectors))) if code == 0 else np.inf
+    return worst
+
+
+def results(steps: int, pencils: int) -> Iterator[tuple[str, bool, str]]:
+    for name in BUILDS:
+        with tempfile.TemporaryDirectory() as folder:
+            done = soak(name, Path(folder), ROOT / "generated" / "iiwa14", steps)
+            yield name, done.returncode == 0, (done.stdout + done.stderr).strip()
+    with tempfile.TemporaryDirectory() as folder:
+        worst = worst_residual(pencils, Path(folder))
+        yield "eigensolver", worst <= 1e-12, f"worst relative residual of {pencils} pencils {worst:.1e}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=1_000_000)
+    parser.add_argument("--pencils", type=int, default=100_000)
+    options = parser.parse_args(arguments)
+    good, start = True, time.monotonic()
+    for name, passed, text in results(options.steps, options.pencils):
+        good = good and passed
+        print(f"{'ok    ' if passed else 'FAILED'} {name} ({time.monotonic() - start:.0f} s)\n{text}", flush=True)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: MIT
+"""What ``stiffgen verify`` must not let pass: faults put into a generated folder by hand, one at a time.
+
+Each one compiles. The digests in the manifest would show any change of a file, so they are left out of account; what
+must fail is a comparison of values.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+import stiffgen
+from stiffgen.emit import build
+from stiffgen.verify.files import check_files
+from stiffgen.verify.verify import verify
+from support.confined import LOADED
+from support.project import URDF
+
+C, PYTHON_C, PYTHON, CONTROLLER = "iiwa14.c", "iiwa14_python.c", "__init__.py", "iiwa14_impedance.c"
+
+
+class Fault(NamedTuple):
+    """Replace what ``pattern`` (a regular expression) finds after ``after``, once."""
+
+    title: str
+    file: str
+    pattern: str
+    replacement: str
+    after: str = ""
+
+
+EVALUATE = "static void evaluate_hybrid_joint_stiffness("
+LAST, LANES = "const lanes finite = finite_lanes(from", "static void hybrid_joint_stiffness_lanes"
+LOAD, STORE = "static APART void load_lanes(", "static APART void store_lanes("
+STIFFNESS, BATCH = "void iiwa14_hybrid_joint_stiffness(", "void iiwa14_hybrid_joint_stiffness_batch("
+PACKED = "void iiwa14_hybrid_joint_stiffness_packed_batch("
+# ruff: noqa: E501
+FAULTS = [
+    Fault("load: tail takes the entry before", C, r"configuration\[c\]\[k\]", "configuration[c][k - 1]", LOAD),
+    Fault("load: tail takes the first configuration", C, r"configuration\[c\]\[k\]", "configuration[0][k]", LOAD),
+    Fault("load: whole lanes of one configuration", C, r"configuration\[c\] \+ k", "configuration[0] + k", LOAD),
+    Fault("load: steps without sign", C, r"from \+ step \*", "from + (step < 0 ? -step : step) *", LOAD),
+    Fault("load: steps taken as sizes", C, r"from \+ step \*", "from + size *", LOAD),
+    Fault("load: the last one stands in everywhere", C, r"first \+ c < count \?", "first + c + 1 < count ?", LOAD + "!"),
+    Fault("load: reads one configuration too many", C, r"first \+ c < count \?", "first + c <= count ?", LOAD + "!"),
+    Fault("store: a tail of whole lanes beyond the end", C, r"c < present", "c < LANES", STORE),
+    Fault("store: the last entries beyond the end", C, r"c < present", "c < LANES", LAST),
+    Fault("store: the last configuration is forgotten", C, r"c < present", "c + 1 < present", STORE),
+    Fault("store: its last entries are forgotten", C, r"c < present", "c + 1 < present", LAST),
+    Fault("store: whole lanes not guarded", C, r"finite_lanes\(from\[k \+ c\]\)", "from[k + c]", STORE),
+    Fault("store: last entries not guarded", C, r"finite_lanes\(from\[k\]\)", "from[k]", STORE),
+    Fault("guard of rows", C, r"finite_lanes\(row\[j\]\)", "row[j]"),
+    Fault("guard of entries", C, r"entry \+ 0\.0 \* entry", "entry"),
+    Fault("guard of numbers", C, r"return x \+ 0\.0 \* x", "return x", "static double finite_or_nan"),
+    Fault("guard of lanes", C, r"return x \+ 0\.0 \* x", "return x", "static inline lanes finite_lanes"),
+    Fault("rows: the last entry is forgotten", C, r"rest < LANES \? rest : LANES", "rest < LANES ? rest - 1 : LANES"),
+    Fault("rows: beyond the end", C, r"rest < LANES \? rest : LANES", "LANES"),
+    Fault("sign in a single call", C, r"K\[3\]\[4\] \+", "K[3][4] -", STIFFNESS),
+    Fault("sign in a batch", C, r"K\[3\]\[4\] \+", "K[3][4] -", LANES),
+    Fault("the lower triangle is read", C, r"A53 = K\[3\]\[5\]", "A53 = K[5][3]", STIFFNESS),
+    Fault("the lower triangle is read, batch", C, r"A43 = K\[3\]\[4\]", "A43 = K[4][3]", LANES),
+    Fault("the lower triangle is read as it is", C, r"J\[0\]\[j\] \* K\[0\]\[1\]", "J[0][j] * K[1][0]", STIFFNESS),
+    Fault("the lower triangle is read as it is, batch", C, r"J\[0\]\[j\] \* K\[0\]\[1\]", "J[0][j] * K[1][0]", LANES),
+    Fault("rows of the Jacobian: one is forgotten", C, r"k < rows; \+\+k", "k + 1 < rows; ++k", "void put_rows("),
+    Fault("sign of the sine's quadrant", C, r"turns\.bits & 2\) << 62", "turns.bits & 1) << 62"),
+    Fault("sign of the cosine's quadrant", C, r"\(turns\.bits \+ 1\) & 2", "turns.bits & 2"),
+    Fault("a coefficient of the sine", C, r"0\.1666666666666663", "0.1666666666"),
+    Fault("a coefficient of the cosine", C, r"0\.041666666666666595", "0.0416666666"),
+    Fault("a part of pi", C, r"5\.1266883031811465e-12", "5.1266883031811465e-11"),
+    Fault("no libm for far angles", C, r"if \(!\(sum <= FAR\)\)", "if (0)"),
+    Fault("lower limit in C", C, r"-2\.96706,", "-2.9,", "const double iiwa14_lower"),
+    Fault("upper limit in C", C, r"3\.054326,", "3.05,", "const double iiwa14_upper"),
+    Fault("effort in C", C, r"320\.0,", "300.0,", "const double iiwa14_effort"),
+    Fault("name of a joint in C", C, r'"A3"', '"A2"', "iiwa14_joints"),
+    Fault("a link's length", C, r"0\.42\b", "0.4200001", "tip_pose("),
+    Fault("a batch's first blocks only", C, r"first != 0 && step == 0", "first != 0", LOAD),
+    Fault("a batch's shared wrench moves", C, r"wrench, wrench_step, done", "wrench, 6, done", BATCH),
+    Fault("a batch's q in a row", C, r"q, q_step, done", "q, 7, done", BATCH),
+    Fault("a batch without its tail", C, r"done < count", "done + LANES <= count", BATCH),
+    Fault("a batch stores in one place", C, r"joint_stiffness \+ 49 \* done", "joint_stiffness", BATCH),
+    Fault("a triangle without its second row's first entry", C, r"int j = i; j < n", "int j = i + (i == 1); j < n", "void pack_upper("),
+    Fault("a packed batch stores in one place", C, r"joint_stiffness \+ 28 \* done", "joint_stiffness", PACKED),
+    Fault("arguments exchanged", PYTHON_C, r"in\[0\], in\[1\]", "in[1], in[0]", "static void evaluate_hybrid_kine"),
+    Fault("stiffness for wrench", PYTHON_C, r"in\[1\], in\[2\]", "in[2], in[1]", EVALUATE),
+    Fault("uncorrected for corrected", PYTHON_C, r"joint_stiffness\(in", "joint_stiffness_uncorrected(in", EVALUATE),
+    Fault("another representation", PYTHON_C, "iiwa14_body_jacobian", "iiwa14_hybrid_jacobian", "evaluate_body_jacobian("),
+    Fault("step of another argument", PYTHON_C, r"steps\[1\]", "steps[0]", "evaluate_hybrid_joint_stiffness_batch("),
+    Fault("rows taken as planes", PYTHON_C, r"a \* steps\[0\]", "a * steps[1]", "static void copy_block("),
+    Fault("columns taken as rows", PYTHON_C, r"c \* steps\[rank - 1\]", "c * (npy_intp)sizeof(double)", "static void copy_block("),
+    Fault("every chunk is the first", PYTHON_C, r"steps\[o\] \* \(done \+ n\)", "steps[o] * n", "static void batch_loop("),
+    Fault("a spring's energy", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double robot_spring_energy("),
+    Fault("a spring's torque", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double robot_spring("),
+    Fault("sign of the posture's potential", CONTROLLER, r"pull\[i\] \+= m->posture_stiffness", "pull[i] -= m->posture_stiffness"),
+    Fault("energy of springs that are let go", CONTROLLER, r"energy \+= robot_posture", "energy += 3.0 * robot_posture"),
+    Fault("energy of the posture's potential", CONTROLLER, r"robot_posture_energy\(q, posture", "3.0 * robot_posture_energy(q, posture"),
+    Fault("sign of the damping", CONTROLLER, r"reference_velocity\[i\] - f->velocity", "reference_velocity[i] + f->velocity"),
+    Fault("damping against the base", CONTROLLER, r"out->reference_velocity\[i\] - f->velocity", "0.0 - f->velocity"),
+    Fault("design of the damping", CONTROLLER, r"2\.0 \* zeta \* zeta - 1\.0", "2.0 * zeta * zeta"),
+    Fault("damping without the rotors", CONTROLLER, r"\+= c->motor_inertia\[i\]", "+= 0.0 * c->motor_inertia[i]"),
+    Fault("tangent without the limits", CONTROLLER, r"posture_stiffness\[i\] \+ f->limit_slope\[i\]", "posture_stiffness[i]"),
+    Fault("sign of the limit torque", CONTROLLER, r"0\.0 - pull", "pull", "static double avoid_limits("),
+    Fault("the lower limit pushes the other way", CONTROLLER, r"q < a\[0\] \? q - a\[0\]", "q < a[0] ? a[0] - q"),
+    Fault("rate limit dropped", CONTROLLER, r"clamp\(possible, [^)]*\)", "possible"),
+    Fault("effort limit dropped", CONTROLLER, r"clamp\(wanted, -effort, effort\)", "wanted", "static void limit_torque("),
+    Fault("NaN of q accepted", CONTROLLER, r"!\(fabs\(in->q\[i\]\) <= FARTHEST && fabs\(in->dq\[i\]\) <=", "(fabs(in->q[i]) > FARTHEST || fabs(in->dq[i]) >"),
+    Fault("NaN of a command accepted", CONTROLLER, r"fabs\(in->q0\[i\]\) <= FARTHEST", "!(fabs(in->q0[i]) > FARTHEST)"),
+    Fault("a velocity that contradicts accepted", CONTROLLER, r"reason = ID\(REASON_MISMATCH\)", "reason = ID(REASON_NONE)"),
+    Fault("governor's speed dropped", CONTROLLER, r"GOVERNOR \* limits\[k / block\]", "1e3"),
+    Fault("governor's speed of the tip dropped", CONTROLLER, r"speed <= 1\.0", "speed <= 1e9", "static void govern("),
+    Fault("fault not latched", CONTROLLER, r"fault = CLASS\[reason\]", "fault = 0 * CLASS[reason]", "static void latch("),
+    Fault("fault clears itself", CONTROLLER, r"m->reset \|\| automatic", "1 || automatic"),
+    Fault("reset does nothing", CONTROLLER, r"memory\.reset = 1", "memory.reset = 0", "static int reset("),
+    Fault("springs on in a fault", CONTROLLER, r"fmax\(m->scale - fastest_fall, 0\.0\)", "m->scale + 0.0 * fastest_fall"),
+    Fault("missed samples forgotten", CONTROLLER, r"periods > 0 \? 2 \* periods : -1", "periods > 0 ? -1 : -1"),
+    Fault("overspeed allowed", CONTROLLER, r"> c->velocity_limit\[i\]\) \{\s*latch", "< 0.0) {\n            latch"),
+    Fault("beyond the upper limit allowed", CONTROLLER, r" \|\| in->q\[i\] > c->upper_limit\[i\] \+ c->position_tolerance", ""),
+    Fault("governor's energy limit dropped", CONTROLLER, r"rise <= allowed", "1", "static void govern("),
+    Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),
+    Fault("effort in Python", PYTHON, r"320\.0", "300.0", "EFFORT ="),
+    Fault("tip in Python", PYTHON, "'link_ee'|\"link_ee\"", "'link_7'", "\nTIP"),
+    # Each compiles; a pattern that no longer occurs fails its test, so that the list follows the code.
+]  # fmt: skip
+HARMLESS = {"load: the last one stands in everywhere"}
+"""Lanes that are not stored: the pattern is kept as a control, a check that fails on it would be wrong."""
+
+
+def corrupted(text: str, fault: Fault) -> str:
+    """The text with the fault; an AssertionError says that a fault no longer applies and must be written anew."""
+    after = fault.after.removesuffix("!")
+    assert after in text, f"{fault.title}: no '{after}'"
+    start = text.index(after)
+    changed, count = re.subn(fault.pattern, fault.replacement, text[start:], count=1)
+    assert count == 1, f"{fault.title}: no '{fault.pattern}'"
+    return text[:start] + changed
+
+
+def _verify(folder: Path, urdf: Path | None, send: Connection) -> None:
+    build._FAST_TO_COMPILE = ("-O0",)
+    checks = verify(folder, urdf=urdf, count=10)
+    send.send([f"{check.kernel}: {check.oracle}" for check in checks if not check.passed and check.kernel != "files"])
+
+
+def failures(folder: Path, urdf: Path | None = None) -> list[str]:
+    """The comparisons that fail, without the digests'. In a process apart: a fault may write where it should not."""
+    receive, send = LOADED.Pipe(duplex=False)
+    process = LOADED.Process(target=_verify, args=(folder, urdf, send))
+    process.start()
+    send.close()
+    try:
+        failed = receive.recv()
+    except EOFError:
+        failed = []
+    process.join()
+    assert process.exitcode is not None
+    if process.exitcode < 0:
+        return [f"killed by signal {-process.exitcode}"]
+    assert process.exitcode == 0
+    return failed
+
+
+@pytest.fixture
+def folder(robot_folder, tmp_path, monkeypatch) -> Path:
+    """A folder to spoil, compiled without optimisation. Its name is its own: an extension is loaded once a process."""
+    monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
+    target = tmp_path / "spoilt" / "iiwa14"
+    shutil.copytree(robot_folder, target, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    return target
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
+def test_every_fault_still_applies(fault, robot_folder):
+    text = (robot_folder / fault.file).read_text()
+    assert corrupted(text, fault) != text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
+def test_no_fault_passes(fault, folder):
+    file = folder / fault.file
+    file.write_text(corrupted(file.read_text(), fault))
+    try:
+        build.build_module(folder, "iiwa14")
+    except stiffgen.BuildError as error:  # guards and sines: the compiled code's own check comes first
+        assert "self-check" in str(error)
+    else:
+        assert bool(failures(folder)) == (fault.title not in HARMLESS)
+
+
+@pytest.mark.slow  # tests/contract/cli/test_cli.py runs the same command
+def test_the_folder_itself_passes(robot_folder):
+    assert failures(robot_folder, URDF) == []
+
+
+@pytest.mark.slow
+def test_the_folder_itself_passes_without_optimisation(folder):
+    build.build_module(folder, "iiwa14")
+    assert failures(folder, URDF) == []
+
+
+def axis(chain: dict[str, Any]) -> None:
+    chain["joints"][3]["axis"] = [-x for x in chain["joints"][3]["axis"]]
+
+
+def limit(chain: dict[str, Any]) -> None:
+    chain["coordinates"][2]["upper"] += 0.1
+
+
+def mass(chain: dict[str, Any]) -> None:
+    chain["joints"][5]["body"]["mass"] *= 1.001
+
+
+def coordinate(chain: dict[str, Any]) -> None:
+    chain["joints"][1]["multiplier"] = 2.0
+
+
+def tip(chain: dict[str, Any]) -> None:
+    chain["tips"][0]["translation"][2] += 1e-6
+
+
+def fewer(chain: dict[str, Any]) -> None:
+    chain["joints"].pop()
+    chain["coordinates"].pop()
+    chain["tips"][0]["joint"] -= 1
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [mass, *(pytest.param(spoil, marks=pytest.mark.slow) for spoil in (fewer, axis, limit, coordinate, tip))],
+    ids=lambda spoil: spoil.__name__,
+)
+def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], robot_folder, tmp_path):
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(robot_folder, folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    spoil(manifest["chain"])
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    assert failures(folder) != []
+
+
+@pytest.mark.slow
+def test_a_folder_of_another_urdf_needs_the_urdf(tmp_path):
+    """Chain, code and digests agree with each other; only the robot's file shows it."""
+    other = tmp_path / "iiwa14.urdf"
+    text, count = re.subn(r'xyz="0 0 0\.1475" rpy', 'xyz="0 0 0.1575" rpy', URDF.read_text(), count=1)
+    assert count
+    other.write_text(text)
+    folder = stiffgen.generate(other, output=tmp_path / "generated", name="iiwa14")
+    assert failures(folder) == []
+    (failed,) = failures(folder, URDF)
+    assert "iiwa14.urdf, read again" in failed
+
+
+def test_digests(robot_folder, tmp_path):
+    """A comment more, a file less."""
+    folder = tmp_path / "iiwa14"
+    shutil.copytree(robot_folder, folder)
+    (folder / "iiwa14.h").write_text((folder / "iiwa14.h").read_text() + "/* mine */\n")
+    (folder / "README.md").unlink()
+    (check,) = [check for check in check_files(stiffgen.open_robot(folder)) if not check.passed]
+    assert check.oracle == "SHA-256 in the manifest"
+    assert "iiwa14.h was changed" in check.detail
+    assert "README.md is missing" in check.detail

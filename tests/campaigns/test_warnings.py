@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: MIT
+"""gcc has no warning for the C of random robots, at any level; compiler_warnings.py compiles more."""
+
+from __future__ import annotations
+
+import pytest
+
+from support.project import require_compiler
+from support.warnings import LEVELS, complaints, sources_of_random_robot, sources_of_varied_robot
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 5, 8])
+def test_random_robots_compile_without_a_warning(seed, tmp_path):
+    gcc = require_compiler("gcc")
+    sources = sources_of_random_robot(seed, 3, tmp_path)
+    assert {level: complaints(gcc, [level], sources) for level in LEVELS} == dict.fromkeys(LEVELS, "")
+
+
+@pytest.mark.parametrize("seed", [19, pytest.param(37, marks=pytest.mark.slow)])
+def test_derivatives_of_random_robots_compile_without_a_warning(seed, tmp_path):
+    """Of one joint and of five: what one derivative hands to another may be known to be zero."""
+    kind, sources = sources_of_varied_robot(seed, 5, tmp_path)
+    assert kind == "derivatives"
+    assert complaints(require_compiler("gcc"), ["-O0"], sources[:1]) == ""
+
+
+def test_a_value_that_was_used_up_gets_no_name(tmp_path):
+    """In this robot's mass matrix a sum holds a product that a later section would have named for nobody."""
+    kind, sources = sources_of_varied_robot(3000, 5, tmp_path)
+    assert kind == "plain"
+    assert complaints(require_compiler("gcc"), ["-O0"], sources[:1]) == ""
+
+
+def test_a_warning_is_seen(tmp_path):
+    source = tmp_path / "unused.c"
+    source.write_text("int f(double x);\nint f(double x)\n{\n    return x;\n}\n")
+    assert "-Werror" in complaints(require_compiler("gcc"), ["-O0"], [source])

@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: MIT
+"""What the pages say: every block of code is run or held by a test, and prints what stands below it; links exist."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.cli import _parser, main
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
+from support.chains import chain_urdf
+from support.pages import PAGES, Block, blocks, commands
+from support.project import ROOT, URDF, Once, require_compiler, require_program
+
+BLOCKS = {page: blocks(page) for page in PAGES}
+ALL = [block for page in PAGES for block in BLOCKS[page]]
+LANGUAGES = ("python", "c", "cpp", "cmake", "sh", "console", "text")
+MAKEFILE = (ROOT / "Makefile").read_text()
+
+
+def of(page: Path, *languages: str) -> list[Block]:
+    """The blocks of a page that run here."""
+    return [block for block in BLOCKS[page] if block.language in languages and not block.marker]
+
+
+def having(*languages: str) -> list[Path]:
+    return [page for page in PAGES if any(block.shown for block in of(page, *languages))]
+
+
+def pages(which: list[Path]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("page", which, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def printed(page: Path, *languages: str) -> str:
+    """What the programs of these languages print, one after the other."""
+    out, last = "", ""
+    for block in BLOCKS[page]:
+        if block.prints and last in languages:
+            out += block.code
+        last = block.language if block.shown else last
+    return out
+
+
+def run(command: list[str], folder: Path, **environment: str) -> str:
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
+        env=os.environ | environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def bare(code: str) -> str:
+    """Code without comments, white space, and commas before a bracket."""
+    code = re.sub(r"/\*.*?\*/|(?://|#)\s.*?$", "", code, flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r",(?=[)}\]])", "", re.sub(r"\s+", "", code))
+
+
+@pytest.fixture(scope="session")
+def derived(once: Once) -> Path:
+    """The iiwa 14 with derivatives and CUDA, compiled without optimisation."""
+
+    def make(output: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CFLAGS", "-O0")
+            stiffgen.generate(URDF, springs=SpringOptions(derivatives=True), cuda=True, output=output)
+
+    return once("derived", make) / "iiwa14"
+
+
+@pages(PAGES)
+def test_every_block_says_its_language(page: Path) -> None:
+    text = page.read_text()
+    fences = re.findall(r"^ *```(.*)$", text, re.MULTILINE)
+    assert len(fences) == 2 * sum(block.shown for block in BLOCKS[page])
+    assert set(fences[::2]) <= set(LANGUAGES) and set(fences[1::2]) <= {""}
+    assert "\n\n    " not in re.sub(
+        r"^(?:\d+\.|[-*]) (?:.*\n|\n(?= ))*|^```.*?^```$|<!--.*?-->", "", text, flags=re.M | re.S
+    )
+    assert text.count("<!-- ") == sum(not block.shown or bool(block.marker) for block in BLOCKS[page])
+    for block in BLOCKS[page]:
+        if block.language == "text" and not block.prints:  # pictures, formulas, results
+            assert not re.search(r"^(#include|import |from \w+ import|\$ )|[)\]];$|\{$", block.code, re.MULTILINE), (
+                block
+            )
+
+
+def test_a_marker_names_what_is_there() -> None:
+    for block in ALL:
+        if block.marker == "held by":
+            file, _, test = block.what.partition("::")
+            assert f"def {test}(" in (ROOT / file).read_text(), block
+        elif block.marker == "quoted from":
+            assert bare(block.code) in bare((ROOT / block.what).read_text()), block
+
+
+def test_blocks_that_nobody_runs_are_listed() -> None:
+    """CONTRIBUTING.md has the whole list, with the reasons of the markers."""
+    listed = re.findall(r"^\| `(\S+)` \| (.*) \|$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    marked = [(str(block.page.relative_to(ROOT)), block.what) for block in ALL if block.marker == "not run:"]
+    assert listed == list(dict.fromkeys(marked))
+    for block in ALL:
+        if block.language == "python":
+            ast.parse(block.code)
+
+
+@pages(
+    [page for page in having("python") if page.name != "CONTRIBUTING.md"]
+)  # tests/contract/docs/test_contributing.py
+def test_python_prints_what_the_page_says(page: Path, robot_folder: Path, tmp_path: Path, request) -> None:
+    code = "\n".join(block.code for block in of(page, "python"))
+    folder = request.getfixturevalue("derived") if re.search(r"_vjp|\.jax|\.casadi", code) else robot_folder
+    (tmp_path / "generated").symlink_to(folder.parent)
+    for name in ("urdf", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    out = run([sys.executable, "-c", code], tmp_path, PYTHONPATH=os.pathsep.join([*sys.path, str(tmp_path)]))
+    expected = printed(page, "python")
+    assert out == expected or not expected
+
+
+@pytest.mark.parametrize(("language", "compiler"), [("c", "gcc"), ("cpp", "g++")])
+def test_c_and_cpp_print_what_the_page_says(language, compiler, robot_folder, derived, tmp_path) -> None:
+    """Programs are compiled and run; declarations and fragments are parts of what is generated."""
+    standard = {"c": "-std=c99", "cpp": "-std=c++17"}[language]
+    flags = [standard, "-Wall", "-Wextra", "-Werror", f"-I{robot_folder}", "-isystem", "/usr/include/eigen3"]
+    for name in ("iiwa14", "iiwa14_impedance"):
+        run(["cc", "-std=c99", "-O0", "-c", str(robot_folder / f"{name}.c"), "-o", f"{name}.o"], tmp_path)
+    generated = bare("".join(file.read_text() for file in sorted(derived.iterdir()) if file.suffix in (".c", ".h")))
+    compiled = 0
+    for page in having(language):
+        out, code = "", ""
+        for block in of(page, language):
+            code += block.code
+            if code.count("{") == code.count("}") and "int main" in code:
+                (tmp_path / f"main.{language}").write_text(code)
+                objects = ["iiwa14_impedance.o", "iiwa14.o", "-o", "a", "-lm"]
+                run([require_compiler(compiler), *flags, f"main.{language}", *objects], tmp_path)
+                out, code, compiled = out + run(["./a"], tmp_path), "", compiled + 1
+            elif "int main" not in code:
+                assert bare(code.replace("NAME", "iiwa14")) in generated, block
+                code = ""
+        assert not code
+        assert out == printed(page, language)
+    assert compiled >= {"c": 3, "cpp": 1}[language]
+
+
+def test_c_example_is_built_as_the_page_says(robot_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "generated").symlink_to(robot_folder.parent)
+    for page in (ROOT / "README.md", ROOT / "docs" / "embedding.md"):
+        (tmp_path / "example.c").write_text(of(page, "c")[0].code)
+        command = re.search(r"`(cc -std=c99 .*?)`", page.read_text())[1].split()
+        run([*command, "-O0"], tmp_path)
+        assert run(["./a.out"], tmp_path) == printed(page, "c")
+
+
+def project(folder: Path, robot_folder: Path) -> None:
+    """A scratch copy of the repository, with the files that the pages' reader is said to have."""
+    shutil.copytree(robot_folder.parent, folder / "generated")
+    for name in ("urdf", "tests", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+    arm = chain_urdf("rrrrrr")
+    names = re.findall(r'<link name="([^"]+)"', arm)
+    for old, new in ((names[0], "base_link"), (names[-1], "tool0")):
+        arm = arm.replace(f'"{old}"', f'"{new}"')
+    for name in ("my_arm", "my_robot"):
+        (folder / f"{name}.urdf").write_text(arm)
+    dual = (ROOT / "tests" / "data" / "dual_arm.urdf").read_text()
+    soles = dual.replace('"left hand"', '"left_sole_link"').replace('"right-hand"', '"right_sole_link"')
+    (folder / "robot.urdf").write_text(soles)
+    columns = ["time", *(f"q_{k}" for k in range(7)), *(f"wrench_{k}" for k in range(6))]
+    rows = np.random.default_rng(0).uniform(-1, 1, (50, 14))
+    rows[:, 0] = 0.01 * np.arange(50)
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header=",".join(columns), comments="")
+
+
+def make(words: list[str]) -> None:
+    """Every target is one that a test runs (tests/contract/house/test_make.py)."""
+    for target in (word for word in words if "=" not in word):
+        assert re.search(rf"^(?:[^\n:]* )?{re.escape(target)}\b[^\n=]*:", MAKEFILE, re.MULTILINE), target
+
+
+def install(words: list[str]) -> None:
+    """The extras of pip are declared; Debian's packages are those that CI installs or has."""
+    extras = re.findall(r"\[(\w+)\]", " ".join(words))
+    assert all(re.search(rf"^{extra} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE) for extra in extras)
+    if words[0] == "install" and not extras:
+        known = re.findall(r"missing\+=\((.*?)\)", (ROOT / ".ci" / "run").read_text())
+        assert {"cmake", "clang", *" ".join(known).split()} >= set(words[1:]), words
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised")
+@pages(having("sh"))
+def test_commands(page: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every line runs in a scratch copy but those of make, pip and apt-get, whose words are looked up."""
+    seen = [line for other in PAGES[: PAGES.index(page)] for block in of(other, "sh") for line in commands(block)]
+    lines = [line for block in of(page, "sh") for line in commands(block) if line not in seen]
+    if any(not re.match(r"make |(\S*/)?pip |apt-get ", line) for line in lines):
+        project(tmp_path, robot_folder)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BROWSER", "true")  # that program is the browser
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    for line in lines:
+        words = shlex.split(line)
+        while "=" in words[0]:
+            monkeypatch.setenv(*words.pop(0).split("=", 1))
+        program = Path(words[0]).name
+        if program == "make":
+            make(words[1:])
+        elif program in ("pip", "apt-get"):
+            install(words[1:])
+        elif program == "stiffgen":
+            quick = words[1] in ("generate", "new") and "CFLAGS" not in os.environ
+            assert main([*words[1:], *(["--no-build"] if quick and "--no-build" not in words else [])]) == 0, line
+        else:
+            run([require_program(words[0], "gcc-arm-none-eabi"), *words[1:]], tmp_path / "generated" / "iiwa14")
+
+
+@pages(PAGES)
+def test_commands_in_sentences_exist(page: Path) -> None:
+    """Commands that are held elsewhere, and those within sentences, are ones that the command line takes."""
+    text = page.read_text()
+    for block in BLOCKS[page]:
+        for line in commands(block) if block.language == "sh" and block.marker else ():
+            words = shlex.split(line)
+            if Path(words[0]).name == "stiffgen" and "..." not in words:
+                _parser().parse_args(words[1:])
+            elif words[0] == "make":
+                make(words[1:])
+    for target in re.findall(r"`make ([a-z-]+)[` ]", text):
+        make([target])
+
+
+@pages(PAGES)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if link.startswith(("http://", "https://", "mailto:")):
+            continue
+        file, _, anchor = link.partition("#")
+        target = page.parent / file if file else page
+        assert target.exists(), link
+        if anchor and target.suffix == ".md":
+            headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+            assert anchor in slugs, link
+
+
+def test_every_test_that_the_design_names_exists():
+    design = (ROOT / "docs" / "design.md").read_text()
+    file = ""
+    for named_file, test in re.findall(r"`(test_\w+\.py)?(?:::(test_\w+))?`", design):
+        file = named_file or file
+        if file:
+            [found] = (ROOT / "tests").rglob(file)
+            source = found.read_text()
+            assert not test or f"def {test}(" in source, (file, test)
+
+
+def test_the_cpp_reference_has_every_function(monkeypatch: pytest.MonkeyPatch, chain: stiffgen.Chain) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    text = import_module("pages").cpp()
+    sections = dict(re.findall(r"^## `iiwa14(?:::)?(.*?)`\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL))
+    for kernel in chain_kernels(chain):
+        section = sections["::".join(filter(None, (kernel.tip, kernel.group)))]
+        for argument in (*kernel.arguments, *kernel.results):
+            assert f"`{argument.name}`" in section, kernel.name
+        assert len(re.findall(rf"\b{kernel.name}\(", section)) >= 2, kernel.name

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: MIT
+"""The FRI client under the attack of tests/campaigns/attack_fri.py: a short climb, and what longer ones have found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from campaigns.attack_fri import DONE, EARLY, FAULT, INTERRUPTED, Attack, climb, measures, parse, untrue
+from support.fri_run import versions
+from support.fri_session import Programs, write_short_trajectory
+
+
+@pytest.fixture
+def attack(version: str, make_programs: Callable[[str], Programs], tmp_path: Path) -> Iterator[Attack]:
+    programs = make_programs(version)
+    with Attack(programs.folder / "attack", write_short_trajectory(tmp_path / "short.csv")) as attack:
+        yield attack
+
+
+@pytest.mark.slow
+@versions
+def test_a_short_climb_finds_nothing(attack: Attack) -> None:
+    most, breaks = climb(attack, np.random.default_rng(5), 150)
+    assert not breaks
+    assert attack.sessions >= 150
+    # It does meet its bounds: what is cut is cut there.
+    assert most["torque's step from answer to answer"] > 0.99 and most["torque's rate in real time"] > 0.5
+
+
+END = "the robot ended the session"
+FOUND = {
+    "where the robot's clock stands the commanded position follows all the same": (
+        "10: 929298480 frozen 0.819469 2.342887 0", "the robot's clock stands still"
+    ),
+    "after a gap the arm starts from where it is": (
+        "10: 2046896561 frozen 2.425386 0.246638 0 deaf 0.334411 0.130041 1 button 0.990866 1.010153 0", END
+    ),
+    "after a gap it is not brought back at once": ("10: 1 frozen 1.0 0.3 0", END),
+    "back in the middle of the trajectory it sets out slowly": ("5: 481652331 drop 0.944510 0.211088 0.5", END),
+    "old messages are not a robot that counts anew": (
+        "5: 440259048 multiplier 2.234380 0.174768 3 replay 2.653331 0.444852 150", END
+    ),
+}  # fmt: skip
+"""What was wrong, the schedule that showed it, and how the session ends now."""
+
+
+@versions
+@pytest.mark.parametrize("name", FOUND)
+def test_what_climbs_have_found(attack: Attack, name: str) -> None:
+    line, text = FOUND[name]
+    told = attack.play(parse(line))
+    assert text in told["sentence"]
+    assert {name: value for name, value in measures(parse(line), told).items() if not value <= 1 + 1e-6} == {}
+
+
+SAID = {
+    "a counter that stands": (
+        "5: 1 stuck 0.03 9 0", FAULT, "the robot's messages all have the sequence counter 6: datagram_duplicate"
+    ),
+    "a clock that stands": ("5: 1 frozen 0.03 9 0", FAULT, "the robot's clock stands still: clock_standing "),
+    "the robot's end": ("5: 1", DONE, "the trajectory was followed to its end, and the robot ended the session"),
+    "too early": ("5: 1 state 0.8 9 0", EARLY, "before the trajectory's end, at 0.4"),
+    "a fault after the trajectory's end is a fault": (
+        "5: 1 safety 3.0 9 1 state 3.01 9 0",
+        FAULT,
+        "the robot reports a safety stop while commanding; see its messages; the robot ended the session before the "
+        "torque was down",
+    ),
+    "an interrupted session that the robot ends is interrupted": (
+        "5: 1 held 0.5 9 0 interrupt 1.0 1 1 state 1.02 9 0",
+        INTERRUPTED,
+        "interrupted; the robot ended the session before the torque was down",
+    ),
+    "an arm that is moved away while nothing is heard of it": (
+        "5: 1 frozen 1.0 0.9 0 push 1.000006 0.4 12 held 1.6 9 0",
+        FAULT,
+        "the arm was moved by more than --approach-limit while messages were lost",
+    ),
+    "a release that the robot cuts short": (
+        "5: 1 held 0.5 9 0 interrupt 1.0 1 1 state 1.02 9 2",
+        INTERRUPTED,
+        "interrupted; the robot stopped commanding before the torque was down, the client leaves",
+    ),
+}  # fmt: skip
+
+
+@versions
+@pytest.mark.parametrize("name", SAID)
+def test_code_and_last_line_say_what_happened(attack: Attack, name: str) -> None:
+    line, code, text = SAID[name]
+    told = attack.play(parse(line))
+    assert told["code"] == code and text in told["sentence"]
+    assert untrue(parse(line), told) == []

