@@ -22,8 +22,8 @@ import numpy as np
 
 import stiffgen
 from stiffgen.emit.build import build_library
-from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach, rounded_up
-from stiffgen.emit.target import DOUBLE, FLOAT, Scalar
+from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach, rounded_up
+from stiffgen.lower.scalar import DOUBLE, FLOAT, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.verify.verify import argument_samples

@@ -34,10 +34,10 @@ from stiffgen.analyze.options import GROUPS, AnalysisOptions, has_default, told
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.bench import bench
-from stiffgen.emit.rounding import Ranges
-from stiffgen.emit.target import DOUBLE, SCALARS
 from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
 from stiffgen.generate import generate
+from stiffgen.lower.rounding import Ranges
+from stiffgen.lower.scalar import DOUBLE, SCALARS
 from stiffgen.names import comment
 from stiffgen.new.project import new_project
 from stiffgen.new.questions import CONTROLLERS, Given

@@ -9,10 +9,10 @@ from pathlib import Path
 from stiffgen.emit.build import build_module
 from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.emit.render import render
-from stiffgen.emit.rounding import Ranges
-from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
 from stiffgen.errors import ChainError, OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
+from stiffgen.lower.rounding import Ranges
+from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.names import checked_identifier, identifier
 from stiffgen.robot.chain import Chain, ChainOptions, Tool, read_chain
 from stiffgen.symbolic.arguments import posture

@@ -14,8 +14,8 @@ from types import ModuleType
 from typing import Any
 
 from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
-from stiffgen.emit.target import DOUBLE, Scalar
 from stiffgen.errors import OutputError, StiffgenError
+from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import PACKED, Kernel, chain_kernels

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from stiffgen.emit.rounding import Ranges
-from stiffgen.emit.target import DOUBLE, SCALARS
+from stiffgen.lower.rounding import Ranges
+from stiffgen.lower.scalar import DOUBLE, SCALARS
 from stiffgen.opened import open_robot
 from stiffgen.symbolic.kernels import chain_kernels
 from support.project import ROOT

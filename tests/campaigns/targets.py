@@ -22,7 +22,7 @@ import numpy as np
 
 import stiffgen
 from stiffgen.emit.controller import has_controller
-from stiffgen.emit.target import DOUBLE, SCALARS
+from stiffgen.lower.scalar import DOUBLE, SCALARS
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.prove.targets import Target, write_targets
 from stiffgen.symbolic.kernels import Kernel

@@ -11,7 +11,7 @@ import pytest
 
 import stiffgen
 from stiffgen.emit import render
-from stiffgen.emit.target import FLOAT
+from stiffgen.lower.scalar import FLOAT
 from stiffgen.symbolic.kernels import chain_kernels
 from support.golden_calls import golden_calls
 from support.project import URDF, assert_close, require_program

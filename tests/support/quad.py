@@ -20,8 +20,8 @@ import casadi as ca
 import numpy as np
 from flint import arb, ctx
 
-from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, NoBound, Precision, Ranges, argument_sizes, chain_reach
-from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
+from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, NoBound, Precision, Ranges, argument_sizes, chain_reach
+from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.rounding import Stages

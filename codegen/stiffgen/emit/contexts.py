@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from stiffgen.emit.c import CFunction, Scope, TargetCode, suffix_of
-from stiffgen.emit.expressions import Operations
-from stiffgen.emit.rounding import Stated
-from stiffgen.emit.target import Scalar, Target
+from stiffgen.emit.c import CFunction, Scope, VariantCode, suffix_of
+from stiffgen.lower.graph import Operations
+from stiffgen.lower.rounding import Stated
+from stiffgen.lower.scalar import Scalar
+from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import PACKED, Kernel
@@ -208,35 +209,35 @@ class ThreadPage:
 class CudaPages:
     """What NAME.cu and NAME_cuda.h are made of."""
 
-    target: Target
+    variant: Variant
     scopes: tuple[Scope, ...]
     shared: list[Definition]
     kernels: list[ThreadPage]
     calls: frozenset[str]
 
 
-def cuda_pages(chain: Chain, name: str, code: TargetCode) -> CudaPages:
-    """The CUDA kernels that were printed for a target."""
-    kernels = [_thread(chain, name, code.target, kernel, function) for kernel, function in code.kernels]
-    return CudaPages(code.target, code.scopes, shared_functions(code), kernels, code.calls)
+def cuda_pages(chain: Chain, name: str, code: VariantCode) -> CudaPages:
+    """The CUDA kernels that were printed for a variant."""
+    kernels = [_thread(chain, name, code.variant, kernel, function) for kernel, function in code.kernels]
+    return CudaPages(code.variant, code.scopes, shared_functions(code), kernels, code.calls)
 
 
-def shared_functions(code: TargetCode) -> list[Definition]:
+def shared_functions(code: VariantCode) -> list[Definition]:
     """The internal functions that kernels share."""
-    return [_shared(code.target, scope, function) for scope, function in code.shared]
+    return [_shared(code.variant, scope, function) for scope, function in code.shared]
 
 
-def _shared(target: Target, scope: Scope, function: CFunction) -> Definition:
-    extent = scope.padded if target.joint_lanes else scope.size
+def _shared(variant: Variant, scope: Scope, function: CFunction) -> Definition:
+    extent = scope.padded if variant.joint_lanes else scope.size
     parameters = [
-        f"{target.row} {array.name}[6][{extent}]" if array.name in function.columns
-        else f"{'const ' if array in function.inputs else ''}{target.number} {_declared(array)}"
+        f"{variant.row} {array.name}[6][{extent}]" if array.name in function.columns
+        else f"{'const ' if array in function.inputs else ''}{variant.number} {_declared(array)}"
         for array in (*function.inputs, *function.outputs)
     ]  # fmt: skip
     tip = f", tip {scope.title}" if scope.title else ""
     return Definition(
         comment=[*wrapped(f"{function.meaning}{tip}."), f"{_cost(function.operations)}."],
-        prototype=_fill(f"{target.qualifier} void {function.name}{target.suffix}(", parameters) + ")",
+        prototype=_fill(f"{variant.qualifier} void {function.name}{variant.suffix}(", parameters) + ")",
         lines=function.lines,
     )
 
@@ -308,15 +309,15 @@ def _initialiser(array: Array) -> str:
     return "{" + ", ".join(map(str, array.shape or (1,))) + "}"
 
 
-def batch_page(chain: Chain, name: str, target: Target, kernel: Kernel, function: CFunction) -> BatchPage:
+def batch_page(chain: Chain, name: str, variant: Variant, kernel: Kernel, function: CFunction) -> BatchPage:
     """A kernel that was printed for vectors of configurations; ``name`` is the robot's."""
-    number, parameters = target.scalar.name, ["size_t count"]
+    number, parameters = variant.scalar.name, ["size_t count"]
     for array in function.inputs:
         parameters += [f"const {number} *{array.name}", f"ptrdiff_t {array.name}_step"]
     parameters += [f"{number} *{array.name}" for array in function.outputs]
-    within = [f"const {target.number} {_declared(array)}" for array in function.inputs]
-    within += [f"{target.number} {_declared(array)}" for array in function.outputs]
-    one_vector = _fill(f"{target.qualifier} void {kernel.qualified_name}{suffix_of(target)}(", within) + ")"
+    within = [f"const {variant.number} {_declared(array)}" for array in function.inputs]
+    within += [f"{variant.number} {_declared(array)}" for array in function.outputs]
+    one_vector = _fill(f"{variant.qualifier} void {kernel.qualified_name}{suffix_of(variant)}(", within) + ")"
     return BatchPage(
         definition=Definition(_explained(kernel, function), one_vector, function.lines),
         qualified_name=kernel.qualified_name,
@@ -338,8 +339,8 @@ def _stored(chain: Chain, result: Argument, stored: Argument) -> StoredResult:
     return StoredResult(whole.name, whole.size, kept.size, whole.shape[0] if kept.shape != whole.shape else 0)
 
 
-def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: CFunction) -> ThreadPage:
-    number = target.number
+def _thread(chain: Chain, name: str, variant: Variant, kernel: Kernel, function: CFunction) -> ThreadPage:
+    number = variant.number
     own = [
         array
         for array, argument in zip(function.inputs, kernel.arguments, strict=True)
@@ -349,7 +350,7 @@ def _thread(chain: Chain, name: str, target: Target, kernel: Kernel, function: C
     varying = [array for argument, array in taken if argument.varying]
     declared = [f"const {number} {_declared(array)}" for array in function.inputs]
     declared += [f"{number} {_declared(array)}" for array in function.outputs]
-    one = _fill(f"{target.qualifier} void {kernel.qualified_name}{suffix_of(target)}(", declared) + ")"
+    one = _fill(f"{variant.qualifier} void {kernel.qualified_name}{suffix_of(variant)}(", declared) + ")"
     given, arrays = [], []
     for array in function.inputs:
         given.append(f"const {number} *{array.name}")
@@ -416,7 +417,7 @@ class Section:
     functions: list[str]
 
 
-def sections_of(single: TargetCode, batch: TargetCode) -> dict[str, Section]:
+def sections_of(single: VariantCode, batch: VariantCode) -> dict[str, Section]:
     """The table of contents of NAME.c; the template puts a banner with the title over each part."""
 
     def section(title: str, names: Sequence[str]) -> Section:
@@ -424,7 +425,7 @@ def sections_of(single: TargetCode, batch: TargetCode) -> dict[str, Section]:
 
     shared = [function.name for _, function in single.shared]
     kernels = [kernel.qualified_name for kernel, _ in single.kernels]
-    batches = [function.name + batch.target.suffix for _, function in batch.shared]
+    batches = [function.name + batch.variant.suffix for _, function in batch.shared]
     batches += [f"{kernel.qualified_name}{each.suffix}" for kernel, _ in batch.kernels for each in kernel.batches]
     found = {
         "robot": section("Arithmetic, and the robot's sizes, names and limits", []),

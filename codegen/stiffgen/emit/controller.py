@@ -19,7 +19,7 @@ from stiffgen.emit.fields import (
     STATUS,
     Field,
 )
-from stiffgen.emit.target import DOUBLE, Scalar
+from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 
 RUNTIME = Path(__file__).parent.parent / "runtime"

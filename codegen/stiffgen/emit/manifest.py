@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen._version import __version__
-from stiffgen.emit.expressions import Operations
-from stiffgen.emit.rounding import Ranges, Stated
-from stiffgen.emit.target import DOUBLE, SCALARS, Scalar
+from stiffgen.lower.graph import Operations
+from stiffgen.lower.rounding import Ranges, Stated
+from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
 from stiffgen.symbolic.potentials import SpringOptions
 

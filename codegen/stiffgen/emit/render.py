@@ -14,13 +14,14 @@ import jinja2
 
 from stiffgen._version import __version__
 from stiffgen.emit import contexts
-from stiffgen.emit.c import Scope, TargetCode, print_kernels
+from stiffgen.emit.c import Scope, VariantCode, print_kernels
 from stiffgen.emit.controller import ControllerPage, controller_files, controller_page
-from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.emit.manifest import MANIFEST, manifest_text
-from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, Ranges, Stated
-from stiffgen.emit.target import BATCH, CUDA, DOUBLE, SINGLE, Scalar, Target
 from stiffgen.errors import ChainError
+from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN, Operations
+from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, Ranges, Stated
+from stiffgen.lower.scalar import DOUBLE, Scalar
+from stiffgen.lower.variant import BATCH, CUDA, SINGLE, Variant
 from stiffgen.names import c_string, comment
 from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain
@@ -57,9 +58,9 @@ def render(
 
     """
     options, ranges = options or SpringOptions(), ranges or Ranges()
-    targets = [replace(target, scalar=scalar) for target in (SINGLE, BATCH, CUDA)]
-    single, batch = (print_kernels(chain, name, target, options) for target in targets[:2])
-    threads = contexts.cuda_pages(chain, name, _threads(chain, name, targets[2], options)) if cuda else None
+    variants = [replace(variant, scalar=scalar) for variant in (SINGLE, BATCH, CUDA)]
+    single, batch = (print_kernels(chain, name, variant, options) for variant in variants[:2])
+    threads = contexts.cuda_pages(chain, name, _threads(chain, name, variants[2], options)) if cuda else None
     error_bounds = ErrorBounds(chain, ranges, scalar)
     bounds = {kernel.qualified_name: error_bounds.stated(kernel) for kernel, _ in single.kernels}
     pages = _pages(chain, name, single, batch, threads, bounds, ranges)
@@ -151,7 +152,7 @@ class _RobotPages:
         functions: those that have a gradient, for JAX, PyTorch and CasADi; none unless derivatives were asked for.
         called: these and their vector-Jacobian products, as they are printed.
         cuda: if it was asked for.
-        targets, calls, sections: of NAME.c: how it is printed, the helpers that it calls, and its parts.
+        variants, calls, sections: of NAME.c: how it is printed, the helpers that it calls, and its parts.
         rounding: the ranges of arguments for which bounds of errors are stated, in lines.
         digits: of rotations in arguments, for these.
         libm, libm_of_two, own: functions that lanes are given.
@@ -187,7 +188,7 @@ class _RobotPages:
     functions: list[contexts.DifferentiablePage]
     called: list[contexts.KernelPage]
     cuda: contexts.CudaPages | None
-    targets: dict[str, Target]
+    variants: dict[str, Variant]
     calls: frozenset[str]
     sections: dict[str, contexts.Section]
     rounding: list[str]
@@ -200,14 +201,14 @@ class _RobotPages:
 def _pages(
     chain: Chain,
     name: str,
-    single: TargetCode,
-    batch: TargetCode,
+    single: VariantCode,
+    batch: VariantCode,
     cuda: contexts.CudaPages | None,
     bounds: Mapping[str, Sequence[Stated]],
     ranges: Ranges,
 ) -> _RobotPages:
     kernels = [
-        contexts.kernel_page(chain, name, single.target.scalar, kernel, function, bounds[kernel.qualified_name])
+        contexts.kernel_page(chain, name, single.variant.scalar, kernel, function, bounds[kernel.qualified_name])
         for kernel, function in single.kernels
     ]
     groups = contexts.groups_of(kernels)
@@ -225,14 +226,14 @@ def _pages(
         version=__version__,
         compatible=".".join(__version__.split(".")[:2]),
         sources=_SOURCES,
-        scalar=single.target.scalar,
+        scalar=single.variant.scalar,
         robot=chain,
         n=chain.dof,
         positions=len(chain.coordinates),
         fixed="world" if chain.floating else "base",
         tool=contexts.tool_lines(chain),
         example=contexts.example_of(chain),
-        controller=controller_page(name, chain, single.target.scalar),
+        controller=controller_page(name, chain, single.variant.scalar),
         scopes=single.scopes,
         shared=contexts.shared_functions(single),
         batch_shared=contexts.shared_functions(batch),
@@ -245,21 +246,21 @@ def _pages(
         public=list(dict.fromkeys(k.tip or k.group or k.name for k in [*kernels, *packed])),
         argument_lists=list(dict.fromkeys((tuple(k.inputs), len(k.outputs)) for k in kernels)),
         batches=[
-            contexts.batch_page(chain, name, batch.target, kernel, function) for kernel, function in batch.kernels
+            contexts.batch_page(chain, name, batch.variant, kernel, function) for kernel, function in batch.kernels
         ],
         functions=functions,
         called=[page for page in kernels if page.qualified_name in differentiable],
         cuda=cuda,
-        targets={"single": single.target, "batch": batch.target},
+        variants={"single": single.variant, "batch": batch.variant},
         calls=single.calls | batch.calls,
         sections=contexts.sections_of(single, batch),
-        rounding=ranges.lines(PRECISIONS[single.target.scalar.name]),
-        digits=PRECISIONS[single.target.scalar.name].digits,
+        rounding=ranges.lines(PRECISIONS[single.variant.scalar.name]),
+        digits=PRECISIONS[single.variant.scalar.name].digits,
     )
 
 
-def _threads(chain: Chain, name: str, target: Target, options: SpringOptions) -> TargetCode:
-    code = print_kernels(chain, name, target, options)
+def _threads(chain: Chain, name: str, variant: Variant, options: SpringOptions) -> VariantCode:
+    code = print_kernels(chain, name, variant, options)
     if not code.kernels:
         raise ChainError(
             f"--cuda: the chain has {len(chain.joints)} moving joints, and CUDA kernels are made for at most "

@@ -9,8 +9,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO
 from stiffgen.errors import BuildError
+from stiffgen.lower.graph import LIBM, LIBM_OF_TWO
 
 _FLAGS = (
     "--target=wasm32", "-O2", "-msimd128", "-mbulk-memory", "-std=gnu99", "-DNDEBUG", "-ffunction-sections",

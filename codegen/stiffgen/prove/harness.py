@@ -11,9 +11,9 @@ from math import prod
 
 import jinja2
 
-from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO
 from stiffgen.emit.fields import CONFIG, FAULTS, REASONS, Field
 from stiffgen.errors import OutputError
+from stiffgen.lower.graph import LIBM, LIBM_OF_TWO
 from stiffgen.opened import GeneratedRobot
 from stiffgen.rendering import environment
 from stiffgen.symbolic.arguments import Argument

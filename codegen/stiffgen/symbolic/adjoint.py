@@ -12,8 +12,8 @@ hand, and the printers print what they print of any program. With v_bar for the 
     SparseSum                A = K + B(F)                goes into the maps that read A: sums of K's entries, not of A's
     SumJoints                t_c = sum_k m_k t_k         t_bar_k = m_k t_bar_c              a Spread
     Sum over tips                                        a Sum of the tips' own products
-    Block                    statements                  CasADi's reverse mode of the statements, one more Block
-    Block of columns         J(q), pose(q)               q_bar_j = sum_i J_bar_i . dJ_i/dq_j + J_j . f
+    StraightLine             statements                  CasADi's reverse mode of the statements, one more step
+    StraightLine of columns  J(q), pose(q)               q_bar_j = sum_i J_bar_i . dJ_i/dq_j + J_j . f
 
 For the last, dJ_i/dq_j is the table's own closed form (:func:`kinematics.jacobian_column_derivative`). It is linear in
 J_j: q_bar_j = J_j . sum_i y_i with one y_i for the joints j beyond i and one for those before, so that running sums
@@ -40,13 +40,12 @@ from stiffgen.symbolic.arguments import BASE_POSE, Q
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.program import (
+    ArgumentSlice,
     Array,
-    Block,
     Gather,
     Map,
     Operand,
     Over,
-    Part,
     Program,
     Reduce,
     Scan,
@@ -54,6 +53,7 @@ from stiffgen.symbolic.program import (
     SparseSum,
     Spread,
     Step,
+    StraightLine,
     Sum,
     SumJoints,
     Term,
@@ -132,9 +132,9 @@ class _Reverse:
         self.zeros: dict[str, set[int]] = {}  # entries of columns of joints that are always zero
         for step in program:
             if isinstance(step, Map) and step.over == "j":
-                self.zeros[step.target.array.name] = _zeros(step, self.zeros)
-        self.sparse = {step.target.name: step for step in program if isinstance(step, SparseSum)}
-        self.mirrored = {step.target.array.name for step in program if isinstance(step, Map) and step.mirror}
+                self.zeros[step.output.array.name] = _zeros(step, self.zeros)
+        self.sparse = {step.output.name: step for step in program if isinstance(step, SparseSum)}
+        self.mirrored = {step.output.array.name for step in program if isinstance(step, Map) and step.mirror}
         self.of_base: set[str] = set()  # whose pairs of the base's joints a later map has overwritten
         self.motions: list[Array] = []  # covectors of a floating base's twist and the joints' rates
 
@@ -151,8 +151,8 @@ class _Reverse:
 
     def _with_columns(self, step: Step) -> Step:
         """The pose alone says nothing of its change: it is computed together with the columns."""
-        if isinstance(step, Block) and step.moves and not step.columns:
-            return programs.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.targets[0])
+        if isinstance(step, StraightLine) and step.moves and not step.columns:
+            return programs.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.outputs[0])
         return step
 
     def _drop_unread(self) -> None:
@@ -234,9 +234,9 @@ class _Reverse:
         elif isinstance(step, SparseSum):
             self._sparse_sum(step)
         elif isinstance(step, SumJoints):
-            target = self._new(step.source)
-            self.steps.append(Spread(self._only(step.target), target, step.columns))
-        elif isinstance(step, Block):
+            output = self._new(step.source)
+            self.steps.append(Spread(self._only(step.output), output, step.columns))
+        elif isinstance(step, StraightLine):
             if step.moves:
                 self._moving(step)
             else:
@@ -253,13 +253,13 @@ class _Reverse:
         if step.start is None or step.start.name not in self.mirrored:
             self._map(step.whole())
             return
-        self.bars.setdefault(step.start.name, []).extend(self.bars[step.target.name])
+        self.bars.setdefault(step.start.name, []).extend(self.bars[step.output.name])
         operands = tuple(Operand(each, "") for each in step.operands)
-        self._map(Map(step.comment, "", Operand(step.target, ""), operands, step.expression))
+        self._map(Map(step.comment, "", Operand(step.output, ""), operands, step.expression))
 
     def _map(self, step: Map) -> None:
         """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
-        bars = tuple(Operand(bar, step.target.at) for bar in self.bars[step.target.array.name])
+        bars = tuple(Operand(bar, step.output.at) for bar in self.bars[step.output.array.name])
         whole: dict[str, tuple[Array, ca.SX]] = {}
         values = self._values(step)
         seeds = [_symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
@@ -291,7 +291,7 @@ class _Reverse:
     def _append_map(
         self, step: Map, operand: Operand, gradient: ca.SX, given: tuple[tuple[Operand, ca.SX], ...]
     ) -> None:
-        comment = f"gradient by {_shown(operand.array)}, through {_shown(step.target.array)}"
+        comment = f"gradient by {_shown(operand.array)}, through {_shown(step.output.array)}"
         total = _column(gradient)
         if operand.at == "j" and operand.array.name in self.written and operand.array.name in self.bars:
             # What other steps hand back is added here: one array, not one each.
@@ -301,8 +301,8 @@ class _Reverse:
             total = sum(seeds, total)
             comment += ", and what others hand back"
         operands, body = pruned(given, total)
-        target = Operand(self._new(operand.array), operand.at)
-        self.steps.append(Map(comment, step.over, target, operands, body))
+        output = Operand(self._new(operand.array), operand.at)
+        self.steps.append(Map(comment, step.over, output, operands, body))
 
     def _through_sums(self, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
         """Gradients (columns) by what a sparse sum reads, or by the array itself if it is no sparse sum's."""
@@ -320,12 +320,12 @@ class _Reverse:
         """Over pairs: for either joint the sum over the other one, weighted with what the pair hands back."""
         if not step.operands:
             return
-        bar = self._only(step.target.array)
-        but_of_base = step.target.array.name in self.of_base
+        bar = self._only(step.output.array)
+        but_of_base = step.output.array.name in self.of_base
         if step.over == programs.BASE:
-            self.of_base.add(step.target.array.name)
+            self.of_base.add(step.output.array.name)
         m = len(self.chain.joints)
-        shape = (m, m, *step.target.array.shape[2:])
+        shape = (m, m, *step.output.array.shape[2:])
         weights, transposed = (self._local(name, shape) for name in ("W", "WT"))
         self.steps.append(Weights(bar, weights, transposed, step.over, step.mirror, but_of_base))
         values = self._values(step)
@@ -359,15 +359,15 @@ class _Reverse:
         self.count += 1
         return Array(f"{name}{self.count}", shape)
 
-    def _block(self, step: Block, by: tuple[Array, ...]) -> None:
+    def _block(self, step: StraightLine, by: tuple[Array, ...]) -> None:
         """CasADi's reverse mode of the statements; that of columns which several kernels share is shared, too."""
-        targets = tuple(self._new(array) for array in by)
-        bars = [(target, bar) for target in step.targets for bar in self.bars.get(target.name, ())]
-        shared = not step.moves and step.name and {target for target, _ in bars} == set(step.targets[: step.columns])
+        outputs = tuple(self._new(array) for array in by)
+        bars = [(output, bar) for output in step.outputs for bar in self.bars.get(output.name, ())]
+        shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
         if not shared:
-            self.steps.append(_statements(step, by, bars, targets))
+            self.steps.append(_statements(step, by, bars, outputs))
             return
-        (columns,), (result,) = step.targets[: step.columns], targets
+        (columns,), (result,) = step.outputs[: step.columns], outputs
         bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)
         meaning = f"Gradient by q of what depends on the columns {_shown(columns)}, {bar.name} its gradient by them"
         steps = (_statements(step, by, [(columns, bar)], (q_bar,)),)
@@ -387,34 +387,34 @@ class _Reverse:
         self.steps.append(Map(comment, "j", Operand(total, "j"), operands, lambda *values: sum(values, ca.SX(0))))
         return total
 
-    def _moving(self, step: Block) -> None:
+    def _moving(self, step: StraightLine) -> None:
         """Columns and pose: closed forms of their derivatives by q; a tool's pose by the statements."""
         assert step.moves is not None
         others = tuple(each for each in step.arguments if each.name not in (BASE_POSE.name, Q.name))
-        J, m = step.targets[0], len(self.chain.joints)
-        covectors = [self._covector(pose) for pose in step.targets[1:] if pose.name in self.bars]
+        J, m = step.outputs[0], len(self.chain.joints)
+        covectors = [self._covector(pose) for pose in step.outputs[1:] if pose.name in self.bars]
         if self.chain.floating:
-            target = self._local("motion_bar", (self.chain.dof,))
-            self.motions.append(target)
+            output = self._local("motion_bar", (self.chain.dof,))
+            self.motions.append(output)
         else:
             (q,) = (each for each in step.arguments if each.name == Q.name)
-            target = self._new(q)
-        of_joints = self._local("q_bar_of_joints", (m,)) if self.chain.coupled else target
+            output = self._new(q)
+        of_joints = self._local("q_bar_of_joints", (m,)) if self.chain.coupled else output
         if J.name in self.bars:
             self._columns(step.moves, J, covectors, of_joints)
         else:
             operands = tuple(Operand(each, "") for each in covectors)
             self.steps.append(_dots(J, operands, of_joints, based=self.chain.floating))
         if self.chain.coupled:
-            self.steps.append(SumJoints(of_joints, target))
+            self.steps.append(SumJoints(of_joints, output))
         if others:
             self._block(step, others)
 
-    def _columns(self, moves: Representation, J: Array, covectors: list[Array], target: Array) -> None:
+    def _columns(self, moves: Representation, J: Array, covectors: list[Array], output: Array) -> None:
         """What depends on columns, and on the pose where there is a covector: the same steps in every kernel."""
         columns, bar = Array("J", J.shape), Array("J_bar", J.shape)
         forces = tuple(Array(f"f{k}", each.shape) for k, each in enumerate(covectors))
-        q_bar = Array(bar_name(Q.name), target.shape)
+        q_bar = Array(bar_name(Q.name), output.shape)
         steps, sums = _column_sums(moves, columns, bar, self.chain.base_joints)
         operands = (*(Operand(each, "j") for each in sums), *(Operand(each, "") for each in forces))
         steps.append(_dots(columns, operands, q_bar, based=self.chain.floating))
@@ -424,7 +424,7 @@ class _Reverse:
         ) + f"; {moves} representation"  # fmt: skip
         arguments = (columns, bar, *forces)
         given = (J, self._one(J), *covectors)
-        self.steps.append(Shared(name, meaning, arguments, q_bar, tuple(steps), given, target))
+        self.steps.append(Shared(name, meaning, arguments, q_bar, tuple(steps), given, output))
 
     def _covector(self, pose: Array) -> Array:
         """(p_bar, sum of R_c x R_bar_c): the hybrid wrench of the pose's gradient."""
@@ -445,14 +445,14 @@ def _turn(rotation: ca.SX, gradient: ca.SX) -> ca.SX:
     return sum((ca.cross(rotation[:, c], gradient[:, c]) for c in range(3)), ca.SX.zeros(3))
 
 
-def _dots(J: Array, covectors: tuple[Operand, ...], target: Array, *, based: bool) -> Map:
+def _dots(J: Array, covectors: tuple[Operand, ...], output: Array, *, based: bool) -> Map:
     """The rates that covectors have along the columns."""
 
     def dot(column: ca.SX, *values: ca.SX) -> ca.SX:
         return ca.SX(ca.dot(column, sum(values, ca.SX(0))))
 
     comment = "gradient by q: q_bar_j = J_j . sums" + ("; the base's twist first" if based else "")
-    return Map(comment, "j", Operand(target, "j"), (Operand(J, "j"), *covectors), dot)
+    return Map(comment, "j", Operand(output, "j"), (Operand(J, "j"), *covectors), dot)
 
 
 def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tuple[list[Step], list[Array]]:
@@ -477,19 +477,19 @@ def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tupl
 
 
 def _statements(
-    step: Block, by: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], targets: tuple[Array, ...]
-) -> Block:
-    """CasADi's reverse mode of a block's statements: gradients by some arguments; ``bars``: targets and their own."""
+    step: StraightLine, by: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], outputs: tuple[Array, ...]
+) -> StraightLine:
+    """CasADi's reverse mode of a block's statements: gradients by some arguments; ``bars``: outputs and their own."""
     differentiated = [argument in by for argument in step.arguments]
     given = len(step.arguments)
 
     def expressions(chain: Chain, *values: ca.SX) -> Expressions:
         symbols = [ca.SX.sym(a.name, *_extents(a.shape)) for a in step.arguments]
         forward = step.expressions(chain, *symbols)
-        sums = {target.name: ca.SX.zeros(target.size) for target in step.targets}
-        for (target, _), value in zip(bars, values[given:], strict=True):
-            sums[target.name] += _column(value)
-        seed = ca.vertcat(*(sums[target.name] for target in step.targets))
+        sums = {output.name: ca.SX.zeros(output.size) for output in step.outputs}
+        for (output, _), value in zip(bars, values[given:], strict=True):
+            sums[output.name] += _column(value)
+        seed = ca.vertcat(*(sums[output.name] for output in step.outputs))
         of = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, differentiated, strict=True) if wanted))
         gradient = ca.densify(ca.jtimes(_column(forward.result), of, seed, True))
         entries = []
@@ -505,52 +505,52 @@ def _statements(
 
     heading = "gradients by " + ", ".join(_shown(array) for array in by)
     arguments = (*step.arguments, *(bar for _, bar in bars))
-    return Block(targets, expressions, arguments, heading=heading)
+    return StraightLine(outputs, expressions, arguments, heading=heading)
 
 
 def _sum(step: Sum) -> Sum:
     """Of a sum over tips: each tip's own product, with the whole cotangent."""
     first = step.terms[0]
     cotangents = [
-        Array(cotangent_name(target.name, len(step.targets)), target.shape) for target in step.targets
+        Array(cotangent_name(output.name, len(step.outputs)), output.shape) for output in step.outputs
     ]  # fmt: skip
     terms = []
     for term in step.terms:
         own = [array for array, _ in term.arguments]
-        results = [Array(name, target.shape) for name, target in zip(step.results, step.targets, strict=True)]
+        results = [Array(name, output.shape) for name, output in zip(step.results, step.outputs, strict=True)]
         inner = [Array(cotangent_name(each.name, len(results)), each.shape) for each in results]
         program = reverse(term.chain, term.program, own, results, inner)
-        given = tuple((array, Part(outer, None)) for array, outer in zip(inner, cotangents, strict=True))
+        given = tuple((array, ArgumentSlice(outer, None)) for array, outer in zip(inner, cotangents, strict=True))
         terms.append(Term(f"{term.function}_vjp", term.chain, program, (*term.arguments, *given)))
     given_whole = [(part.array or array, part.index) for array, part in first.arguments]
-    targets = tuple(Array(bar_name(array.name), gradient_shape(array)) for array, _ in given_whole)
-    apart = frozenset(target.name for target, (_, index) in zip(targets, given_whole, strict=True) if index is not None)
-    return Sum(targets, tuple(bar_name(array.name) for array, _ in first.arguments), tuple(terms), apart)
+    outputs = tuple(Array(bar_name(array.name), gradient_shape(array)) for array, _ in given_whole)
+    apart = frozenset(output.name for output, (_, index) in zip(outputs, given_whole, strict=True) if index is not None)
+    return Sum(outputs, tuple(bar_name(array.name) for array, _ in first.arguments), tuple(terms), apart)
 
 
 def _trimmed(step: Step, needed: set[str]) -> Step:
-    """A step without the targets of its statements that nothing reads; blocks with a name are shared as they are."""
-    if not isinstance(step, Block) or step.name or all(target.name in needed for target in step.targets):
+    """A step without the outputs of its statements that nothing reads; blocks with a name are shared as they are."""
+    if not isinstance(step, StraightLine) or step.name or all(output.name in needed for output in step.outputs):
         return step
     kept: list[Array] = []
     rows: list[int] = []
     start = 0
-    for target in step.targets:
-        if target.name in needed:
-            kept.append(target)
-            rows += range(start, start + target.size)
-        start += target.size
+    for output in step.outputs:
+        if output.name in needed:
+            kept.append(output)
+            rows += range(start, start + output.size)
+        start += output.size
 
     def expressions(chain: Chain, *values: ca.SX) -> Expressions:
         whole = step.expressions(chain, *values)
         return Expressions(_column(whole.result)[rows], whole.sections)
 
-    columns = sum(target in kept for target in step.targets[: step.columns])
-    return replace(step, targets=tuple(kept), expressions=expressions, columns=columns)
+    columns = sum(output in kept for output in step.outputs[: step.columns])
+    return replace(step, outputs=tuple(kept), expressions=expressions, columns=columns)
 
 
 def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
-    """Entries of a map's target that are zero whatever it reads."""
+    """Entries of a map's output that are zero whatever it reads."""
     values = [
         _cleared(_symbols(operand, f"x{k}_"), before.get(operand.array.name) if operand.at else None)
         for k, operand in enumerate(step.operands)

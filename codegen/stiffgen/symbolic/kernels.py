@@ -19,7 +19,7 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.symbolic.program import Part, Program, Sum, Term
+from stiffgen.symbolic.program import ArgumentSlice, Program, Sum, Term
 from stiffgen.symbolic.springs import TRACE, Spring
 
 _Steps = Callable[[Chain], Program]
@@ -297,7 +297,7 @@ def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], result
     for index, tip in enumerate(chain.tips):
         kernel = replace(of, tip=tip)
         own = [argument.array(chain) for argument in kernel.arguments]
-        parts = (Part(array, None if shared else index) for array, shared in arrays)
+        parts = (ArgumentSlice(array, None if shared else index) for array, shared in arrays)
         scope = kernel.scope(chain)
         terms.append(Term(kernel.qualified_name, scope, kernel.steps(chain), tuple(zip(own, parts, strict=True))))
     targets = tuple(result.array(chain) for result in results)
@@ -471,9 +471,9 @@ def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
     """The product of a kernel that gives all results and more, with nothing for what is more."""
     product = vector_jacobian_product(whole)
     own = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
-    given = [(argument.array(chain), Part(argument.array(chain))) for argument in whole.arguments]
+    given = [(argument.array(chain), ArgumentSlice(argument.array(chain))) for argument in whole.arguments]
     for result in whole.results:
-        given.append((_cotangent(result, len(whole.results)).array(chain), Part(own.get(result.name))))
+        given.append((_cotangent(result, len(whole.results)).array(chain), ArgumentSlice(own.get(result.name))))
     targets = tuple(result.array(chain) for result in product.results)
     term = Term(product.qualified_name, chain, product.program(chain), tuple(given))
     return (Sum(targets, tuple(target.name for target in targets), (term,)),)

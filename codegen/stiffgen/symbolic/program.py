@@ -71,18 +71,18 @@ class Operand:
 
 
 @dataclass(frozen=True)
-class Block:
-    """Straight-line code: the rows of ``expressions(chain, *arguments)`` fill the ``targets`` one after the other.
+class StraightLine:
+    """Straight-line code: the rows of ``expressions(chain, *arguments)`` fill the ``outputs`` one after the other.
 
-    The arguments are those of the kernel or arrays that earlier steps wrote. The first ``columns`` targets have the
+    The arguments are those of the kernel or arrays that earlier steps wrote. The first ``columns`` outputs have the
     shape (6, m): a column a joint. A block that several kernels use has a ``name``, under which C code holds it as a
     function of its own (its arguments are then those of the kernel); without a name it is part of its kernel.
-    ``heading`` is the comment over the statements that fill the targets, ``meaning`` the one over the function.
-    ``moves`` says that the targets are Jacobian columns of this representation, the tip's pose, or both: how they
+    ``heading`` is the comment over the statements that fill the outputs, ``meaning`` the one over the function.
+    ``moves`` says that the outputs are Jacobian columns of this representation, the tip's pose, or both: how they
     change with q is then known from the columns.
     """
 
-    targets: tuple[Array, ...]
+    outputs: tuple[Array, ...]
     expressions: Callable[..., Expressions]
     arguments: tuple[Array, ...]
     name: str = ""
@@ -115,11 +115,11 @@ def indices(chain: Chain, over: Over, *, but_of_base: bool = False) -> Iterator[
 
 @dataclass(frozen=True)
 class Map:
-    """``target = expression(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
+    """``output = expression(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
 
     comment: str
     over: Over
-    target: Operand
+    output: Operand
     operands: tuple[Operand, ...]
     expression: Callable[..., ca.SX]
     mirror: bool = False
@@ -131,16 +131,16 @@ class Map:
 
 @dataclass(frozen=True)
 class SparseSum:
-    """``target = start + expression(*operands)``, square, where most of the expression's entries are zero whatever the
+    """``output = start + expression(*operands)``, square, where most of the expression's entries are zero whatever the
     operands.
 
     Of ``start`` the upper triangle is read and taken for both; None is zero. C code stores the entries that change, and
-    reads the others where the start has them, unless the target is a result. Without a start, neighbouring zeros share
+    reads the others where the start has them, unless the output is a result. Without a start, neighbouring zeros share
     a statement.
     """
 
     comment: str
-    target: Array
+    output: Array
     start: Array | None
     operands: tuple[Array, ...]
     expression: Callable[..., ca.SX]
@@ -158,7 +158,7 @@ class SparseSum:
                 return self.expression(*values)
             return symmetric_from_upper(values[0]) + self.expression(*values[1:])
 
-        return Map(self.comment, "", Operand(self.target, ""), tuple(Operand(a, "") for a in self.reads), total)
+        return Map(self.comment, "", Operand(self.output, ""), tuple(Operand(a, "") for a in self.reads), total)
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class SumJoints:
     """
 
     source: Array
-    target: Array
+    output: Array
     columns: bool = False
     mirror: bool = False
 
@@ -183,20 +183,20 @@ class Spread:
     """
 
     source: Array
-    target: Array
+    output: Array
     columns: bool = False
 
 
 @dataclass(frozen=True)
 class Weights:
-    """What a map over pairs hands back of every pair: ``target[i, j] = source[i, j]`` over ``over``, else 0.
+    """What a map over pairs hands back of every pair: ``output[i, j] = source[i, j]`` over ``over``, else 0.
 
     With ``mirror``, source[j, i] is added to it where i is not j. ``transposed`` has the same at [j, i]. With
     ``but_of_base``, pairs of a floating base's own joints hand nothing back: a later map has overwritten them.
     """
 
     source: Array
-    target: Array
+    output: Array
     transposed: Array
     over: Over
     mirror: bool
@@ -205,14 +205,14 @@ class Weights:
 
 @dataclass(frozen=True)
 class Gather:
-    """``target[:, j]`` = sum of ``expression(*operands)`` over all joints i with (i, j) in ``over``.
+    """``output[:, j]`` = sum of ``expression(*operands)`` over all joints i with (i, j) in ``over``.
 
     What is read at "ij" is an array of :class:`Weights`, zero outside of ``over``, and ``but_of_base`` as there.
     """
 
     comment: str
     over: Over
-    target: Array
+    output: Array
     operands: tuple[Operand, ...]
     expression: Callable[..., ca.SX]
     but_of_base: bool = False
@@ -220,10 +220,10 @@ class Gather:
 
 @dataclass(frozen=True)
 class Reduce:
-    """``targets`` = sums of ``expression(*operands)`` over joints or coordinates j: their entries below each other."""
+    """``outputs`` = sums of ``expression(*operands)`` over joints or coordinates j: their entries below each other."""
 
     comment: str
-    targets: tuple[Array, ...]
+    outputs: tuple[Array, ...]
     operands: tuple[Operand, ...]
     expression: Callable[..., ca.SX]
     over: Over = "j"
@@ -231,7 +231,7 @@ class Reduce:
 
 @dataclass(frozen=True)
 class Scan:
-    """Running sums of columns: ``target[:, j]`` = sum of ``source[:, i]`` over i <= j, or (``beyond``) over i > j.
+    """Running sums of columns: ``output[:, j]`` = sum of ``source[:, i]`` over i <= j, or (``beyond``) over i > j.
 
     The first ``base`` joints are those of a floating base, which moves as one, all columns with it: its joints get the
     sum over all i, or (not ``beyond``) nothing.
@@ -239,14 +239,14 @@ class Scan:
 
     comment: str
     source: Array
-    target: Array
+    output: Array
     beyond: bool
     base: int = 0
 
 
 @dataclass(frozen=True)
-class Part:
-    """Block ``index`` of an argument that holds one block a tip, or (None) the whole argument; zeros without one."""
+class ArgumentSlice:
+    """Entries of an argument that belong to tip ``index``, or (None) the whole argument; zeros without an array."""
 
     array: Array | None
     index: int | None = None
@@ -254,12 +254,12 @@ class Part:
 
 @dataclass(frozen=True)
 class Sum:
-    """``targets`` = sums of the arrays ``results`` that other kernels give, each with its parts of the arguments.
+    """``outputs`` = sums of the arrays ``results`` that other kernels give, each with its parts of the arguments.
 
-    The targets named in ``apart`` are not summed: they get one block a term.
+    The outputs named in ``apart`` are not summed: they get one block a term.
     """
 
-    targets: tuple[Array, ...]
+    outputs: tuple[Array, ...]
     results: tuple[str, ...]
     terms: tuple[Term, ...]
     apart: frozenset[str] = frozenset()
@@ -272,7 +272,7 @@ class Term:
     function: str
     chain: Chain
     program: Program
-    arguments: tuple[tuple[Array, Part], ...]
+    arguments: tuple[tuple[Array, ArgumentSlice], ...]
 
 
 @dataclass(frozen=True)
@@ -280,7 +280,7 @@ class Shared:
     """Steps that several kernels have in common: C code holds them as a function of its own, ``name``.
 
     They read the ``arguments`` and write the ``result``, whatever a kernel has in their places: ``given`` and
-    ``target``, of the same shapes. Arguments of the shape (6, m) are columns of joints. ``meaning`` is the comment over
+    ``output``, of the same shapes. Arguments of the shape (6, m) are columns of joints. ``meaning`` is the comment over
     the function.
     """
 
@@ -290,10 +290,10 @@ class Shared:
     result: Array
     steps: Program
     given: tuple[Array, ...]
-    target: Array
+    output: Array
 
 
-Step = Block | Map | SparseSum | SumJoints | Sum | Spread | Weights | Gather | Reduce | Scan | Shared
+Step = StraightLine | Map | SparseSum | SumJoints | Sum | Spread | Weights | Gather | Reduce | Scan | Shared
 Program = tuple[Step, ...]
 
 
@@ -316,23 +316,23 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX], held: 
     """
     arrays = {name: _entries(value) for name, value in arguments.items()}
     for step in program:
-        if isinstance(step, Block):
+        if isinstance(step, StraightLine):
             given = [
                 as_operand(a.shape, arrays[a.name]) if a.name in arrays else arguments[a.name] for a in step.arguments
             ]
             entries = _entries(step.expressions(chain, *given).result)
-            for target in step.targets:
-                arrays[target.name], entries = entries[: target.size], entries[target.size :]
+            for output in step.outputs:
+                arrays[output.name], entries = entries[: output.size], entries[output.size :]
         elif isinstance(step, SumJoints):
-            arrays[step.target.name] = _sum_joints(chain, step, arrays[step.source.name])
+            arrays[step.output.name] = _sum_joints(chain, step, arrays[step.source.name])
         elif isinstance(step, Sum):
             _run_sum(step, arguments, arrays, held)
         elif isinstance(step, Shared):
             own = zip(step.arguments, step.given, strict=True)
             taken = {inner.name: as_operand(inner.shape, arrays[outer.name]) for inner, outer in own}
-            arrays[step.target.name] = evaluate(chain, step.steps, taken, held)[step.result.name]
+            arrays[step.output.name] = evaluate(chain, step.steps, taken, held)[step.result.name]
         elif isinstance(step, Spread):
-            arrays[step.target.name] = _spread(chain, step, arrays[step.source.name])
+            arrays[step.output.name] = _spread(chain, step, arrays[step.source.name])
         elif isinstance(step, Weights):
             _weigh(chain, step, arrays)
         elif isinstance(step, Gather):
@@ -340,7 +340,7 @@ def evaluate(chain: Chain, program: Program, arguments: dict[str, ca.SX], held: 
         elif isinstance(step, Reduce):
             _reduce(chain, step, arrays)
         elif isinstance(step, Scan):
-            arrays[step.target.name] = _scan(step, arrays[step.source.name])
+            arrays[step.output.name] = _scan(step, arrays[step.source.name])
         else:
             _run_map(step.whole() if isinstance(step, SparseSum) else step, chain, arrays)
         arrays |= {array.name: held(arrays[array.name]) for array in writes(step)}
@@ -379,8 +379,8 @@ def pruned(
 
 
 def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.SX]], held: Held) -> None:
-    for target in step.targets:
-        arrays[target.name] = [] if target.name in step.apart else [ca.SX(0)] * target.size
+    for output in step.outputs:
+        arrays[output.name] = [] if output.name in step.apart else [ca.SX(0)] * output.size
     for term in step.terms:
         given = {}
         for array, part in term.arguments:
@@ -390,26 +390,26 @@ def _run_sum(step: Sum, arguments: dict[str, ca.SX], arrays: dict[str, list[ca.S
                 entries = _entries(arguments[part.array.name])[start : start + array.size]
             given[array.name] = as_operand(array.shape, entries)
         results = evaluate(term.chain, term.program, given, held)
-        for target, name in zip(step.targets, step.results, strict=True):
-            if target.name in step.apart:
-                arrays[target.name] = [*arrays[target.name], *results[name]]
+        for output, name in zip(step.outputs, step.results, strict=True):
+            if output.name in step.apart:
+                arrays[output.name] = [*arrays[output.name], *results[name]]
             else:
-                arrays[target.name] = [a + b for a, b in zip(arrays[target.name], results[name], strict=True)]
+                arrays[output.name] = [a + b for a, b in zip(arrays[output.name], results[name], strict=True)]
 
 
 def _run_map(step: Map, chain: Chain, arrays: dict[str, list[ca.SX]]) -> None:
-    written = arrays.setdefault(step.target.array.name, [ca.SX(0)] * step.target.array.size)
+    written = arrays.setdefault(step.output.array.name, [ca.SX(0)] * step.output.array.size)
     for i, j in step.indices(chain):
         result = _entries(step.expression(*_taken(step.operands, arrays, i, j)))
-        for k in range(step.target.count):
-            written[step.target.entry(k, i, j)] = result[k]
+        for k in range(step.output.count):
+            written[step.output.entry(k, i, j)] = result[k]
             if step.mirror:
-                written[step.target.entry(k, j, i)] = result[k]
+                written[step.output.entry(k, j, i)] = result[k]
 
 
 def reads(step: Step) -> tuple[Array, ...]:
     """The arrays that a step reads."""
-    if isinstance(step, Block):
+    if isinstance(step, StraightLine):
         return step.arguments
     if isinstance(step, SparseSum):
         return step.reads
@@ -424,11 +424,11 @@ def reads(step: Step) -> tuple[Array, ...]:
 
 def writes(step: Step) -> tuple[Array, ...]:
     """The arrays that a step writes."""
-    if isinstance(step, (Block, Sum, Reduce)):
-        return step.targets
+    if isinstance(step, (StraightLine, Sum, Reduce)):
+        return step.outputs
     if isinstance(step, Map):
-        return (step.target.array,)
-    return (step.target, step.transposed) if isinstance(step, Weights) else (step.target,)
+        return (step.output.array,)
+    return (step.output, step.transposed) if isinstance(step, Weights) else (step.output,)
 
 
 def _taken(operands: tuple[Operand, ...], arrays: dict[str, list[ca.SX]], i: int, j: int) -> list[ca.SX]:
@@ -440,41 +440,41 @@ def _taken(operands: tuple[Operand, ...], arrays: dict[str, list[ca.SX]], i: int
 def _weigh(chain: Chain, step: Weights, arrays: dict[str, list[ca.SX]]) -> None:
     source, m = arrays[step.source.name], len(chain.joints)
     depth = step.source.size // (m * m)
-    target, transposed = [ca.SX(0)] * step.target.size, [ca.SX(0)] * step.target.size
+    output, transposed = [ca.SX(0)] * step.output.size, [ca.SX(0)] * step.output.size
     for i, j in indices(chain, step.over, but_of_base=step.but_of_base):
         for k in range(depth):
             here, there = (m * i + j) * depth + k, (m * j + i) * depth + k
-            target[here] = transposed[there] = source[here] + (source[there] if step.mirror and i != j else 0)
-    arrays[step.target.name], arrays[step.transposed.name] = target, transposed
+            output[here] = transposed[there] = source[here] + (source[there] if step.mirror and i != j else 0)
+    arrays[step.output.name], arrays[step.transposed.name] = output, transposed
 
 
 def _gather(chain: Chain, step: Gather, arrays: dict[str, list[ca.SX]]) -> None:
-    written, m = [ca.SX(0)] * step.target.size, len(chain.joints)
+    written, m = [ca.SX(0)] * step.output.size, len(chain.joints)
     for i, j in indices(chain, step.over, but_of_base=step.but_of_base):
         for k, value in enumerate(_entries(step.expression(*_taken(step.operands, arrays, i, j)))):
             written[m * k + j] += value
-    arrays[step.target.name] = written
+    arrays[step.output.name] = written
 
 
 def _reduce(chain: Chain, step: Reduce, arrays: dict[str, list[ca.SX]]) -> None:
-    for target in step.targets:
-        arrays[target.name] = [ca.SX(0)] * target.size
+    for output in step.outputs:
+        arrays[output.name] = [ca.SX(0)] * output.size
     for _, j in indices(chain, step.over):
         entries = _entries(step.expression(*_taken(step.operands, arrays, 0, j)))
-        for target in step.targets:
-            own, entries = entries[: target.size], entries[target.size :]
-            arrays[target.name] = [a + b for a, b in zip(arrays[target.name], own, strict=True)]
+        for output in step.outputs:
+            own, entries = entries[: output.size], entries[output.size :]
+            arrays[output.name] = [a + b for a, b in zip(arrays[output.name], own, strict=True)]
 
 
 def _scan(step: Scan, source: list[ca.SX]) -> list[ca.SX]:
     m = step.source.shape[1]
-    target = []
+    output = []
     for row in range(step.source.shape[0]):
         own = source[m * row : m * (row + 1)]
         ranges = [own[j + 1 :] if step.beyond else own[: j + 1] for j in range(m)]
         ranges[: step.base] = step.base * [own if step.beyond else []]
-        target += [sum(reversed(each), ca.SX(0)) if step.beyond else sum(each, ca.SX(0)) for each in ranges]
-    return target
+        output += [sum(reversed(each), ca.SX(0)) if step.beyond else sum(each, ca.SX(0)) for each in ranges]
+    return output
 
 
 def _spread(chain: Chain, step: Spread, source: list[ca.SX]) -> list[ca.SX]:
@@ -491,20 +491,20 @@ def _spread(chain: Chain, step: Spread, source: list[ca.SX]) -> list[ca.SX]:
 
 def _sum_joints(chain: Chain, step: SumJoints, source: list[ca.SX]) -> list[ca.SX]:
     m, n = len(chain.joints), chain.dof
-    target = [ca.SX(0)] * step.target.size
+    output = [ca.SX(0)] * step.output.size
     if step.columns or len(step.source.shape) == 1:
         for row in range(step.source.size // m):
             for a, joint in enumerate(chain.joints):
-                target[row * n + joint.coordinate] += joint.multiplier * source[row * m + a]
-        return target
+                output[row * n + joint.coordinate] += joint.multiplier * source[row * m + a]
+        return output
     depth = step.source.size // (m * m)
     for a, outer in enumerate(chain.joints):
         for b, inner in enumerate(chain.joints):
             for k in range(depth):
                 into = (outer.coordinate * n + inner.coordinate) * depth + k
-                target[into] += outer.multiplier * inner.multiplier * source[(a * m + b) * depth + k]
+                output[into] += outer.multiplier * inner.multiplier * source[(a * m + b) * depth + k]
     if step.mirror:
         for i in range(n):
             for j in range(i):
-                target[i * n + j] = target[j * n + i]
-    return target
+                output[i * n + j] = output[j * n + i]
+    return output

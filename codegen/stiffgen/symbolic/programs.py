@@ -18,7 +18,7 @@ from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argu
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
-from stiffgen.symbolic.program import Array, Block, Map, Operand, Over, Program, SparseSum, SumJoints, pruned
+from stiffgen.symbolic.program import Array, Map, Operand, Over, Program, SparseSum, StraightLine, SumJoints, pruned
 from stiffgen.symbolic.springs import Spring
 
 
@@ -27,50 +27,52 @@ def _posture(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
     return tuple(argument.array(chain) for argument in posture(runtime_tool=chain.runtime_tool, floating=based))
 
 
-def _columns(chain: Chain, representation: Representation, name: str = "J") -> tuple[Block, Array]:
+def _columns(chain: Chain, representation: Representation, name: str = "J") -> tuple[StraightLine, Array]:
     array = Array(name, (6, len(chain.joints)))
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
     given = _posture(chain, seen_from_tip=representation == "body")
     name = f"{representation}_columns"
-    return Block((array,), expressions, given, name, heading, meaning, 1, moves=representation), array
+    return StraightLine((array,), expressions, given, name, heading, meaning, 1, moves=representation), array
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
     """Let ``steps`` write a result [i, j] for pairs of joints, then gather into coordinates where joints mimic."""
-    target = result.array(chain)
+    output = result.array(chain)
     if not chain.coupled:
-        return steps(target)
+        return steps(output)
     m = len(chain.joints)
-    joints = Array(f"{target.name}_of_joints", (m, m, *target.shape[2:]))
-    return (*steps(joints), SumJoints(joints, target, mirror=mirror))
+    joints = Array(f"{output.name}_of_joints", (m, m, *output.shape[2:]))
+    return (*steps(joints), SumJoints(joints, output, mirror=mirror))
 
 
 def _vector_of_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program]) -> Program:
     """Let ``steps`` write a result [j] for joints, then gather into coordinates where joints mimic."""
-    target = result.array(chain)
+    output = result.array(chain)
     if not chain.coupled:
-        return steps(target)
-    joints = Array(f"{target.name}_of_joints", (len(chain.joints),))
-    return *steps(joints), SumJoints(joints, target)
+        return steps(output)
+    joints = Array(f"{output.name}_of_joints", (len(chain.joints),))
+    return *steps(joints), SumJoints(joints, output)
 
 
-def _pairs(left: Array, right: Array, over: Over, target: Array, comment: str, *, mirror: bool = False) -> Map:
-    return Map(comment, over, Operand(target, "ij"), (Operand(left, "i"), Operand(right, "j")), ca.dot, mirror)
+def _pairs(left: Array, right: Array, over: Over, output: Array, comment: str, *, mirror: bool = False) -> Map:
+    return Map(comment, over, Operand(output, "ij"), (Operand(left, "i"), Operand(right, "j")), ca.dot, mirror)
 
 
-def _pose(chain: Chain, pose: Array) -> Block:
+def _pose(chain: Chain, pose: Array) -> StraightLine:
     heading, meaning = "pose of the tip", "Pose of the tip in the base frame"
-    return Block((pose,), kinematics.forward_kinematics, _posture(chain), "tip_pose", heading, meaning, moves="hybrid")
+    return StraightLine(
+        (pose,), kinematics.forward_kinematics, _posture(chain), "tip_pose", heading, meaning, moves="hybrid"
+    )
 
 
-def columns_and_pose(chain: Chain, J: Array, pose: Array) -> Block:
+def columns_and_pose(chain: Chain, J: Array, pose: Array) -> StraightLine:
     """Hybrid Jacobian columns and pose of the tip, in one pass over the joints."""
     heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
     expressions = kinematics.hybrid_jacobian_and_pose
     name = "hybrid_columns_and_pose"
-    return Block((J, pose), expressions, _posture(chain), name, heading, meaning, 1, moves="hybrid")
+    return StraightLine((J, pose), expressions, _posture(chain), name, heading, meaning, 1, moves="hybrid")
 
 
 def forward_kinematics(chain: Chain) -> Program:
@@ -81,17 +83,17 @@ def forward_kinematics(chain: Chain) -> Program:
 
 def jacobian(chain: Chain, representation: Representation, result: Argument) -> Program:
     """Jacobian columns, gathered into coordinates."""
-    target = result.array(chain)
+    output = result.array(chain)
     if not chain.coupled:
-        return (_columns(chain, representation, target.name)[0],)
+        return (_columns(chain, representation, output.name)[0],)
     recursion, J = _columns(chain, representation)
-    return recursion, SumJoints(J, target, columns=True)
+    return recursion, SumJoints(J, output, columns=True)
 
 
 def jacobian_derivative(chain: Chain, representation: Representation, result: Argument) -> Program:
     """dJ^T/dq by brackets of columns, one half of the pairs after the other."""
 
-    def steps(target: Array) -> Program:
+    def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
         diagonal_outward = stiffness.diagonal_is_outward(representation)
 
@@ -103,7 +105,7 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
             return Map(
                 f"dJ_j/dq_i {side}",
                 over,
-                Operand(target, "ij"),
+                Operand(output, "ij"),
                 (Operand(J, "i"), Operand(J, "j")),
                 derivative,
             )
@@ -122,7 +124,7 @@ BASE: Over = "i and j of the base"
 def _two_sided(
     chain: Chain,
     J: Array,
-    target: Array,
+    output: Array,
     representation: Representation,
     covector: Callable[..., ca.SX],
     operands: tuple[Operand, ...],
@@ -140,19 +142,19 @@ def _two_sided(
         expression = partial(covector, representation, outward=outward)
         maps.append(Map(comment, "j", Operand(u, "j"), (Operand(J, "j"), *operands), expression))
         overs = (over, BASE) if chain.floating and not outward else (over,)
-        maps += [_pairs(J, u, each, target, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
+        maps += [_pairs(J, u, each, output, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
     return tuple(maps)
 
 
 def kinematic_stiffness(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
     """dJ^T/dq . F without dJ^T/dq: covectors of the wrench, one dot product a pair."""
 
-    def steps(target: Array) -> Program:
+    def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
         operands = (Operand(wrench.array(chain), ""),)
         names = ("z", "Kkin", "gradient of (dJ_i/dq_j) . F by J_i")
         covector = stiffness.kinematic_covector
-        return (recursion, *_two_sided(chain, J, target, representation, covector, operands, names))
+        return (recursion, *_two_sided(chain, J, output, representation, covector, operands, names))
 
     return _over_joints(chain, result, steps)
 
@@ -162,7 +164,7 @@ def joint_stiffness_uncorrected(
 ) -> Program:
     """dJ^T/dq . F + J^T K J, all entries."""
 
-    def steps(target: Array) -> Program:
+    def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
         y = Array("y", J.shape)
         matrix = Operand(task_stiffness.array(chain), "")
@@ -170,13 +172,13 @@ def joint_stiffness_uncorrected(
         operands = (Operand(wrench.array(chain), ""), Operand(y, "j"))
         names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F by J_i")
         covector = stiffness.uncorrected_covector
-        return (recursion, product, *_two_sided(chain, J, target, representation, covector, operands, names))
+        return (recursion, product, *_two_sided(chain, J, output, representation, covector, operands, names))
 
     return _over_joints(chain, result, steps)
 
 
 def _tangent(
-    chain: Chain, J: Array, wrench: Array, task_stiffness: Array, representation: Representation, target: Array
+    chain: Chain, J: Array, wrench: Array, task_stiffness: Array, representation: Representation, output: Array
 ) -> Program:
     """Target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
     A, u = Array("A", (6, 6)), Array("u", J.shape)
@@ -199,7 +201,7 @@ def _tangent(
         ),
         *_with_base_connection(
             chain,
-            target,
+            output,
             lambda into: (_pairs(J, u, half, into, f"Kq_ij = J_i . u_j for {half}, mirrored", mirror=True),),
             (Operand(J, "j"), force),
             ca.dot,
@@ -212,10 +214,10 @@ def joint_stiffness(
 ) -> Program:
     """dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
 
-    def steps(target: Array) -> Program:
+    def steps(output: Array) -> Program:
         block, J = _columns(chain, representation)
         given = wrench.array(chain), task_stiffness.array(chain)
-        return (block, *_tangent(chain, J, *given, representation, target))
+        return (block, *_tangent(chain, J, *given, representation, output))
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -225,13 +227,13 @@ def joint_stiffness_total(
 ) -> Program:
     """The sum over the tips of their joint stiffnesses, one triangle, mirrored; ``given``: the kernel's arguments."""
 
-    def steps(target: Array) -> Program:
+    def steps(output: Array) -> Program:
         S, u = (Array(name, (6, len(chain.joints))) for name in ("S", "u"))
         expressions = partial(contacts.columns_and_covectors, representation=representation)
         arguments = tuple(argument.array(chain) for argument in given)
         heading = "columns S of the joints at one point, and the covectors u of everything beyond them"
-        block = Block((S, u), expressions, arguments, heading=heading, columns=2)
-        return block, *_pairs_on_the_way(chain, S, u, target, "Kq_ij = S_i . u_j", ca.dot)
+        block = StraightLine((S, u), expressions, arguments, heading=heading, columns=2)
+        return block, *_pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot)
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -247,23 +249,25 @@ def spring_total(
     ``given`` are the arguments, ``results`` some of "energy", "torque" and "joint_stiffness" by these names.
     """
     energy, torque, joint_stiffness = (results.get(name) for name in ("energy", "torque", "joint_stiffness"))
-    m, parts, targets, words = len(chain.joints), "", list[Array](), list[str]()
+    m, parts, outputs, words = len(chain.joints), "", list[Array](), list[str]()
     S, u = Array("S", (6, m)), Array("u", (6, m))
     if joint_stiffness:
-        parts, targets = "S", [S, u]
+        parts, outputs = "S", [S, u]
         words.append("columns S of the joints at one point, and the covectors u of everything beyond them")
     if energy:
-        parts, targets = parts + "U", [*targets, energy.array(chain)]
+        parts, outputs = parts + "U", [*outputs, energy.array(chain)]
         words.append("energy U")
     of_joints = None
     if torque:
         of_joints = Array(f"{torque.name}_of_joints", (m,)) if chain.coupled else torque.array(chain)
-        parts, targets = parts + "T", [*targets, of_joints]
+        parts, outputs = parts + "T", [*outputs, of_joints]
         words.append("torques -S_j . W_j of the joints, W_j the wrenches beyond")
     expressions = partial(contacts.spring_terms, spring=spring, parts=parts)
     arguments = tuple(argument.array(chain) for argument in given)
     program: Program = (
-        Block(tuple(targets), expressions, arguments, heading="; ".join(words), columns=2 if joint_stiffness else 0),
+        StraightLine(
+            tuple(outputs), expressions, arguments, heading="; ".join(words), columns=2 if joint_stiffness else 0
+        ),
     )
     if torque and of_joints and chain.coupled:
         program += (SumJoints(of_joints, torque.array(chain)),)
@@ -271,7 +275,7 @@ def spring_total(
         program += _over_joints(
             chain,
             joint_stiffness,
-            lambda target: _pairs_on_the_way(chain, S, u, target, "Kq_ij = S_i . u_j", ca.dot),
+            lambda output: _pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot),
             mirror=True,
         )
     return program
@@ -300,27 +304,27 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
     # Sums over sliding joints can overflow: only the loops' results are guarded against infinity.
     if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
         heading = "M_ij = J_i . h_j: the turn about joint i's axis, seen from its link"
-        return (Block((result.array(chain),), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
+        return (StraightLine((result.array(chain),), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
 
-    def steps(target: Array) -> Program:
+    def steps(output: Array) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J and the momenta h that they cause"
-        recursion = Block((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
-        return recursion, *_pairs_on_the_way(chain, J, h, target, "M_ij = J_i . h_j", ca.dot)
+        recursion = StraightLine((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
+        return recursion, *_pairs_on_the_way(chain, J, h, output, "M_ij = J_i . h_j", ca.dot)
 
     return _over_joints(chain, result, steps, mirror=True)
 
 
 def _pairs_on_the_way(
-    chain: Chain, left: Array, right: Array, target: Array, formula: str, body: Callable[..., ca.SX]
+    chain: Chain, left: Array, right: Array, output: Array, formula: str, body: Callable[..., ca.SX]
 ) -> Program:
     """A symmetric target_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
     operands = Operand(left, "i"), Operand(right, "j")
     if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
-        return (Map(f"{formula} for i<=j, mirrored", "i<=j", Operand(target, "ij"), operands, body, mirror=True),)
-    nothing = Map("joints of different branches: 0", "i<=j", Operand(target, "ij"), (), lambda: ca.SX(0), mirror=True)
+        return (Map(f"{formula} for i<=j, mirrored", "i<=j", Operand(output, "ij"), operands, body, mirror=True),)
+    nothing = Map("joints of different branches: 0", "i<=j", Operand(output, "ij"), (), lambda: ca.SX(0), mirror=True)
     over: Over = "i on the way to j"
-    return nothing, Map(f"{formula} for {over}, mirrored", over, Operand(target, "ij"), operands, body, mirror=True)
+    return nothing, Map(f"{formula} for {over}, mirrored", over, Operand(output, "ij"), operands, body, mirror=True)
 
 
 def bias_forces(chain: Chain, result: Argument) -> Program:
@@ -329,9 +333,9 @@ def bias_forces(chain: Chain, result: Argument) -> Program:
     return _vector_of_joints(
         chain,
         result,
-        lambda target: (
-            Block(
-                (target,),
+        lambda output: (
+            StraightLine(
+                (output,),
                 dynamics.bias_forces,
                 tuple(argument.array(chain) for argument in given),
                 heading="the joints' forces: what acts along their axes",
@@ -340,14 +344,14 @@ def bias_forces(chain: Chain, result: Argument) -> Program:
     )
 
 
-def _gravity_columns(chain: Chain) -> tuple[Block, Array, Array]:
+def _gravity_columns(chain: Chain) -> tuple[StraightLine, Array, Array]:
     columns, moment = Array("C", (6, len(chain.joints))), Array("first_moment", (3,))
     heading = "axes a of turning joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies"
     meaning = (
         "Axes a_j of turning joints, the first moment w_j that a unit rate of joint j moves, and that of all bodies; "
         "in base axes"
     )
-    block = Block(
+    block = StraightLine(
         (columns, moment), gravity.axes_and_moment_rates, (Q.array(chain),), "gravity_columns", heading, meaning, 1
     )
     return block, columns, moment
@@ -358,7 +362,7 @@ def gravity_energy(chain: Chain, result: Argument) -> Program:
     recursion, _, moment = _gravity_columns(chain)
     given = moment, *(a.array(chain) for a in (GRAVITY, *((BASE_POSE,) if chain.floating else ())))
     heading = "U = -g . (R first moment + m p), R and p of the base" if chain.floating else "U = -g . first moment"
-    return recursion, Block((result.array(chain),), gravity.potential_energy, given, heading=heading)
+    return recursion, StraightLine((result.array(chain),), gravity.potential_energy, given, heading=heading)
 
 
 def _gravity_in_base_axes(chain: Chain) -> tuple[Program, Operand]:
@@ -376,8 +380,8 @@ def gravity_gradient(chain: Chain, result: Argument) -> Program:
     recursion, C, _ = _gravity_columns(chain)
     turned, g = _gravity_in_base_axes(chain)
 
-    def steps(target: Array) -> Program:
-        rates = Map("dU/dq_j = -g . w_j", "j", Operand(target, "j"), (Operand(C, "j"), g), gravity.moment_rate)
+    def steps(output: Array) -> Program:
+        rates = Map("dU/dq_j = -g . w_j", "j", Operand(output, "j"), (Operand(C, "j"), g), gravity.moment_rate)
         return recursion, *turned, rates
 
     return _vector_of_joints(chain, result, steps)
@@ -390,19 +394,19 @@ def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
     u = Array("u", (3, len(chain.joints)))
     covectors = Map("u_j = g x w_j", "j", Operand(u, "j"), (Operand(C, "j"), g), gravity.covector)
 
-    def steps(target: Array) -> Program:
+    def steps(output: Array) -> Program:
         def pairs(into: Array) -> Program:
             return _pairs_on_the_way(chain, C, u, into, "Kq_ij = a_i . u_j", gravity.second_derivative)
 
         tau = Operand(C, "j"), g
-        return recursion, *turned, covectors, *_with_base_connection(chain, target, pairs, tau, gravity.moment_rate)
+        return recursion, *turned, covectors, *_with_base_connection(chain, output, pairs, tau, gravity.moment_rate)
 
     return _over_joints(chain, result, steps, mirror=True)
 
 
 def _with_base_connection(
     chain: Chain,
-    target: Array,
+    output: Array,
     pairs: Callable[[Array], Program],
     operands: tuple[Operand, ...],
     generalised_force: Callable[..., ca.SX],
@@ -413,26 +417,26 @@ def _with_base_connection(
     ``generalised_force(*operands)`` of a joint is the gradient that belongs to the second derivative.
     """
     if not chain.floating:
-        return pairs(target)
+        return pairs(output)
     m = len(chain.joints)
     serial, tau = Array("S", (m, m)), Array("tau", (m,))
     force = Map("tau_j: generalised force of joint j", "j", Operand(tau, "j"), operands, generalised_force)
     comment = "moment on the base: from turns one after the other to a turn about one axis"
-    connection = SparseSum(comment, target, serial, (tau,), stiffness.base_connection)
+    connection = SparseSum(comment, output, serial, (tau,), stiffness.base_connection)
     return *pairs(serial), force, connection
 
 
 def spring_terms(chain: Chain, spring: Spring, results: tuple[Argument, ...], parts: str) -> Program:
     """Energy, wrench or task stiffness of a spring at the tip's pose; ``parts`` as :func:`springs.terms` takes them."""
-    pose, targets = POSE.array(chain), tuple(result.array(chain) for result in results)
-    return (_pose(chain, pose), _spring_block(chain, spring, pose, targets, parts))
+    pose, outputs = POSE.array(chain), tuple(result.array(chain) for result in results)
+    return (_pose(chain, pose), _spring_block(chain, spring, pose, outputs, parts))
 
 
-def _spring_block(chain: Chain, spring: Spring, pose: Array, targets: tuple[Array, ...], parts: str) -> Block:
+def _spring_block(chain: Chain, spring: Spring, pose: Array, outputs: tuple[Array, ...], parts: str) -> StraightLine:
     expressions = partial(springs.terms, spring=spring, parts=parts)
     parameters = tuple(argument.array(chain) for argument in spring.parameters)
     names = {"U": "energy U", "F": "wrench F = dU", "K": "covariant Hessian K of U", "k": "covariant Hessian K of U"}
-    return Block(targets, expressions, (pose, *parameters), heading=", ".join(names[part] for part in parts))
+    return StraightLine(outputs, expressions, (pose, *parameters), heading=", ".join(names[part] for part in parts))
 
 
 def spring_joint_terms(
@@ -446,11 +450,11 @@ def spring_joint_terms(
     pose, m = POSE.array(chain), len(chain.joints)
     J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
     columns = columns_and_pose(chain, J, pose)
-    targets = [F, K] if joint_stiffness else [F]
+    outputs = [F, K] if joint_stiffness else [F]
     parts = "Fk" if joint_stiffness else "F"
     if energy:
-        targets, parts = [energy.array(chain), *targets], "U" + parts
-    program: Program = (columns, _spring_block(chain, spring, pose, tuple(targets), parts))
+        outputs, parts = [energy.array(chain), *outputs], "U" + parts
+    program: Program = (columns, _spring_block(chain, spring, pose, tuple(outputs), parts))
     if torque:
         operands = Operand(J, "j"), Operand(F, "")
 
@@ -458,11 +462,11 @@ def spring_joint_terms(
             return ca.SX(-ca.dot(column, wrench))
 
         program += _vector_of_joints(
-            chain, torque, lambda target: (Map("torque_j = -J_j . F", "j", Operand(target, "j"), operands, dot),)
+            chain, torque, lambda output: (Map("torque_j = -J_j . F", "j", Operand(output, "j"), operands, dot),)
         )
     if joint_stiffness:
         program += _over_joints(
-            chain, joint_stiffness, lambda target: _tangent(chain, J, F, K, "hybrid", target), mirror=True
+            chain, joint_stiffness, lambda output: _tangent(chain, J, F, K, "hybrid", output), mirror=True
         )
     return program
 
@@ -473,10 +477,10 @@ def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, re
     symbols = [ca.SX.sym(operand.array.name) for operand in every]
     of_one = joint_potentials.term(*symbols, potential=potential, part=part)
     operands, body = pruned(tuple(zip(every, symbols, strict=True)), of_one)
-    target, own = result.array(chain), chain.base_joints
+    output, own = result.array(chain), chain.base_joints
     symbol, formula = {"energy": ("u", "U"), "torque": ("t", "-dU/dq"), "joint_stiffness": ("d", "d2U/dq2")}[part]
     if part == "torque" and not own:
-        return (Map(formula, "coordinate", Operand(target, "j"), operands, body),)
+        return (Map(formula, "coordinate", Operand(output, "j"), operands, body),)
     of_each = Array(symbol, (chain.dof - own,))
     of_all = Map(f"{formula}, of each coordinate", "coordinate", Operand(of_each, "j"), operands, body)
 
@@ -484,6 +488,6 @@ def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, re
         return ca.vertcat(ca.SX.zeros(own), values)
 
     if part == "joint_stiffness":
-        return of_all, SparseSum("diagonal", target, None, (of_each,), lambda values: ca.diag(placed(values)))
+        return of_all, SparseSum("diagonal", output, None, (of_each,), lambda values: ca.diag(placed(values)))
     comment, gathered = ("sum", ca.sum1) if part == "energy" else ("nothing of the base", placed)
-    return of_all, Map(comment, "", Operand(target, ""), (Operand(of_each, ""),), gathered)
+    return of_all, Map(comment, "", Operand(output, ""), (Operand(of_each, ""),), gathered)

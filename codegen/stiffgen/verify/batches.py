@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.emit.target import Scalar, scalar_of
+from stiffgen.lower.scalar import Scalar, scalar_of
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import PACKED, Kernel

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, Ranges, argument_sizes, chain_reach, kinds
-from stiffgen.emit.target import Scalar
+from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, Ranges, argument_sizes, chain_reach, kinds
+from stiffgen.lower.scalar import Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel

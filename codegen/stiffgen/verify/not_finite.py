@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.emit.target import DOUBLE, Scalar
+from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.result import Array, Check, Kernels, as_results, faultless

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.emit.target import DOUBLE, Scalar
+from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.model import casadi_function, folded

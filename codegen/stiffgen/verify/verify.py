@@ -30,8 +30,8 @@ import casadi as ca
 import numpy as np
 
 from stiffgen.emit.build import build_library
-from stiffgen.emit.target import Scalar, scalar_of
 from stiffgen.errors import BuildError, StiffgenError
+from stiffgen.lower.scalar import Scalar, scalar_of
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import arguments

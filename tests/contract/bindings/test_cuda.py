@@ -16,7 +16,7 @@ import pytest
 import stiffgen
 from stiffgen.cli import main
 from stiffgen.emit.render import render
-from stiffgen.emit.target import FLOAT
+from stiffgen.lower.scalar import FLOAT
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels

@@ -16,8 +16,8 @@ import pytest
 import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import main
-from stiffgen.emit.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, rounded_up
-from stiffgen.emit.target import FLOAT
+from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, rounded_up
+from stiffgen.lower.scalar import FLOAT
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.verify.result import as_results
 from stiffgen.verify.verify import Samples, verify

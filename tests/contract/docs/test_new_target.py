@@ -10,12 +10,12 @@ import numpy as np
 
 from stiffgen.emit import contexts, render
 from stiffgen.emit.c import print_kernels
-from stiffgen.emit.rounding import Ranges
-from stiffgen.emit.target import BATCH, Target
+from stiffgen.lower.rounding import Ranges
+from stiffgen.lower.variant import BATCH, Variant
 from stiffgen.symbolic.potentials import SpringOptions
 from support.project import assert_close, require_compiler
 
-PLAIN = Target()
+PLAIN = Variant()
 TEMPLATE = """\
 {% from "macros.j2" import finite_or_nan, function, helpers, tables %}
 {% from "choices.c.j2" import choices with context %}
@@ -23,8 +23,8 @@ TEMPLATE = """\
 #include <stddef.h>
 #include <string.h>
 
-{{ tables(target, robot, code.scopes, code.calls) }}
-{{ finite_or_nan(target) }}{{ choices(target, code.calls) }}{{ helpers(target, code.calls) }}
+{{ tables(variant, robot, code.scopes, code.calls) }}
+{{ finite_or_nan(variant) }}{{ choices(variant, code.calls) }}{{ helpers(variant, code.calls) }}
 
 static void sine_cosine(const double *x, double *sine, double *cosine, int count)
 {
@@ -38,12 +38,12 @@ static void sine_cosine(const double *x, double *sine, double *cosine, int count
 
 
 def test_plain_c_has_the_golden_values(chain, golden, tmp_path):
-    code, batch = (print_kernels(chain, "plain", target, SpringOptions()) for target in (PLAIN, BATCH))
+    code, batch = (print_kernels(chain, "plain", variant, SpringOptions()) for variant in (PLAIN, BATCH))
     none_stated = {kernel.qualified_name: () for kernel, _ in code.kernels}
     robot = render._pages(chain, "plain", code, batch, None, none_stated, Ranges())
     kernels = [contexts.kernel_page(chain, "plain", PLAIN.scalar, *each, ()).definition for each in code.kernels]
     definitions = [*contexts.shared_functions(code), *kernels]
-    pages = vars(robot) | {"target": PLAIN, "code": code, "definitions": definitions}
+    pages = vars(robot) | {"variant": PLAIN, "code": code, "definitions": definitions}
     (tmp_path / "plain.c").write_text(render._templates().from_string(TEMPLATE).render(pages))
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
     command = [require_compiler("gcc"), *flags, "plain.c", "-o", "plain.so", "-lm"]

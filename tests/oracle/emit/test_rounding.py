@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from stiffgen.emit.rounding import ErrorBounds, NoBound, Ranges, rounded_up
+from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
 from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
 from support.project import ROOT, require_compiler

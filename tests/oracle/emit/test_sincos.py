@@ -19,7 +19,7 @@ import pytest
 
 from stiffgen import load_chain
 from stiffgen.emit.render import render
-from stiffgen.emit.target import FLOAT
+from stiffgen.lower.scalar import FLOAT
 from support.project import ROOT, URDF, require_32_bits, require_compiler
 
 BOUND = 1.1

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffgen.emit.target import DOUBLE, FLOAT, Scalar
+from stiffgen.lower.scalar import DOUBLE, FLOAT, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 

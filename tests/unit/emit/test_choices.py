@@ -9,8 +9,9 @@ from dataclasses import replace
 import pytest
 
 from stiffgen import rendering
-from stiffgen.emit.expressions import LIBM, LIBM_OF_TWO, OWN
-from stiffgen.emit.target import DOUBLE, FLOAT, SINGLE
+from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN
+from stiffgen.lower.scalar import DOUBLE, FLOAT
+from stiffgen.lower.variant import SINGLE
 from support.project import require_compiler
 
 ONE_NUMBER = ("sign", "negation")
@@ -52,7 +53,7 @@ def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
     calls = {*OWN, *(f"{name}_lanes" for name in OWN), "masked"}
     text = '{% from "choices.c.j2" import choices with context %}{% include "lanes.c" %}'
     text += "static inline lanes same(double x)\n{\n    lanes all;\n    for (int n = 0; n < LANES; ++n) {\n"
-    text += "        ((double *)&all)[n] = x;\n    }\n    return all;\n}\n{{ choices(target, calls) }}"
+    text += "        ((double *)&all)[n] = x;\n    }\n    return all;\n}\n{{ choices(variant, calls) }}"
     compared = ""
     for name in OWN:
         one = name in ONE_NUMBER
@@ -62,7 +63,7 @@ def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
         rendering.environment("stiffgen.emit")
         .from_string(text)
         .render(
-            target=replace(SINGLE, scalar=scalar),
+            variant=replace(SINGLE, scalar=scalar),
             scalar=scalar,
             calls=calls,
             libm=LIBM,

@@ -11,8 +11,8 @@ import pytest
 from mpmath import mp
 
 import stiffgen
-from stiffgen.emit.rounding import ErrorBounds, Ranges
-from stiffgen.emit.target import DOUBLE
+from stiffgen.lower.rounding import ErrorBounds, Ranges
+from stiffgen.lower.scalar import DOUBLE
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions

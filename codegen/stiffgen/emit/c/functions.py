@@ -16,15 +16,16 @@ from types import MappingProxyType
 
 import casadi as ca
 
-from stiffgen.emit.expressions import Named, Operations, Printed, grouped, print_statements, wrap_list
-from stiffgen.emit.target import Scalar, Target
+from stiffgen.emit.c.statements import Named, Printed, grouped, print_statements, wrap_list
+from stiffgen.lower.graph import Operations
+from stiffgen.lower.scalar import Scalar
+from stiffgen.lower.variant import Variant
 from stiffgen.names import c_comment, comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.program import (
     Array,
-    Block,
     Gather,
     Map,
     Operand,
@@ -36,6 +37,7 @@ from stiffgen.symbolic.program import (
     SparseSum,
     Spread,
     Step,
+    StraightLine,
     Sum,
     SumJoints,
     Term,
@@ -98,10 +100,10 @@ class Scope:
 
 
 @dataclass(frozen=True)
-class TargetCode:
+class VariantCode:
     """What was printed for a target: a function a kernel, and the internal functions that these share."""
 
-    target: Target
+    variant: Variant
     scopes: tuple[Scope, ...]
     shared: tuple[tuple[Scope, CFunction], ...]
     kernels: tuple[tuple[Kernel, CFunction], ...]
@@ -112,31 +114,31 @@ class TargetCode:
         return frozenset().union(*(function.calls for _, function in (*self.shared, *self.kernels)))
 
 
-def print_kernels(chain: Chain, name: str, target: Target, options: SpringOptions) -> TargetCode:
+def print_kernels(chain: Chain, name: str, variant: Variant, options: SpringOptions) -> VariantCode:
     """Print the kernels of a chain for a target; ``name`` is the prefix of public functions."""
-    return _TargetPrinter(chain, name, target, options).code()
+    return _VariantPrinter(chain, name, variant, options).code()
 
 
-class _TargetPrinter:
-    def __init__(self, chain: Chain, name: str, target: Target, options: SpringOptions) -> None:
+class _VariantPrinter:
+    def __init__(self, chain: Chain, name: str, variant: Variant, options: SpringOptions) -> None:
         self.options = options
         self.chain = chain
         self.name = name
-        self.target = target
+        self.variant = variant
         self.scopes: dict[str, Scope] = {}
         self.shared: dict[str, tuple[Scope, CFunction]] = {}
         self.finished: dict[str, Operations] = {}  # public functions printed so far
 
-    def code(self) -> TargetCode:
+    def code(self) -> VariantCode:
         table = [
-            kernel for kernel in chain_kernels(self.chain, self.options) if kernel.batch or not self.target.batches
+            kernel for kernel in chain_kernels(self.chain, self.options) if kernel.batch or not self.variant.batches
         ]
         kernels = tuple((kernel, self.kernel(kernel)) for kernel in table)
-        return TargetCode(self.target, tuple(self.scopes.values()), tuple(self.shared.values()), kernels)
+        return VariantCode(self.variant, tuple(self.scopes.values()), tuple(self.shared.values()), kernels)
 
     def kernel(self, kernel: Kernel) -> CFunction:
         prefix = f"{kernel.tip.name}_" if kernel.tip else ""
-        scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix, self.target.scalar))
+        scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix, self.variant.scalar))
         program = kernel.steps(self.chain)
         inputs = tuple(argument.array(self.chain) for argument in kernel.arguments)
         results = tuple(result.array(self.chain) for result in kernel.results)
@@ -156,11 +158,11 @@ class _TargetPrinter:
             self.shared[name] = scope, replace(printer.function(name), meaning=step.meaning, columns=columns)
         return self.shared[name][1]
 
-    def shared_block(self, scope: Scope, step: Block) -> CFunction:
+    def shared_block(self, scope: Scope, step: StraightLine) -> CFunction:
         """The internal function of a shared block, printed once however many kernels call it."""
         name = scope.prefix + step.name
         if name not in self.shared:
-            targets = (*(Array("J", t.shape) for t in step.targets[: step.columns]), *step.targets[step.columns :])
+            targets = (*(Array("J", t.shape) for t in step.outputs[: step.columns]), *step.outputs[step.columns :])
             block = self.block(scope, step, targets)
             function = CFunction(
                 name,
@@ -178,7 +180,7 @@ class _TargetPrinter:
     def block(
         self,
         scope: Scope,
-        step: Block,
+        step: StraightLine,
         targets: tuple[Array, ...],
         local: Mapping[str, Sequence[str]] = MappingProxyType({}),
         private: Container[str] = (),
@@ -224,7 +226,7 @@ class _TargetPrinter:
         named = [Named(c_comment(section.title), _scalars(section.values)) for section in expressions.sections]
         m = len(chain.joints)
         columns = targets[: step.columns]
-        by_rows = columns if self.target.joint_lanes else ()
+        by_rows = columns if self.variant.joint_lanes else ()
         outputs: list[tuple[str, ca.SX]] = []
         start = 0
         for target in targets:
@@ -244,9 +246,9 @@ class _TargetPrinter:
             outputs,
             named,
             heading=step.heading,
-            target=self.target,
-            wide=() if self.target.joint_lanes else {text for _, text in inputs},
-            wide_outputs=not self.target.joint_lanes,
+            variant=self.variant,
+            wide=() if self.variant.joint_lanes else {text for _, text in inputs},
+            wide_outputs=not self.variant.joint_lanes,
             define=6 * m * len(by_rows),
             temporaries=temporaries,
             poison="poison" if known is None or "poison" not in known else "poison_of_gradients",
@@ -259,7 +261,7 @@ class _TargetPrinter:
         if known is not None:
             guarded = [(name, source) for name, source in guarded if name not in known]
             known |= {printed.poison, *(name for name, _ in guarded)}
-        number, guard = self.target.number, self.target.guard
+        number, guard = self.variant.number, self.variant.guard
         opening = [f"const {number} {name} = {guard}({source});" for name, source in guarded]
         opening += [
             f"(void){local[name][0].partition('[')[0] if name in local else name};"
@@ -283,9 +285,9 @@ def _rows(scope: Scope, target: Array, texts: list[str]) -> list[str]:
     return [*lines, "};", f"put_rows(rows_of_{target.name}[0], {count}, {scope.padded}, {target.name}[0]);"]
 
 
-def suffix_of(target: Target) -> str:
+def suffix_of(variant: Variant) -> str:
     """What the name of a kernel's function has behind it: nothing where it is public."""
-    return (target.suffix or "_thread") if target.batches else ""
+    return (variant.suffix or "_thread") if variant.batches else ""
 
 
 def element(array: Array, k: int) -> str:
@@ -334,10 +336,10 @@ class _ProgramPrinter:
     """Collects the declarations and statements of one function: of a kernel, or of what several kernels share."""
 
     def __init__(
-        self, printer: _TargetPrinter, scope: Scope, inputs: tuple[Array, ...], results: tuple[Array, ...]
+        self, printer: _VariantPrinter, scope: Scope, inputs: tuple[Array, ...], results: tuple[Array, ...]
     ) -> None:
         self.printer = printer
-        self.target = printer.target
+        self.variant = printer.variant
         self.calls: set[str] = set()
         self.scope = scope
         self.inputs = inputs
@@ -372,7 +374,7 @@ class _ProgramPrinter:
         """Print steps that kernels call: what they are given was guarded, and columns of joints are lanes."""
         self._readers(program)
         self.columns = columns
-        if self.target.joint_lanes:
+        if self.variant.joint_lanes:
             self.lane_arrays |= columns
         self.flat |= {array.name for array in self.inputs if array.name not in columns}
         for step in program:
@@ -396,15 +398,15 @@ class _ProgramPrinter:
         pairs = any(
             isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", *_ROWS)) for step in maps
         )
-        guarded = self.target.joint_lanes and not pairs
+        guarded = self.variant.joint_lanes and not pairs
         read = {
             operand.array.name
             for step in maps
             for operand in step.operands
-            if operand.at != "j" or not self.target.joint_lanes  # else copied to lanes
+            if operand.at != "j" or not self.variant.joint_lanes  # else copied to lanes
         }
         # Statements that take sines and name frames do so in braces of their own, where there are several.
-        blocks = [step for step in program if isinstance(step, Block) and not step.name]
+        blocks = [step for step in program if isinstance(step, StraightLine) and not step.name]
         self.scoped = len(blocks) > 1 and any(array.name == "q" for step in blocks for array in step.arguments)
         used = {array.name for step in program for array in reads(step)}
         for array in self.inputs:
@@ -424,11 +426,11 @@ class _ProgramPrinter:
 
     def _alias(self, array: Array, short: Array) -> None:
         if len(array.shape) < 2:
-            self.declarations.append(f"const {self.target.number} *const {short.name} = {array.name};")
+            self.declarations.append(f"const {self.variant.number} *const {short.name} = {array.name};")
         else:
             row = f"[{array.shape[1]}]"
-            declared = f"const {self.target.number} (*const {short.name}){row}"
-            self.declarations.append(f"{declared} = (const {self.target.number} (*){row}){array.name};")
+            declared = f"const {self.variant.number} (*const {short.name}){row}"
+            self.declarations.append(f"{declared} = (const {self.variant.number} (*){row}){array.name};")
 
     def function(self, name: str) -> CFunction:
         self._guard_results()
@@ -437,7 +439,7 @@ class _ProgramPrinter:
 
     def _guard_results(self) -> None:
         """Make NaN of what overflowed; the stores of lanes do that themselves."""
-        for array in self.results if self.target.joint_lanes else ():
+        for array in self.results if self.variant.joint_lanes else ():
             if array.name in self.unguarded:
                 self.operations = self.operations + Operations(add=array.size, multiply=array.size)
                 self.lines += ["", "/* NaN in place of infinity */"]
@@ -451,7 +453,7 @@ class _ProgramPrinter:
             self.unguarded |= {target.name for target in targets if self._public(target)}
 
     def _step(self, step: Step) -> None:
-        if isinstance(step, Block):
+        if isinstance(step, StraightLine):
             self._block(step)
         elif isinstance(step, Sum):
             self._sum(step)
@@ -476,31 +478,31 @@ class _ProgramPrinter:
 
     def _shared(self, step: Shared) -> None:
         function = self.printer.shared_steps(self.scope, step)
-        if not self._public(step.target):
-            self._declare(step.target, "")
+        if not self._public(step.output):
+            self._declare(step.output, "")
         self.operations = self.operations + function.operations
-        given = ", ".join(array.name for array in (*step.given, step.target))
-        self.lines += ["", f"{function.name}{self.target.suffix}({given});"]
+        given = ", ".join(array.name for array in (*step.given, step.output))
+        self.lines += ["", f"{function.name}{self.variant.suffix}({given});"]
 
-    def _block(self, step: Block) -> None:
+    def _block(self, step: StraightLine) -> None:
         # Columns of joints are lanes; the public Jacobian is copied out of them.
         columns = tuple(
-            Array("J", t.shape) if self.target.joint_lanes and self._public(t) else t
-            for t in step.targets[: step.columns]
+            Array("J", t.shape) if self.variant.joint_lanes and self._public(t) else t
+            for t in step.outputs[: step.columns]
         )
-        targets = (*columns, *step.targets[step.columns :])
+        targets = (*columns, *step.outputs[step.columns :])
         for target in targets:
             if target in columns:
                 if not self._public(target):
                     self._declare(target, "j")
             elif not self._public(target):
                 self.flat.add(target.name)
-                self._note(f"{self.target.number} {target.name}[{target.size}];")
+                self._note(f"{self.variant.number} {target.name}[{target.size}];")
         if step.name:
             function = self.printer.shared_block(self.scope, step)
             operations = function.operations
             into = ", ".join([*map(self._passed, columns), *(target.name for target in targets[step.columns :])])
-            self.lines.append(f"{function.name}{self.target.suffix}({self._given(step)}, {into});")
+            self.lines.append(f"{function.name}{self.variant.suffix}({self._given(step)}, {into});")
         else:
             private = {target.name for target in targets if not self._public(target)} - self.read_whole
             inputs = {array.name for array in self.inputs} - self.columns
@@ -521,10 +523,10 @@ class _ProgramPrinter:
             self.calls |= block.calls
             self.lines += ["", *lines] if self.lines else lines
         self.operations = self.operations + operations
-        self._store(step.targets, step.arguments)
-        if targets != step.targets:
-            public = step.targets[0]
-            first = f"(const {self.target.scalar.name} *)J"
+        self._store(step.outputs, step.arguments)
+        if targets != step.outputs:
+            public = step.outputs[0]
+            first = f"(const {self.variant.scalar.name} *)J"
             self._call("copy_rows", first, f"LANES * {self.scope.padded}", public.shape[0], public.name)
 
     def _texts(self, array: Array) -> list[str]:
@@ -536,11 +538,11 @@ class _ProgramPrinter:
 
     def _passed(self, target: Array) -> str:
         """C text of the array of columns that a block's function is to fill."""
-        if not self.target.joint_lanes and self._public(target):
-            return f"({self.target.number} (*)[{target.shape[1]}]){target.name}"
+        if not self.variant.joint_lanes and self._public(target):
+            return f"({self.variant.number} (*)[{target.shape[1]}]){target.name}"
         return target.name
 
-    def _given(self, step: Block) -> str:
+    def _given(self, step: StraightLine) -> str:
         return ", ".join(array.name for array in step.arguments)
 
     def _public(self, array: Array) -> bool:
@@ -548,7 +550,7 @@ class _ProgramPrinter:
 
     def _declare(self, array: Array, at: str) -> None:
         """Declare a local array that is written as a whole (at ""), by joints ("j") or by pairs of joints ("ij")."""
-        if at == "j" and self.target.joint_lanes:
+        if at == "j" and self.variant.joint_lanes:
             self.lane_arrays.add(array.name)
             self._note(f"lanes {array.name}[{array.shape[0]}][{self.scope.padded}];")
         else:
@@ -559,8 +561,8 @@ class _ProgramPrinter:
         if flat:
             self.flat.add(array.name)
         extents = f"[{array.size}]" if flat else "".join(f"[{extent}]" for extent in array.shape)
-        aligned = self.target.aligned if at == "ij" else ""
-        self._note(f"{aligned}{self.target.number} {array.name}{extents};")
+        aligned = self.variant.aligned if at == "ij" else ""
+        self._note(f"{aligned}{self.variant.number} {array.name}{extents};")
 
     def _note(self, declaration: str) -> None:
         if declaration not in self.declarations:
@@ -571,11 +573,11 @@ class _ProgramPrinter:
             self._map(step.whole())  # a loop would read entries that were never stored
             return
         pairs = step.start is not None and step.start.name in self.flat
-        in_place = step.start is not None and not pairs and not self._public(step.target)
-        if not self._public(step.target) and not in_place:
-            self._declare(step.target, "ij" if pairs else "")
+        in_place = step.start is not None and not pairs and not self._public(step.output)
+        if not self._public(step.output) and not in_place:
+            self._declare(step.output, "ij" if pairs else "")
         elif pairs:
-            self._store([step.target], self.inputs)
+            self._store([step.output], self.inputs)
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
         inputs: list[tuple[ca.SX, str]] = []
         taken = []
@@ -585,30 +587,30 @@ class _ProgramPrinter:
             taken.append(as_operand(array.shape, symbols))
         changed = ca.densify(step.expression(*taken[len(step.reads) - len(step.operands) :]))
         whole = ca.densify(step.whole().expression(*taken))
-        n = step.target.shape[0]
+        n = step.output.shape[0]
         changes = [k for k in range(n * n) if not changed[k // n, k % n].is_zero()]
-        texts = [self._write(Operand(step.target, ""), k) for k in range(n * n)]
+        texts = [self._write(Operand(step.output, ""), k) for k in range(n * n)]
         outputs = []
         if in_place:  # the entries that do not change are read where they are
             assert step.start is not None
             texts = [self._write(Operand(step.start, ""), min(k, k % n * n + k // n)) for k in range(n * n)]
             for k in changes:
-                texts[k] = f"{step.target.name}{k // n}{k % n}"
-            self.entries[step.target.name] = texts
+                texts[k] = f"{step.output.name}{k // n}{k % n}"
+            self.entries[step.output.name] = texts
         elif step.start is not None:
-            self._call("copy_symmetric", self._first(step.start), n, self._first(step.target))
+            self._call("copy_symmetric", self._first(step.start), n, self._first(step.output))
         for before, k in zip([-1, *changes], [*changes, n * n], strict=True):
             # What lies between is 0, one statement a run, in the order of the places: compilers make wide stores of it.
             if step.start is None and k - before > 1:
                 outputs.append((" = ".join(reversed(texts[before + 1 : k])), ca.SX(0)))
             if k < n * n:
                 outputs.append((texts[k], whole[k // n, k % n]))
-        every = not self.target.joint_lanes
+        every = not self.variant.joint_lanes
         printed = print_statements(
             inputs,
             outputs,
             wide={text for _, text in inputs} if every else (),
-            target=self.target,
+            variant=self.variant,
             wide_outputs=every,
             define=len(changes) if in_place else 0,
             temporaries=self.temporaries,
@@ -627,7 +629,7 @@ class _ProgramPrinter:
     def _map(self, step: Map) -> None:
         rows = self._by_rows(step)
         inputs, wide, results = self._run(step.operands, step.expression, rows=rows or step.over in _ROWS)
-        target = step.target
+        target = step.output
         zeros: set[int] = set()
         whole = target.at == "" and target.array.name not in self.by_joints
         kept = self._public(target.array) or target.array.name in self.read_whole
@@ -648,8 +650,8 @@ class _ProgramPrinter:
             inputs,
             outputs,
             wide=wide,
-            target=self.target,
-            wide_outputs=rows or step.over in _ROWS or not self.target.joint_lanes,
+            variant=self.variant,
+            wide_outputs=rows or step.over in _ROWS or not self.variant.joint_lanes,
             temporaries=self.temporaries,
         )
         self.temporaries = self.temporaries if step.over else printed.temporaries
@@ -687,14 +689,16 @@ class _ProgramPrinter:
 
     def _by_rows(self, step: Map) -> bool:
         """Whether a map over pairs runs over rows i, and over j in lanes."""
-        return self.target.joint_lanes and step.over not in ("", *_ROWS, "i on the way to j") and step.target.count == 1
+        return (
+            self.variant.joint_lanes and step.over not in ("", *_ROWS, "i on the way to j") and step.output.count == 1
+        )
 
     def _is_vector_row(self, step: Map) -> bool:
         """Whether a map over joints fills a vector, one number a joint, in lanes."""
-        return self.target.joint_lanes and step.over in _ROWS and len(step.target.array.shape) == 1
+        return self.variant.joint_lanes and step.over in _ROWS and len(step.output.array.shape) == 1
 
     def _vector_row(self, step: Map, printed: Printed) -> list[str]:
-        name, size = step.target.array.name, self._count(step.over)
+        name, size = step.output.array.name, self._count(step.over)
         return [
             "{",
             f"    lanes row[{self.scope.padded}];",
@@ -706,7 +710,7 @@ class _ProgramPrinter:
         ]
 
     def _row_loops(self, step: Map, printed: Printed) -> list[str]:
-        name, size = step.target.array.name, self.scope.size
+        name, size = step.output.array.name, self.scope.size
         _, _, first, last = self._range(step)
         # The first map over pairs stores whole rows: what it does not cover is overwritten.
         put = f"put_entries({name}, {size}, i, row, {first}, {last});"
@@ -731,7 +735,7 @@ class _ProgramPrinter:
         if step.over in _ROWS:
             head = f"for (int j = 0; j < {self._blocks(step.over)}; ++j) {{"
             return [*self._rolled, head, *_indented(printed.lines, 1), "}"]
-        target, lines = step.target, printed.lines
+        target, lines = step.output, printed.lines
         if step.over == "i on the way to j":
             self.calls.add("parent_of")
             mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
@@ -745,7 +749,7 @@ class _ProgramPrinter:
         start, condition, _, _ = self._range(step)
         if target.count > 1 and self._public(target.array):
             position = f"{target.array.name}[{target.count} * ({size} * i + j)]"
-            lines = [f"{self.target.number} *const entry = &{position};", *lines]
+            lines = [f"{self.variant.number} *const entry = &{position};", *lines]
         return [
             *self._rolled,
             f"for (int i = 0; i < {self._rows_of(step)}; ++i) {{",
@@ -769,19 +773,19 @@ class _ProgramPrinter:
         if not step.mirror:
             return []
         half = {"i<=j": "upper", "i>=j": "lower"}[step.over]
-        return [self._called(f"mirror_{half}", step.target.array.name, self.scope.size)]
+        return [self._called(f"mirror_{half}", step.output.array.name, self.scope.size)]
 
     def _call(self, helper: str, *arguments: object) -> None:
         self.lines.append(self._called(helper, *arguments))
 
     def _called(self, helper: str, *arguments: object) -> str:
         """C text of a call of a helper (templates/macros.j2)."""
-        name = helper + self.target.suffix
+        name = helper + self.variant.suffix
         self.calls.add(name)
         if helper == "copy_finite":
-            self.calls.add(self.target.guard)
-        if helper.startswith("sum_") and self.target.lanes == "configurations":
-            self.calls.add(self.target.spread)
+            self.calls.add(self.variant.guard)
+        if helper.startswith("sum_") and self.variant.lanes == "configurations":
+            self.calls.add(self.variant.spread)
         return f"{name}({', '.join(map(str, arguments))});"
 
     def _count(self, over: Over) -> str:
@@ -793,10 +797,10 @@ class _ProgramPrinter:
     @property
     def _rolled(self) -> list[str]:
         """What stands before a loop over joints in a batch."""
-        return ["ROLLED"] if self.target.lanes == "configurations" else []
+        return ["ROLLED"] if self.variant.lanes == "configurations" else []
 
     def _blocks(self, over: Over = "j") -> str:
-        return self.scope.blocks if self.target.joint_lanes else self._count(over)
+        return self.scope.blocks if self.variant.joint_lanes else self._count(over)
 
     def _pair(self, array: Array, first: str, second: str) -> str:
         return f"{array.name}[{self.scope.size} * {first} + {second}]"
@@ -806,19 +810,19 @@ class _ProgramPrinter:
         array = operand.array
         if operand.at == "ij" and array.name in self.weights:
             return self._weight(operand, k), True
-        if operand.at == "j" and rows and self.target.joint_lanes and array.name not in self.lane_arrays:
+        if operand.at == "j" and rows and self.variant.joint_lanes and array.name not in self.lane_arrays:
             array = self._packed(array)
         if array.name in self.lane_arrays:
             if operand.at == "j" and rows:
                 return f"{array.name}[{k}][j]", True
             return f"{self._view(array)}[{k}][{operand.at}]", False
-        return self._write(operand, k), not self.target.joint_lanes
+        return self._write(operand, k), not self.variant.joint_lanes
 
     def _view(self, array: Array) -> str:
         """C name under which lanes of joints are read joint by joint."""
         view = f"{array.name}_of"
         row = f"[LANES * {self.scope.padded}]"
-        scalar = self.target.scalar.name
+        scalar = self.variant.scalar.name
         declared = f"const {scalar} (*const {view}){row}"
         self._note(f"{declared} = (const {scalar} (*){row}){array.name}; /* joint by joint */")
         return view
@@ -842,13 +846,13 @@ class _ProgramPrinter:
         return f"{array.name}[0]" if len(array.shape) == 2 else f"{array.name}[0][0]"
 
     def _spread(self, step: Spread) -> None:
-        source, target, prefix = step.source, step.target, self.scope.prefix
+        source, target, prefix = step.source, step.output, self.scope.prefix
         m, M = len(self.scope.chain.joints), self.scope.size
         if step.columns:
             self._declare_numbers(target, "")
         else:
             self.flat.add(target.name)
-            self._note(f"{self.target.number} {target.name}[{target.size}];")
+            self._note(f"{self.variant.number} {target.name}[{target.size}];")
         self.lines += ["", "/* joints that move together share a coordinate */"]
         rest = M, f"{prefix}coordinate_of", f"{prefix}multiplier_of", self._numbers(target)
         if step.columns or len(source.shape) == 1:
@@ -863,28 +867,28 @@ class _ProgramPrinter:
         M, m = self.scope.size, len(self.scope.chain.joints)
         depth = step.source.size // (m * m)
         source, between = self._numbers(step.source), step.over == "i on the way to j"
-        if not self.target.joint_lanes and not step.mirror and not between:
-            self.weights |= {step.target.name: (source, False), step.transposed.name: (source, True)}
+        if not self.variant.joint_lanes and not step.mirror and not between:
+            self.weights |= {step.output.name: (source, False), step.transposed.name: (source, True)}
             return
         folded = sum(i != j for i, j in indices(self.scope.chain, step.over)) if step.mirror else 0
         self.operations = self.operations + Operations(add=depth * folded)
-        self.lines += ["", f"/* {step.target.name}_ij: what the pair {step.over} hands back */"]
-        targets = [step.target, step.transposed] if self.target.joint_lanes else [step.target]
+        self.lines += ["", f"/* {step.output.name}_ij: what the pair {step.over} hands back */"]
+        targets = [step.output, step.transposed] if self.variant.joint_lanes else [step.output]
         for array in targets:
-            if self.target.joint_lanes:
+            if self.variant.joint_lanes:
                 self._note(f"lanes {array.name}[{M} * {depth}][{self.scope.padded}];")
             else:
-                self._note(f"{self.target.number} {array.name}[{array.size}];")
+                self._note(f"{self.variant.number} {array.name}[{array.size}];")
             self.weights[array.name] = array.name, False
-        if not self.target.joint_lanes:
-            self.weights[step.transposed.name] = step.target.name, between  # folded pairs are symmetric
-        into = [f"{array.name}[0]" if self.target.joint_lanes else array.name for array in targets]
-        shape = [M, *([depth, self.scope.padded] if self.target.joint_lanes else [])]
+        if not self.variant.joint_lanes:
+            self.weights[step.transposed.name] = step.output.name, between  # folded pairs are symmetric
+        into = [f"{array.name}[0]" if self.variant.joint_lanes else array.name for array in targets]
+        shape = [M, *([depth, self.scope.padded] if self.variant.joint_lanes else [])]
         if between:
             self.calls.add("parent_of")
             self._call("weigh_branches", source, M, f"{self.scope.prefix}parent_of", *shape[2:], *into)
             return
-        if not self.target.joint_lanes:
+        if not self.variant.joint_lanes:
             self._call("fold_pairs", source, *shape, *into)
             return
         own = self.scope.chain.base_joints
@@ -900,7 +904,7 @@ class _ProgramPrinter:
         """C text of a weight of the pair (i, j)."""
         name, transposed = self.weights[operand.array.name]
         depth = operand.count
-        if self.target.joint_lanes:
+        if self.variant.joint_lanes:
             row = "i" if depth == 1 else f"{depth} * i + {k}"
             return f"{name}[{row}][j]"
         first, second = ("j", "i") if transposed else ("i", "j")
@@ -919,22 +923,22 @@ class _ProgramPrinter:
             inputs,
             [(f"sum[{k}]", value) for k, value in enumerate(stored)],
             wide=wide,
-            target=self.target,
+            variant=self.variant,
             wide_outputs=True,
             temporaries=self.temporaries,
             accumulate=True,
         )
         self.calls |= printed.calls
-        room = self.target.scalar.filled(len(stored)) if whole and self.target.joint_lanes else len(stored)
-        opening = [f"{self.target.row} sum[{room}];", "memset(sum, 0, sizeof sum);"]
-        if not self.target.lanes:
-            opening = [f"{self.target.row} sum[{room}] = {{{self.target.scalar.constant(0.0)}}};"]
+        room = self.variant.scalar.filled(len(stored)) if whole and self.variant.joint_lanes else len(stored)
+        opening = [f"{self.variant.row} sum[{room}];", "memset(sum, 0, sizeof sum);"]
+        if not self.variant.lanes:
+            opening = [f"{self.variant.row} sum[{room}] = {{{self.variant.scalar.constant(0.0)}}};"]
         return opening, printed
 
     def _gather(self, step: Gather) -> None:
-        size, target = self.scope.size, step.target
+        size, target = self.scope.size, step.output
         pairs = sum(1 for _ in indices(self.scope.chain, step.over, but_of_base=step.but_of_base))
-        source = self._weighted(step) if self.target.joint_lanes and step.over != BASE else None
+        source = self._weighted(step) if self.variant.joint_lanes and step.over != BASE else None
         if source is not None:
             rows, padded, blocks = source.shape[0], self.scope.padded, self.scope.blocks
             weights = next(self.weights[operand.array.name][0] for operand in step.operands if operand.at == "ij")
@@ -952,7 +956,7 @@ class _ProgramPrinter:
         opening, printed = self._sums(inputs, wide, results)
         self.operations = self.operations + printed.operations.times(pairs)
         start, stop = ("0", str(self.scope.chain.base_joints) if step.over == BASE else size)
-        if not self.target.joint_lanes:
+        if not self.variant.joint_lanes:
             if step.but_of_base or step.over == BASE:
                 raise NotImplementedError("maps over the pairs of a base's own joints go back in lanes of joints only")
             start, stop = {
@@ -963,7 +967,7 @@ class _ProgramPrinter:
         if not zeros:
             stores = [f"for (int k = 0; k < {len(kept)}; ++k) {{", f"    {target.name}[k][j] = sum[k];", "}"]
         elif target.name in self.read_whole:
-            stores += [f"{target.name}[{k}][j] = {self.target.row_zero};" for k in sorted(zeros)]
+            stores += [f"{target.name}[{k}][j] = {self.variant.row_zero};" for k in sorted(zeros)]
         self.lines += [
             "",
             f"/* {step.comment} */",
@@ -1005,16 +1009,16 @@ class _ProgramPrinter:
         ]
         count = sum(not value.is_zero() for value in results)
         source = "sum"
-        if self.target.joint_lanes:
-            room = self.target.scalar.filled(count)
+        if self.variant.joint_lanes:
+            room = self.variant.scalar.filled(count)
             lines += [
                 f"lanes total_of[{room} / LANES];",
                 self._called("add_lanes", "sum", count, "total_of"),
-                f"const {self.target.scalar.name} *const total = (const {self.target.scalar.name} *)total_of;",
+                f"const {self.variant.scalar.name} *const total = (const {self.variant.scalar.name} *)total_of;",
             ]
             source = "total"
         first = 0
-        for target in step.targets:
+        for target in step.outputs:
             own, results = results[: target.size], results[target.size :]
             first, assigned = self._distribute(target, own, source, first)
             lines += assigned
@@ -1024,7 +1028,7 @@ class _ProgramPrinter:
         """Statements that give the sums from number ``first`` on to a target, and the number of the next one."""
         if not self._public(target):
             self.flat.add(target.name)
-            self._note(f"{self.target.number} {target.name}[{target.size}];")
+            self._note(f"{self.variant.number} {target.name}[{target.size}];")
         every = self._public(target) or target.name in self.read_whole
         if not every:
             self.zero_rows[target.name] = {k for k, value in enumerate(values) if value.is_zero()}
@@ -1039,12 +1043,12 @@ class _ProgramPrinter:
             loop = f"for (int k = 0; k < {len(values)}; ++k) {{"
             place = f"{source}[{first} + k]" if first else f"{source}[k]"
             return first + len(kept), [loop, f"    {target.name}[k] = {place};", "}"]
-        zeros = [f"{target.name}[{k}] = {self.target.zero};" for k in range(target.size) if k not in kept]
+        zeros = [f"{target.name}[{k}] = {self.variant.zero};" for k in range(target.size) if k not in kept]
         sums = [f"{target.name}[{k}] = {source}[{first + index}];" for index, k in enumerate(kept)]
         return first + len(kept), sums + (zeros if every else [])
 
     def _scan(self, step: Scan) -> None:
-        source, target = step.source, step.target
+        source, target = step.source, step.output
         self._declare(target, "j")
         self.lines += ["", f"/* {step.comment} */"]
         zeros = self.zero_rows[target.name] = self.zero_rows.get(source.name, set())
@@ -1054,15 +1058,15 @@ class _ProgramPrinter:
         rows = [k for k in range(source.shape[0]) if k not in zeros]
         # Rows of lanes are filled up to the last block that holds a joint; what lies beyond was never written.
         stride, length = (self.scope.size, self.scope.size)
-        if self.target.joint_lanes:
+        if self.variant.joint_lanes:
             stride, length = (f"LANES * {lanes}" for lanes in (self.scope.padded, self.scope.blocks))
         self.operations = self.operations + Operations(add=len(rows) * len(self.scope.chain.joints))
         helper = "sums_beyond" if step.beyond else "sums_up_to"
         for _, run in itertools.groupby(enumerate(rows), lambda pair: pair[1] - pair[0]):
             group = [row for _, row in run]
             given, into = (f"{array.name}[{group[0]}]" for array in (source, target))
-            if self.target.joint_lanes:
-                scalar = self.target.scalar.name
+            if self.variant.joint_lanes:
+                scalar = self.variant.scalar.name
                 given, into = f"(const {scalar} *){given}", f"({scalar} *){into}"
             self._call(helper, given, len(group), stride, length, into)
             if step.base:
@@ -1081,7 +1085,7 @@ class _ProgramPrinter:
         return f"entry[{k}]" if self._public(array) else f"{array.name}[i][j][{k}]"
 
     def _sum_joints(self, step: SumJoints) -> None:
-        source, target = step.source, step.target
+        source, target = step.source, step.output
         m, M, prefix = len(self.scope.chain.joints), self.scope.size, self.scope.prefix
         if not self._public(target):
             self._declare_numbers(target, "")
@@ -1091,7 +1095,7 @@ class _ProgramPrinter:
         if step.columns or len(source.shape) == 1:
             self.operations = self.operations + Operations(add=source.size, multiply=source.size)
             if source.name in self.lane_arrays:
-                first = f"(const {self.target.scalar.name} *){source.name}", f"LANES * {self.scope.padded}"
+                first = f"(const {self.variant.scalar.name} *){source.name}", f"LANES * {self.scope.padded}"
             else:
                 first = source.name if len(source.shape) == 1 else f"{source.name}[0]", M
             rows = 1 if len(source.shape) == 1 else source.shape[0]
@@ -1106,17 +1110,17 @@ class _ProgramPrinter:
     def _nothing(self, term: Term) -> str:
         """C name of zeros, as many as the largest argument of a term that has none."""
         size = max(array.size for array, source in term.arguments if not source.array)
-        opening = "" if self.target.lanes else f" = {{{self.target.scalar.constant(0.0)}}}"
-        self._note(f"{self.target.number} nothing[{size}]{opening};")
-        if self.target.lanes and "memset(nothing, 0, sizeof nothing);" not in self.lines:
+        opening = "" if self.variant.lanes else f" = {{{self.variant.scalar.constant(0.0)}}}"
+        self._note(f"{self.variant.number} nothing[{size}]{opening};")
+        if self.variant.lanes and "memset(nothing, 0, sizeof nothing);" not in self.lines:
             self.lines.append("memset(nothing, 0, sizeof nothing);")
         return "nothing"
 
     def _sum(self, step: Sum) -> None:
         if len(step.terms) > 1:  # what is not summed was guarded where it was called
-            self._store(step.targets, self.inputs)
-        parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.targets, strict=True)]
-        for target, part in zip(step.targets, parts, strict=True):
+            self._store(step.outputs, self.inputs)
+        parts = [Array(f"{result}_part", (t.size,)) for result, t in zip(step.results, step.outputs, strict=True)]
+        for target, part in zip(step.outputs, parts, strict=True):
             if len(step.terms) > 1 and target.name not in step.apart:
                 self._declare_numbers(part, "")
         for index, term in enumerate(step.terms):
@@ -1125,15 +1129,15 @@ class _ProgramPrinter:
                 offset = 0 if source.index is None else source.index * array.size
                 name = source.array.name if source.array else self._nothing(term)
                 given.append(f"&{name}[{offset}]" if source.index is not None else name)
-            for target, part in zip(step.targets, parts, strict=True):
+            for target, part in zip(step.outputs, parts, strict=True):
                 if target.name in step.apart:
                     given.append(f"&{target.name}[{target.size // len(step.terms) * index}]")
                 else:
                     given.append((target if index == 0 else part).name)
-            prefix = "" if self.target.batches else f"{self.printer.name}_"
-            self.lines.append(f"{prefix}{term.function}{suffix_of(self.target)}({', '.join(given)});")
+            prefix = "" if self.variant.batches else f"{self.printer.name}_"
+            self.lines.append(f"{prefix}{term.function}{suffix_of(self.variant)}({', '.join(given)});")
             self.operations = self.operations + self.printer.finished[term.function]
-            for target, part in zip(step.targets, parts, strict=True) if index > 0 else ():
+            for target, part in zip(step.outputs, parts, strict=True) if index > 0 else ():
                 if target.name in step.apart:
                     continue
                 self.operations = self.operations + Operations(add=target.size)
@@ -1146,7 +1150,7 @@ def _handed_on(step: Step) -> tuple[Array, ...]:
         return (step.source,)
     if isinstance(step, Shared):
         return step.given
-    if isinstance(step, Block) and step.name:
+    if isinstance(step, StraightLine) and step.name:
         return step.arguments
     return reads(step) if isinstance(step, Sum) else ()
 

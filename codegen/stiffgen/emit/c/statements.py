@@ -10,45 +10,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import casadi as ca
 
-from stiffgen.emit.target import Scalar, Target
+from stiffgen.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Graph, Operations, build_graph
+from stiffgen.lower.scalar import Scalar
+from stiffgen.lower.variant import Variant
 
 _WIDTH = 100
 _SUM, _PRODUCT, _UNARY, _ATOM = range(4)
-
-Key = tuple[str, int | float, int]
-"""(kind, first, second): node numbers, a constant's value or an input's number."""
-
-
-@dataclass
-class Operations:
-    """Arithmetic operations by kind."""
-
-    add: int = 0
-    multiply: int = 0
-    sincos: int = 0
-    call: int = 0
-    """Square roots, arc tangents, comparisons, choices and other functions."""
-
-    def __add__(self, other: Operations) -> Operations:
-        return Operations(
-            self.add + other.add,
-            self.multiply + other.multiply,
-            self.sincos + other.sincos,
-            self.call + other.call,
-        )
-
-    def times(self, count: int) -> Operations:
-        """The same, ``count`` times over."""
-        return Operations(self.add * count, self.multiply * count, self.sincos * count, self.call * count)
-
-    @property
-    def total(self) -> int:
-        """All operations; a sine and a cosine count one each."""
-        return self.add + self.multiply + self.sincos + self.call
 
 
 @dataclass(frozen=True)
@@ -78,128 +49,12 @@ class Printed:
     """The local that makes NaN of what depends on choices, if there is one."""
 
 
-@dataclass
-class Graph:
-    """Operations numbered in order of first use; equal operations share a number."""
-
-    keys: list[Key] = field(default_factory=list)
-    numbers: dict[Key, int] = field(default_factory=dict)
-
-    def add(self, kind: str, a: int | float = 0, b: int = 0) -> int:
-        """The number of an operation, a new one if there is none like it."""
-        key = self._canonical(kind, a, b)
-        if isinstance(key, int):
-            return key
-        if key not in self.numbers:
-            self.numbers[key] = len(self.keys)
-            self.keys.append(key)
-        return self.numbers[key]
-
-    def _canonical(self, kind: str, a: int | float, b: int) -> Key | int:
-        """Signs are pulled out of products and into differences (exact in floating point)."""
-        if kind == "const" and a < 0:
-            return "neg", self.add("const", -a), 0
-        if kind == "neg":
-            inner = self.keys[int(a)]
-            if inner[0] == "neg":
-                return int(inner[1])
-            if inner[0] == "sub":
-                return self.add("sub", inner[2], int(inner[1]))
-        if kind == "mul":
-            for factor, other in ((int(a), b), (b, int(a))):
-                if self.keys[factor][0] == "neg":
-                    return self.add("neg", self.add("mul", int(self.keys[factor][1]), other))
-            a, b = sorted((int(a), b), key=self._constants_first)
-        if kind == "add":
-            if self.keys[b][0] == "neg":
-                return self.add("sub", a, int(self.keys[b][1]))
-            if self.keys[int(a)][0] == "neg":
-                return self.add("sub", b, int(self.keys[int(a)][1]))
-        if kind == "sub":
-            if self.keys[b][0] == "neg":
-                return self.add("add", a, int(self.keys[b][1]))
-            if self.keys[int(a)][0] == "neg":
-                return self.add("neg", self.add("add", int(self.keys[int(a)][1]), b))
-        return kind, a, b
-
-    def _constants_first(self, number: int) -> tuple[bool, int]:
-        return self.keys[number][0] != "const", number
-
-    def operands(self, number: int) -> tuple[int, ...]:
-        """The numbers of what an operation takes."""
-        kind, a, b = self.keys[number]
-        if kind in ("const", "input"):
-            return ()
-        return (int(a), b) if kind in _TWO_OPERANDS else (int(a),)
-
-
-_BINARY = {
-    ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul", ca.OP_DIV: "div",
-    ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot",
-    ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
-    ca.OP_LT: "less", ca.OP_LE: "at_most", ca.OP_EQ: "equal", ca.OP_NE: "unequal",
-    ca.OP_AND: "both", ca.OP_OR: "either", ca.OP_IF_ELSE_ZERO: "where",
-}  # fmt: skip
-_UNARY_OPS = {
-    ca.OP_NEG: "neg", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log",
-    ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan",
-    ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh", ca.OP_ACOSH: "acosh",
-    ca.OP_ATANH: "atanh", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1", ca.OP_ERF: "erf", ca.OP_FABS: "fabs",
-    ca.OP_SIGN: "sign", ca.OP_NOT: "negation",
-}  # fmt: skip
-_TWO_OPERANDS = frozenset(_BINARY.values())
-_CONDITIONAL = frozenset(
-    ("fmin", "fmax", "less", "at_most", "equal", "unequal", "both", "either", "where", "sign", "negation")
-)
-LIBM = (
-    "sqrt", "exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "log1p",
-    "expm1", "erf", "fabs",
-)  # fmt: skip
-"""Functions of one number from libm."""
-LIBM_OF_TWO = ("pow", "atan2", "hypot", "fmin", "fmax")
-"""Functions of two numbers from libm."""
-OWN = ("less", "at_most", "equal", "unequal", "both", "either", "where", "sign", "negation")
-"""Functions that templates/choices.c defines: comparisons (1 or 0), and choices by them."""
-
-
-def build_graph(function: ca.Function) -> tuple[Graph, list[int]]:
-    """The operations of a function of one vector, and the numbers of those that give its outputs."""
-    graph = Graph()
-    registers: dict[int, int] = {}
-    outputs = [graph.add("const", 0.0)] * function.nnz_out(0)
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        into = function.instruction_output(k)
-        from_ = function.instruction_input(k)
-        if operation == ca.OP_OUTPUT:
-            outputs[into[1]] = registers[from_[0]]
-        elif operation == ca.OP_INPUT:
-            registers[into[0]] = graph.add("input", from_[1])
-        elif operation == ca.OP_CONST:
-            registers[into[0]] = graph.add("const", float(function.instruction_constant(k)))
-        elif operation in _BINARY:
-            registers[into[0]] = graph.add(_BINARY[operation], registers[from_[0]], registers[from_[1]])
-        elif operation in _UNARY_OPS:
-            registers[into[0]] = graph.add(_UNARY_OPS[operation], registers[from_[0]])
-        elif operation == ca.OP_SQ:
-            registers[into[0]] = graph.add("mul", registers[from_[0]], registers[from_[0]])
-        elif operation == ca.OP_TWICE:
-            registers[into[0]] = graph.add("mul", graph.add("const", 2.0), registers[from_[0]])
-        elif operation == ca.OP_INV:
-            registers[into[0]] = graph.add("div", graph.add("const", 1.0), registers[from_[0]])
-        else:
-            raise NotImplementedError(
-                f"CasADi operation {operation} has no C printing; add it to _BINARY or _UNARY_OPS"
-            )
-    return graph, outputs
-
-
 def print_statements(
     inputs: Sequence[tuple[ca.SX, str]],
     outputs: Sequence[tuple[str, ca.SX]],
     named: Sequence[Named] = (),
     *,
-    target: Target,
+    variant: Variant,
     heading: str = "",
     wide: Container[str] = (),
     wide_outputs: bool = False,
@@ -214,7 +69,7 @@ def print_statements(
         inputs: scalar symbols with their C text.
         outputs: C lvalues with scalar expressions, printed in this order.
         named: groups of scalar intermediates to name, in order of computation.
-        target: what the statements are for.
+        variant: what the statements are for.
         heading: comment over the outputs.
         wide: the C texts among the inputs that are entries of rows; what depends on them is, too, the rest is scalar.
         wide_outputs: the lvalues are entries of rows.
@@ -232,14 +87,14 @@ def print_statements(
     named_values = [(name, value) for group in named for name, value in group.values]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
     graph, numbers = build_graph(ca.Function("f", [symbols], [everything]))
-    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, target)
+    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, variant)
     writer.temporaries = temporaries
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
-    if any(kind in _CONDITIONAL for kind, _, _ in (graph.keys[number] for number in writer.uses)):
+    if any(kind in CONDITIONAL for kind, _, _ in (graph.keys[number] for number in writer.uses)):
         writer.poison = poison
         total = " + ".join(text for _, text in inputs)
         writer.reads |= set(range(len(inputs)))
-        writer.poison_line(f"{target.scalar.constant(0.0)} * ({total})", wide=bool(wide))
+        writer.poison_line(f"{variant.scalar.constant(0.0)} * ({total})", wide=bool(wide))
     writer.sines_and_cosines()
     following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
     for group in named:
@@ -259,10 +114,10 @@ def print_statements(
 
 class _Writer:
     def __init__(
-        self, graph: Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], target: Target
+        self, graph: Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], variant: Variant
     ) -> None:
         self.graph = graph
-        self.target = target
+        self.variant = variant
         self.inputs = inputs
         self.wide = self._wide_nodes(wide)
         self.lines: list[str] = []
@@ -308,17 +163,17 @@ class _Writer:
             self._prepare(angle)
         self.calls.add("sine_cosine")
         values = [self._expression(angle)[0] for angle in angles]
-        scalar = self.target.scalar
+        scalar = self.variant.scalar
         batch = all(angle in self.wide for angle in angles)
         if batch:
             count, padded = str(len(values)), [", ".join(values)]
         else:
             count, padded = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
         self.lines += [
-            f"const {self.target.row} angle[{count}] = {{",
+            f"const {self.variant.row} angle[{count}] = {{",
             *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
             "};",
-            f"{self.target.row} sine[{count}], cosine[{count}];",
+            f"{self.variant.row} sine[{count}], cosine[{count}];",
             f"sine_cosine(angle, sine, cosine, {count});",
         ]
         view = {"sin": "sine", "cos": "cosine"}
@@ -349,7 +204,7 @@ class _Writer:
 
     def poison_line(self, text: str, *, wide: bool) -> None:
         """Define what is 0, or NaN if an input is NaN."""
-        self._write(f"const {self.target.row if wide else self.target.scalar.name} {self.poison} = {text};")
+        self._write(f"const {self.variant.row if wide else self.variant.scalar.name} {self.poison} = {text};")
 
     def _comment(self, text: str) -> None:
         self.lines += ["", f"/* {text} */"] if self.lines else [f"/* {text} */"]
@@ -385,7 +240,7 @@ class _Writer:
         return self._expression(number)[0]
 
     def _type(self, number: int) -> str:
-        return f"const {self.target.row if number in self.wide else self.target.scalar.name}"
+        return f"const {self.variant.row if number in self.wide else self.variant.scalar.name}"
 
     def _is_leaf(self, number: int) -> bool:
         kind, a, _ = self.graph.keys[number]
@@ -428,7 +283,7 @@ class _Writer:
         self.inline.add(number)
         kind, a, b = self.graph.keys[number]
         if kind == "const":
-            return self.target.scalar.constant(float(a)), _ATOM
+            return self.variant.scalar.constant(float(a)), _ATOM
         if kind == "input":
             self.reads.add(int(a))
             return self.inputs[int(a)], _ATOM
@@ -444,11 +299,11 @@ class _Writer:
             return f"{self._nested(int(a), _PRODUCT)} / {self._nested(b, _UNARY)}", _PRODUCT
         if kind not in ("add", "sub"):
             self.operations.call += 1
-            wide = number in self.wide and bool(self.target.lanes)
+            wide = number in self.wide and bool(self.variant.lanes)
             given = ", ".join(self._argument(operand, wide=wide) for operand in self.graph.operands(number))
-            libm = self.target.scalar.suffix if kind in LIBM + LIBM_OF_TWO else ""
+            libm = self.variant.scalar.suffix if kind in LIBM + LIBM_OF_TWO else ""
             function = f"{kind}_lanes" if wide else f"{kind}{libm}"
-            self.calls |= {function, "masked", self.target.spread} if wide and kind in OWN else {function}
+            self.calls |= {function, "masked", self.variant.spread} if wide and kind in OWN else {function}
             return f"{function}({given})", _ATOM
         self.operations.add += 1
         sign = "+" if kind == "add" else "-"
@@ -461,10 +316,10 @@ class _Writer:
 
     def _spread(self, text: str) -> str:
         """An entry of a row, made of a scalar."""
-        if not self.target.spread:
+        if not self.variant.spread:
             return text
-        self.calls.add(self.target.spread)
-        return f"{self.target.spread}({text})"
+        self.calls.add(self.variant.spread)
+        return f"{self.variant.spread}({text})"
 
     def _nested(self, number: int, at_least: int) -> str:
         text, precedence = self._expression(number)

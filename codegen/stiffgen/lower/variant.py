@@ -1,92 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Backends: a target is one record, of how numbers are spelt and what runs side by side. See README.md."""
+"""Variants: the ways in which kernels are printed, one record each."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
-
-from stiffgen.errors import ChainError
+from stiffgen.lower.scalar import DOUBLE, Scalar
 
 
 @dataclass(frozen=True)
-class Scalar:
-    """A floating-point type of C.
-
-    Attributes:
-        name: of the type.
-        suffix: of its constants, and of libm's functions of it.
-        bits: of its significand.
-        bytes: of its size.
-        limits: prefix of its macros in float.h.
-        pattern: the integer type of its size.
-        group: macro that puts ``widest`` of its numbers into lanes (templates/lanes.c).
-
-    """
-
-    name: Literal["double", "float"]
-    suffix: str
-    bits: int
-    bytes: int
-    limits: str
-    pattern: str
-    group: str
-
-    @property
-    def widest(self) -> int:
-        """Numbers in the widest vector of the generated code; rows are padded to multiples of it."""
-        return 64 // self.bytes
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """NumPy's type of these numbers."""
-        return np.dtype(f"f{self.bytes}")
-
-    def filled(self, count: int) -> int:
-        """``count`` numbers, padded."""
-        return -(-count // self.widest) * self.widest
-
-    @property
-    def unit(self) -> float:
-        """Largest relative error of an operation, half the distance from 1 to the next number."""
-        return 2.0**-self.bits
-
-    def constant(self, value: float) -> str:
-        """The shortest C constant of this type that reads back as the number nearest to ``value``.
-
-        Raises:
-            ChainError: the type has no number so large.
-
-        """
-        if math.isinf(value):
-            return "INFINITY" if value > 0 else "-INFINITY"
-        if self.name == "double":
-            return repr(value)
-        with np.errstate(over="ignore"):
-            nearest = np.float32(value)
-        if math.isinf(nearest):
-            raise ChainError(
-                f"--scalar {self.name}: {value:g} is beyond its largest number; leave --scalar out, or change the value"
-            )
-        return f"{nearest!s}{self.suffix}"
-
-
-DOUBLE = Scalar("double", "", 53, 8, "DBL", "unsigned long long", "EIGHT")
-FLOAT = Scalar("float", "f", 24, 4, "FLT", "unsigned", "SIXTEEN")
-SCALARS = {scalar.name: scalar for scalar in (DOUBLE, FLOAT)}
-"""By name."""
-
-
-def scalar_of(values: Any) -> Scalar:
-    """The type of an array's numbers."""
-    return FLOAT if np.asarray(values).dtype == FLOAT.dtype else DOUBLE
-
-
-@dataclass(frozen=True)
-class Target:
+class Variant:
     """One way to print the kernels.
 
     Attributes:
@@ -149,11 +73,11 @@ class Target:
 
 
 # gcc 12 stores to large arrays with an alignment that it does not give them itself.
-SINGLE = Target(lanes="joints", aligned="ALIGNED ")
+SINGLE = Variant(lanes="joints", aligned="ALIGNED ")
 """One configuration; what runs over joints runs over lanes of joints (templates/lanes.c)."""
 
-BATCH = Target(lanes="configurations", batches=True, suffix="_lanes", aligned="ALIGNED ")
+BATCH = Variant(lanes="configurations", batches=True, suffix="_lanes", aligned="ALIGNED ")
 """LANES configurations at a time, one in each lane."""
 
-CUDA = Target(batches=True, qualifier="DEVICE", helper="DEVICE", table="TABLE")
+CUDA = Variant(batches=True, qualifier="DEVICE", helper="DEVICE", table="TABLE")
 """One configuration a thread. CUDA with ``scalar=FLOAT`` is the same in single precision."""

@@ -26,14 +26,13 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from stiffgen.emit.expressions import Graph, build_graph
-from stiffgen.emit.target import DOUBLE, Scalar
+from stiffgen.lower.graph import Graph, build_graph
+from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.program import (
     Array,
-    Block,
     Gather,
     Map,
     Operand,
@@ -41,6 +40,7 @@ from stiffgen.symbolic.program import (
     Reduce,
     SparseSum,
     Step,
+    StraightLine,
     Sum,
     as_operand,
     evaluate,
@@ -314,12 +314,12 @@ class ErrorBounds:
     def _run(self, chain: Chain, program: Program, arrays: dict[str, list[Bound]], tip: str) -> None:
         """The bounds of what a program writes, step by step, added to those of what it takes."""
         for step in program:
-            if isinstance(step, Block):
+            if isinstance(step, StraightLine):
                 key = tip, step.name
                 if not step.name or key not in self._shared:
                     reach = chain_reach(chain, self.ranges, self.precision)
                     self._shared[key] = _block(chain, step, arrays, reach, self.precision)
-                arrays |= dict(zip((target.name for target in step.targets), self._shared[key], strict=True))
+                arrays |= dict(zip((output.name for output in step.outputs), self._shared[key], strict=True))
             elif isinstance(step, Sum):
                 self._sum(step, arrays)
             elif isinstance(step, (Map, SparseSum)):
@@ -339,13 +339,13 @@ class ErrorBounds:
                 start = 0 if part.index is None else part.index * array.size
                 given[array.name] = arrays[part.array.name][start : start + array.size]
             self._run(term.chain, term.program, given, term.chain.tips[0].name)
-            for target, name in zip(step.targets, step.results, strict=True):
-                before = totals.get(target.name)
-                if before is None or target.name in step.apart:
-                    totals[target.name] = [*(before or []), *given[name]]
+            for output, name in zip(step.outputs, step.results, strict=True):
+                before = totals.get(output.name)
+                if before is None or output.name in step.apart:
+                    totals[output.name] = [*(before or []), *given[name]]
                 else:
                     pairs = zip(before, given[name], strict=True)
-                    totals[target.name] = [_added(x, y, self.precision) for x, y in pairs]
+                    totals[output.name] = [_added(x, y, self.precision) for x, y in pairs]
         arrays |= totals
 
 
@@ -454,7 +454,7 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
 
 
 def _block(
-    chain: Chain, step: Block, arrays: Mapping[str, list[Bound]], reach: float, precision: Precision
+    chain: Chain, step: StraightLine, arrays: Mapping[str, list[Bound]], reach: float, precision: Precision
 ) -> list[list[Bound]]:
     given, inputs, bounds = [], [], []
     for array in step.arguments:
@@ -480,13 +480,13 @@ def _block(
         known[number] = min(size, known.get(number, math.inf))
     found = _Analysis(graph, bounds, precision, known).bounds(numbers[: len(entries)])
     written = []
-    for target in step.targets:
-        written.append(found[: target.size])
-        found = found[target.size :]
+    for output in step.outputs:
+        written.append(found[: output.size])
+        found = found[output.size :]
     return written
 
 
-def _columns_and_pose(chain: Chain, step: Block, reach: float, precision: Precision) -> list[float]:
+def _columns_and_pose(chain: Chain, step: StraightLine, reach: float, precision: Precision) -> list[float]:
     """What the entries of Jacobian columns and of a pose are at most; none where a block has neither."""
     if not step.moves:
         return []
@@ -495,7 +495,7 @@ def _columns_and_pose(chain: Chain, step: Block, reach: float, precision: Precis
     columns = linear * 3 + [precision.rotation] * len(sliding) * 3
     pose = [*([precision.rotation] * 3 + [reach]) * 3, 0.0, 0.0, 0.0, 1.0]
     return [
-        size for k, target in enumerate(step.targets) for size in (columns if k < step.columns else pose)[: target.size]
+        size for k, output in enumerate(step.outputs) for size in (columns if k < step.columns else pose)[: output.size]
     ]
 
 
@@ -506,13 +506,13 @@ def _taken(operand: Operand, arrays: Mapping[str, list[Bound]], i: int, j: int) 
 def _map(chain: Chain, step: Map, arrays: dict[str, list[Bound]], precision: Precision) -> None:
     # The operands at i and at j are symbols of their own also where i is j: the printed loop does not know that.
     body = _Body.of([operand_shape(operand) for operand in step.operands], step.expression)
-    written = arrays.setdefault(step.target.array.name, [ZERO] * step.target.array.size)
+    written = arrays.setdefault(step.output.array.name, [ZERO] * step.output.array.size)
     for i, j in indices(chain, step.over):
         inputs = [bound for operand in step.operands for bound in _taken(operand, arrays, i, j)]
         for k, bound in enumerate(body.bounds(inputs, precision)):
-            written[step.target.entry(k, i, j)] = bound
+            written[step.output.entry(k, i, j)] = bound
             if step.mirror:
-                written[step.target.entry(k, j, i)] = bound
+                written[step.output.entry(k, j, i)] = bound
 
 
 def _linear(chain: Chain, step: Step, arrays: dict[str, list[Bound]], precision: Precision) -> None:

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Lower programs to loops over arrays with storage; bound the rounding errors of what is printed."""

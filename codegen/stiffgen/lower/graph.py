@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""Graphs of scalar operations, read from CasADi functions, and counts of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+Key = tuple[str, int | float, int]
+"""(kind, first, second): node numbers, a constant's value or an input's number."""
+
+
+@dataclass
+class Operations:
+    """Arithmetic operations by kind."""
+
+    add: int = 0
+    multiply: int = 0
+    sincos: int = 0
+    call: int = 0
+    """Square roots, arc tangents, comparisons, choices and other functions."""
+
+    def __add__(self, other: Operations) -> Operations:
+        return Operations(
+            self.add + other.add,
+            self.multiply + other.multiply,
+            self.sincos + other.sincos,
+            self.call + other.call,
+        )
+
+    def times(self, count: int) -> Operations:
+        """The same, ``count`` times over."""
+        return Operations(self.add * count, self.multiply * count, self.sincos * count, self.call * count)
+
+    @property
+    def total(self) -> int:
+        """All operations; a sine and a cosine count one each."""
+        return self.add + self.multiply + self.sincos + self.call
+
+
+@dataclass
+class Graph:
+    """Operations numbered in order of first use; equal operations share a number."""
+
+    keys: list[Key] = field(default_factory=list)
+    numbers: dict[Key, int] = field(default_factory=dict)
+
+    def add(self, kind: str, a: int | float = 0, b: int = 0) -> int:
+        """The number of an operation, a new one if there is none like it."""
+        key = self._canonical(kind, a, b)
+        if isinstance(key, int):
+            return key
+        if key not in self.numbers:
+            self.numbers[key] = len(self.keys)
+            self.keys.append(key)
+        return self.numbers[key]
+
+    def _canonical(self, kind: str, a: int | float, b: int) -> Key | int:
+        """Signs are pulled out of products and into differences (exact in floating point)."""
+        if kind == "const" and a < 0:
+            return "neg", self.add("const", -a), 0
+        if kind == "neg":
+            inner = self.keys[int(a)]
+            if inner[0] == "neg":
+                return int(inner[1])
+            if inner[0] == "sub":
+                return self.add("sub", inner[2], int(inner[1]))
+        if kind == "mul":
+            for factor, other in ((int(a), b), (b, int(a))):
+                if self.keys[factor][0] == "neg":
+                    return self.add("neg", self.add("mul", int(self.keys[factor][1]), other))
+            a, b = sorted((int(a), b), key=self._constants_first)
+        if kind == "add":
+            if self.keys[b][0] == "neg":
+                return self.add("sub", a, int(self.keys[b][1]))
+            if self.keys[int(a)][0] == "neg":
+                return self.add("sub", b, int(self.keys[int(a)][1]))
+        if kind == "sub":
+            if self.keys[b][0] == "neg":
+                return self.add("add", a, int(self.keys[b][1]))
+            if self.keys[int(a)][0] == "neg":
+                return self.add("neg", self.add("add", int(self.keys[int(a)][1]), b))
+        return kind, a, b
+
+    def _constants_first(self, number: int) -> tuple[bool, int]:
+        return self.keys[number][0] != "const", number
+
+    def operands(self, number: int) -> tuple[int, ...]:
+        """The numbers of what an operation takes."""
+        kind, a, b = self.keys[number]
+        if kind in ("const", "input"):
+            return ()
+        return (int(a), b) if kind in _TWO_OPERANDS else (int(a),)
+
+
+_BINARY = {
+    ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul", ca.OP_DIV: "div",
+    ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot",
+    ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
+    ca.OP_LT: "less", ca.OP_LE: "at_most", ca.OP_EQ: "equal", ca.OP_NE: "unequal",
+    ca.OP_AND: "both", ca.OP_OR: "either", ca.OP_IF_ELSE_ZERO: "where",
+}  # fmt: skip
+_UNARY_OPS = {
+    ca.OP_NEG: "neg", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log",
+    ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh", ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1", ca.OP_ERF: "erf", ca.OP_FABS: "fabs",
+    ca.OP_SIGN: "sign", ca.OP_NOT: "negation",
+}  # fmt: skip
+_TWO_OPERANDS = frozenset(_BINARY.values())
+CONDITIONAL = frozenset(
+    ("fmin", "fmax", "less", "at_most", "equal", "unequal", "both", "either", "where", "sign", "negation")
+)
+LIBM = (
+    "sqrt", "exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "log1p",
+    "expm1", "erf", "fabs",
+)  # fmt: skip
+"""Functions of one number from libm."""
+LIBM_OF_TWO = ("pow", "atan2", "hypot", "fmin", "fmax")
+"""Functions of two numbers from libm."""
+OWN = ("less", "at_most", "equal", "unequal", "both", "either", "where", "sign", "negation")
+"""Functions that templates/choices.c defines: comparisons (1 or 0), and choices by them."""
+
+
+def build_graph(function: ca.Function) -> tuple[Graph, list[int]]:
+    """The operations of a function of one vector, and the numbers of those that give its outputs."""
+    graph = Graph()
+    registers: dict[int, int] = {}
+    outputs = [graph.add("const", 0.0)] * function.nnz_out(0)
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        into = function.instruction_output(k)
+        from_ = function.instruction_input(k)
+        if operation == ca.OP_OUTPUT:
+            outputs[into[1]] = registers[from_[0]]
+        elif operation == ca.OP_INPUT:
+            registers[into[0]] = graph.add("input", from_[1])
+        elif operation == ca.OP_CONST:
+            registers[into[0]] = graph.add("const", float(function.instruction_constant(k)))
+        elif operation in _BINARY:
+            registers[into[0]] = graph.add(_BINARY[operation], registers[from_[0]], registers[from_[1]])
+        elif operation in _UNARY_OPS:
+            registers[into[0]] = graph.add(_UNARY_OPS[operation], registers[from_[0]])
+        elif operation == ca.OP_SQ:
+            registers[into[0]] = graph.add("mul", registers[from_[0]], registers[from_[0]])
+        elif operation == ca.OP_TWICE:
+            registers[into[0]] = graph.add("mul", graph.add("const", 2.0), registers[from_[0]])
+        elif operation == ca.OP_INV:
+            registers[into[0]] = graph.add("div", graph.add("const", 1.0), registers[from_[0]])
+        else:
+            raise NotImplementedError(
+                f"CasADi operation {operation} has no C printing; add it to _BINARY or _UNARY_OPS"
+            )
+    return graph, outputs
