@@ -20,7 +20,47 @@ typedef iiwa14_impedance_state state_t;
 typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
 
-/* ---- the robot: poses, hybrid Jacobians and joint stiffness of the tip ---- */
+/*
+ * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem and
+ * the names used here:
+ *   U(q; r, K)   energy of the springs at the tips' poses, with the equilibrium r and the stiffness K
+ *   l            scale; the torque is the gradient of l U
+ *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
+ */
+enum { READY = 0x51f7, RECENT = 8 };
+enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
+
+/* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
+ * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
+static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
+static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
+static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
+static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
+static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
+static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
+/* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
+static const double PAPER_DEFLECTION = 0.7853981633974483;
+
+/* Data of one call of step. */
+typedef struct {
+    const config_t *c;
+    memory_t *m;
+    double *scratch;
+    const input_t *input;
+    output_t *out;
+    uint32_t status;
+    int believed;  /* the sample is believed */
+    int located;   /* the sample's position is believed, which is enough in a fault */
+    int jumped;    /* the position is out of reach from the last known one */
+    int commanded; /* the command is accepted */
+    double budget; /* [J] the tank's share for what costs energy */
+    double old_equilibrium[16 * TIPS];
+    double velocity[N];
+    double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
+    double brake[N];       /* [N m s/rad] damping that one joint may still receive */
+} step_t;
+
+/* ---- robot: kernels at the tip ---- */
 
 static void robot_poses(const double *q, const double *tool, double *pose)
 {
@@ -48,7 +88,7 @@ static void robot_conventional_stiffness(const double *q, const double *tool, co
     iiwa14_hybrid_joint_stiffness_uncorrected(q, wrench, task_stiffness, joint_stiffness);
 }
 
-/* The springs of all tips: energy; torque - dU/dq; wrenches of the tips, torque and Hessian. */
+/* Springs of all tips: energy; torque -dU/dq; all of energy, wrenches, torque and Hessian. */
 
 static double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness)
@@ -97,57 +137,131 @@ static const double *robot_tool(const input_t *input)
     return NULL;
 }
 
-/* ---- configuration: one rule a field, all entries between two bounds ---- */
+/* ---- tables of the fields ---- */
 
-typedef struct {
-    size_t offset, count;
-    double least, most;
-    int integer, code;
-} rule_t;
+static int doubles_within(const double *x, size_t count, double least, double most);
+static int integers_within(const int *x, size_t count, int least, int most);
 
-static const rule_t RULES[] = {
-    {offsetof(config_t, sample_time), sizeof(((config_t *)0)->sample_time) / sizeof(double), 1e-05, 0.1, 0, -20},
-    {offsetof(config_t, delay_samples), sizeof(((config_t *)0)->delay_samples) / sizeof(int), 0.0, 2.0, 1, -21},
-    {offsetof(config_t, law), sizeof(((config_t *)0)->law) / sizeof(int), 1.0, 2.0, 1, -22},
-    {offsetof(config_t, stiffness_formula), sizeof(((config_t *)0)->stiffness_formula) / sizeof(int), 1.0, 2.0, 1, -23},
-    {offsetof(config_t, posture_stiffness), sizeof(((config_t *)0)->posture_stiffness) / sizeof(double), 0.0, 10000.0, 0, -24},
-    {offsetof(config_t, translation_stiffness_limit), sizeof(((config_t *)0)->translation_stiffness_limit) / sizeof(double), 1.0, 1000000.0, 0, -25},
-    {offsetof(config_t, rotation_stiffness_limit), sizeof(((config_t *)0)->rotation_stiffness_limit) / sizeof(double), 0.1, 100000.0, 0, -26},
-    {offsetof(config_t, stiffness_time), sizeof(((config_t *)0)->stiffness_time) / sizeof(double), 0.0001, 100.0, 0, -27},
-    {offsetof(config_t, damping_design), sizeof(((config_t *)0)->damping_design) / sizeof(int), 1.0, 2.0, 1, -28},
-    {offsetof(config_t, damping_ratio), sizeof(((config_t *)0)->damping_ratio) / sizeof(double), 0.0, 100.0, 0, -29},
-    {offsetof(config_t, task_damping), sizeof(((config_t *)0)->task_damping) / sizeof(double), -100000.0, 100000.0, 0, -30},
-    {offsetof(config_t, joint_damping), sizeof(((config_t *)0)->joint_damping) / sizeof(double), 0.0, 10000.0, 0, -31},
-    {offsetof(config_t, motor_inertia), sizeof(((config_t *)0)->motor_inertia) / sizeof(double), 0.0, 10000.0, 0, -32},
-    {offsetof(config_t, lower_limit), sizeof(((config_t *)0)->lower_limit) / sizeof(double), -INFINITY, INFINITY, 0, -33},
-    {offsetof(config_t, upper_limit), sizeof(((config_t *)0)->upper_limit) / sizeof(double), -INFINITY, INFINITY, 0, -34},
-    {offsetof(config_t, position_tolerance), sizeof(((config_t *)0)->position_tolerance) / sizeof(double), 0.0, 10.0, 0, -35},
-    {offsetof(config_t, limit_zone), sizeof(((config_t *)0)->limit_zone) / sizeof(double), 1e-06, 10.0, 0, -36},
-    {offsetof(config_t, limit_stiffness), sizeof(((config_t *)0)->limit_stiffness) / sizeof(double), 0.0, 1000000.0, 0, -37},
-    {offsetof(config_t, velocity_limit), sizeof(((config_t *)0)->velocity_limit) / sizeof(double), 1e-06, 1000.0, 0, -38},
-    {offsetof(config_t, reference_velocity_limit), sizeof(((config_t *)0)->reference_velocity_limit) / sizeof(double), 1e-06, 1000.0, 0, -39},
-    {offsetof(config_t, tip_velocity_limit), sizeof(((config_t *)0)->tip_velocity_limit) / sizeof(double), 1e-06, 100.0, 0, -40},
-    {offsetof(config_t, tip_rotation_limit), sizeof(((config_t *)0)->tip_rotation_limit) / sizeof(double), 1e-06, 100.0, 0, -41},
-    {offsetof(config_t, ramp_time), sizeof(((config_t *)0)->ramp_time) / sizeof(double), 0.0001, 100.0, 0, -42},
-    {offsetof(config_t, energy_limit), sizeof(((config_t *)0)->energy_limit) / sizeof(double), 1e-06, 10000.0, 0, -43},
-    {offsetof(config_t, engagement_limit), sizeof(((config_t *)0)->engagement_limit) / sizeof(double), 1e-06, 100000.0, 0, -44},
-    {offsetof(config_t, effort_limit), sizeof(((config_t *)0)->effort_limit) / sizeof(double), 1e-06, 100000.0, 0, -45},
-    {offsetof(config_t, torque_rate_limit), sizeof(((config_t *)0)->torque_rate_limit) / sizeof(double), 1e-06, 100000000.0, 0, -46},
-    {offsetof(config_t, force_limit), sizeof(((config_t *)0)->force_limit) / sizeof(double), 0.001, 1000000.0, 0, -47},
-    {offsetof(config_t, moment_limit), sizeof(((config_t *)0)->moment_limit) / sizeof(double), 0.001, 1000000.0, 0, -48},
-    {offsetof(config_t, missed_limit), sizeof(((config_t *)0)->missed_limit) / sizeof(int), 1.0, 1000.0, 1, -49},
-    {offsetof(config_t, position_quantum), sizeof(((config_t *)0)->position_quantum) / sizeof(double), 0.0, 0.1, 0, -50},
-    {offsetof(config_t, frozen_window), sizeof(((config_t *)0)->frozen_window) / sizeof(int), 2.0, 1000000.0, 1, -51},
-    {offsetof(config_t, automatic_reset_time), sizeof(((config_t *)0)->automatic_reset_time) / sizeof(double), 0.0, 10000.0, 0, -52},
-    {offsetof(config_t, tank_initial), sizeof(((config_t *)0)->tank_initial) / sizeof(double), 0.0, 10000.0, 0, -53},
-    {offsetof(config_t, tank_maximum), sizeof(((config_t *)0)->tank_maximum) / sizeof(double), 0.0, 10000.0, 0, -54},
-};
+/* Check every field of a configuration alone: OK, or the error of the first that is refused. */
+static int check_fields(const config_t *c)
+{
+    if (!doubles_within(&c->sample_time, 1, 1e-05, 0.1)) {
+        return ID(E_CONFIG_SAMPLE_TIME);
+    }
+    if (!integers_within(&c->delay_samples, 1, 0, 2)) {
+        return ID(E_CONFIG_DELAY_SAMPLES);
+    }
+    if (!integers_within(&c->law, 1, 1, 2)) {
+        return ID(E_CONFIG_LAW);
+    }
+    if (!integers_within(&c->stiffness_formula, 1, 1, 2)) {
+        return ID(E_CONFIG_STIFFNESS_FORMULA);
+    }
+    if (!doubles_within(c->posture_stiffness, sizeof c->posture_stiffness / sizeof c->posture_stiffness[0], 0.0, 10000.0)) {
+        return ID(E_CONFIG_POSTURE_STIFFNESS);
+    }
+    if (!doubles_within(&c->translation_stiffness_limit, 1, 1.0, 1000000.0)) {
+        return ID(E_CONFIG_TRANSLATION_STIFFNESS_LIMIT);
+    }
+    if (!doubles_within(&c->rotation_stiffness_limit, 1, 0.1, 100000.0)) {
+        return ID(E_CONFIG_ROTATION_STIFFNESS_LIMIT);
+    }
+    if (!doubles_within(&c->stiffness_time, 1, 0.0001, 100.0)) {
+        return ID(E_CONFIG_STIFFNESS_TIME);
+    }
+    if (!integers_within(&c->damping_design, 1, 1, 2)) {
+        return ID(E_CONFIG_DAMPING_DESIGN);
+    }
+    if (!doubles_within(c->damping_ratio, sizeof c->damping_ratio / sizeof c->damping_ratio[0], 0.0, 100.0)) {
+        return ID(E_CONFIG_DAMPING_RATIO);
+    }
+    if (!doubles_within(c->task_damping, sizeof c->task_damping / sizeof c->task_damping[0], -100000.0, 100000.0)) {
+        return ID(E_CONFIG_TASK_DAMPING);
+    }
+    if (!doubles_within(&c->joint_damping, 1, 0.0, 10000.0)) {
+        return ID(E_CONFIG_JOINT_DAMPING);
+    }
+    if (!doubles_within(c->motor_inertia, sizeof c->motor_inertia / sizeof c->motor_inertia[0], 0.0, 10000.0)) {
+        return ID(E_CONFIG_MOTOR_INERTIA);
+    }
+    if (!doubles_within(c->lower_limit, sizeof c->lower_limit / sizeof c->lower_limit[0], -INFINITY, INFINITY)) {
+        return ID(E_CONFIG_LOWER_LIMIT);
+    }
+    if (!doubles_within(c->upper_limit, sizeof c->upper_limit / sizeof c->upper_limit[0], -INFINITY, INFINITY)) {
+        return ID(E_CONFIG_UPPER_LIMIT);
+    }
+    if (!doubles_within(&c->position_tolerance, 1, 0.0, 10.0)) {
+        return ID(E_CONFIG_POSITION_TOLERANCE);
+    }
+    if (!doubles_within(&c->limit_zone, 1, 1e-06, 10.0)) {
+        return ID(E_CONFIG_LIMIT_ZONE);
+    }
+    if (!doubles_within(c->limit_stiffness, sizeof c->limit_stiffness / sizeof c->limit_stiffness[0], 0.0, 1000000.0)) {
+        return ID(E_CONFIG_LIMIT_STIFFNESS);
+    }
+    if (!doubles_within(c->velocity_limit, sizeof c->velocity_limit / sizeof c->velocity_limit[0], 1e-06, 1000.0)) {
+        return ID(E_CONFIG_VELOCITY_LIMIT);
+    }
+    if (!doubles_within(c->reference_velocity_limit, sizeof c->reference_velocity_limit / sizeof c->reference_velocity_limit[0], 1e-06, 1000.0)) {
+        return ID(E_CONFIG_REFERENCE_VELOCITY_LIMIT);
+    }
+    if (!doubles_within(&c->tip_velocity_limit, 1, 1e-06, 100.0)) {
+        return ID(E_CONFIG_TIP_VELOCITY_LIMIT);
+    }
+    if (!doubles_within(&c->tip_rotation_limit, 1, 1e-06, 100.0)) {
+        return ID(E_CONFIG_TIP_ROTATION_LIMIT);
+    }
+    if (!doubles_within(&c->ramp_time, 1, 0.0001, 100.0)) {
+        return ID(E_CONFIG_RAMP_TIME);
+    }
+    if (!doubles_within(&c->energy_limit, 1, 1e-06, 10000.0)) {
+        return ID(E_CONFIG_ENERGY_LIMIT);
+    }
+    if (!doubles_within(&c->engagement_limit, 1, 1e-06, 100000.0)) {
+        return ID(E_CONFIG_ENGAGEMENT_LIMIT);
+    }
+    if (!doubles_within(c->effort_limit, sizeof c->effort_limit / sizeof c->effort_limit[0], 1e-06, 100000.0)) {
+        return ID(E_CONFIG_EFFORT_LIMIT);
+    }
+    if (!doubles_within(c->torque_rate_limit, sizeof c->torque_rate_limit / sizeof c->torque_rate_limit[0], 1e-06, 100000000.0)) {
+        return ID(E_CONFIG_TORQUE_RATE_LIMIT);
+    }
+    if (!doubles_within(&c->force_limit, 1, 0.001, 1000000.0)) {
+        return ID(E_CONFIG_FORCE_LIMIT);
+    }
+    if (!doubles_within(&c->moment_limit, 1, 0.001, 1000000.0)) {
+        return ID(E_CONFIG_MOMENT_LIMIT);
+    }
+    if (!integers_within(&c->missed_limit, 1, 1, 1000)) {
+        return ID(E_CONFIG_MISSED_LIMIT);
+    }
+    if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
+        return ID(E_CONFIG_POSITION_QUANTUM);
+    }
+    if (!integers_within(&c->frozen_window, 1, 2, 1000000)) {
+        return ID(E_CONFIG_FROZEN_WINDOW);
+    }
+    if (!doubles_within(&c->automatic_reset_time, 1, 0.0, 10000.0)) {
+        return ID(E_CONFIG_AUTOMATIC_RESET_TIME);
+    }
+    if (!doubles_within(&c->tank_initial, 1, 0.0, 10000.0)) {
+        return ID(E_CONFIG_TANK_INITIAL);
+    }
+    if (!doubles_within(&c->tank_maximum, 1, 0.0, 10000.0)) {
+        return ID(E_CONFIG_TANK_MAXIMUM);
+    }
+    return ID(OK);
+}
 
-/* Class of every reason. */
-static const int CLASS[] = {0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 4, 5, 5, 5};
+/* Return the class of a fault. */
+static int fault_of_reason(int reason)
+{
+    static const int classes[] = {0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 4, 5, 5, 5};
+    return classes[reason];
+}
 
-/* What of the memory a step reports. */
-static void remember(const memory_t *m, output_t *out)
+/* Report what the output takes from the memory. */
+static void report_memory(const memory_t *m, output_t *out)
 {
     out->fault = m->fault;
     out->reason = m->reason;
@@ -173,20 +287,80 @@ static void remember(const memory_t *m, output_t *out)
 }
 
 /*
- * Symmetric matrices of a controller: dense, row-major, n x n. Every robot's NAME_impedance.c has its own static copy.
+ * Vectors and symmetric matrices of the controller: dense, row-major, n x n.
  *
- * Allocation-free, reentrant, deterministic, bounded time. A function that can fail returns 0 or why not; after an error
- * its results are unspecified. Results must overlap neither an argument nor one another.
+ * A function that can fail returns 0 or a code MATRIX_...; after an error its results are unspecified. Results must
+ * overlap neither an argument nor one another.
  * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), Householder and implicit QL (8.3).
  */
-enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
-enum { MAX_ITERATIONS = 60 }; /* an eigenvalue; two are usual, and the bound is what makes the time bounded */
+enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
 
 static const double SYMMETRY = 1e-9;
 
-/* The largest absolute entry, or infinity if an entry is NaN or infinite. */
-static double largest(int count, const double *A)
+static double clamp(double x, double least, double most)
+{
+    if (x < least) {
+        return least;
+    }
+    return x > most ? most : x;
+}
+
+/* Clamp a count to 0 ... most. */
+static int clamp_count(int x, int most)
+{
+    if (x < 0) {
+        return 0;
+    }
+    return x < most ? x : most;
+}
+
+static double dot(int count, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+static double norm(int count, const double *x)
+{
+    return sqrt(dot(count, x, x));
+}
+
+/* Add a x to y. */
+static void add_scaled(int count, double a, const double *x, double *y)
+{
+    for (int i = 0; i < count; ++i) {
+        y[i] += a * x[i];
+    }
+}
+
+/* Multiply a matrix over the joints and a vector. */
+static void multiply_vector(const double *A, const double *x, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = dot(N, A + i * N, x);
+    }
+}
+
+/* Multiply 3 x 3 matrices with row lengths a and b: C = A B, or A^T B if transposed. */
+static void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C)
+{
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            double sum = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                sum += (transposed ? A[a * k + i] : A[a * i + k]) * B[b * k + j];
+            }
+            C[3 * i + j] = sum;
+        }
+    }
+}
+
+/* Return the largest absolute entry, or infinity if an entry is NaN or infinite. */
+static double largest_entry(int count, const double *A)
 {
     double result = 0.0;
     for (int i = 0; i < count; ++i) {
@@ -199,8 +373,8 @@ static double largest(int count, const double *A)
     return result;
 }
 
-/* result = Y diag(d) Y^T, Y with its columns as rows; one triangle computed and mirrored. */
-static void congruence(int n, const double *rows, const double *d, double *result)
+/* Compute Y diag(d) Y^T from the columns of Y, stored as rows; one triangle is computed and mirrored. */
+static void form_congruence(int n, const double *rows, const double *d, double *result)
 {
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
@@ -213,7 +387,10 @@ static void congruence(int n, const double *rows, const double *d, double *resul
     }
 }
 
-/* X <- X - beta v (v^T X), or, with the steps of rows and columns exchanged, X - beta (X v) v^T; v is 0 before first. */
+/*
+ * Reflect X in place: X - beta v (v^T X), or X - beta (X v) v^T if the strides row and column are exchanged. Entries of
+ * v before `first` count as 0.
+ */
 static void reflect(int n, int first, double beta, const double *v, double *X, int row, int column)
 {
     double p[MAX_ROWS] = {0.0};
@@ -229,10 +406,10 @@ static void reflect(int n, int first, double beta, const double *v, double *X, i
     }
 }
 
-/* Householder's similarity transformations: A (destroyed) to the tridiagonal (diagonal, beside), rows <- Q^T. */
+/* Reduce A (destroyed) to the tridiagonal matrix (diagonal, beside) by Householder reflections; rows becomes Q^T. */
 static void tridiagonalise(int n, double *A, double *diagonal, double *beside, double *rows)
 {
-    double v[MAX_ROWS];
+    double v[MAX_ROWS] = {0.0};
     for (int i = 0; i < n * n; ++i) {
         rows[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
     }
@@ -257,8 +434,29 @@ static void tridiagonalise(int n, double *A, double *diagonal, double *beside, d
     }
 }
 
-/* Eigenvalues ascending and eigenvectors, as ROWS of rows, of a symmetric A (destroyed): implicit QL iterations. */
-static int eigen_symmetric(int n, double *A, double *d, double *rows)
+/* Sort eigenvalues and their rows, ascending. */
+static void sort_eigenpairs(int n, double *d, double *rows)
+{
+    for (int i = 0; i < n - 1; ++i) {
+        int least = i;
+        for (int j = i + 1; j < n; ++j) {
+            least = d[j] < d[least] ? j : least;
+        }
+        if (least != i) {
+            const double value = d[i];
+            d[i] = d[least];
+            d[least] = value;
+            for (int k = 0; k < n; ++k) {
+                const double x = rows[i * n + k];
+                rows[i * n + k] = rows[least * n + k];
+                rows[least * n + k] = x;
+            }
+        }
+    }
+}
+
+/* Compute eigenvalues (ascending) and eigenvectors (the ROWS of `rows`) of a symmetric A (destroyed): implicit QL. */
+static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
 {
     double e[MAX_ROWS], size = 0.0;
     for (int i = 0; i < n * n; ++i) {
@@ -311,27 +509,12 @@ static int eigen_symmetric(int n, double *A, double *d, double *rows)
             e[m] = 0.0;
         }
     }
-    for (int i = 0; i < n - 1; ++i) {
-        int least = i;
-        for (int j = i + 1; j < n; ++j) {
-            least = d[j] < d[least] ? j : least;
-        }
-        if (least != i) {
-            const double value = d[i];
-            d[i] = d[least];
-            d[least] = value;
-            for (int k = 0; k < n; ++k) {
-                const double x = rows[i * n + k];
-                rows[i * n + k] = rows[least * n + k];
-                rows[least * n + k] = x;
-            }
-        }
-    }
+    sort_eigenpairs(n, d, rows);
     return 0;
 }
 
-/* Lower Cholesky factor L of A / scale + shift I. */
-static int cholesky(int n, const double *A, double scale, double shift, double *L)
+/* Compute the lower Cholesky factor L of A / scale + shift I. */
+static int factorise_cholesky(int n, const double *A, double scale, double shift, double *L)
 {
     if (!(scale > 0.0 && scale <= DBL_MAX)) {
         return MATRIX_NOT_POSITIVE;
@@ -355,7 +538,7 @@ static int cholesky(int n, const double *A, double scale, double shift, double *
     return 0;
 }
 
-/* X <- L^-1 X, X with so many columns. */
+/* Replace X, a matrix with the given number of columns, by L^-1 X. */
 static void solve_lower(int n, int columns, const double *L, double *X)
 {
     for (int i = 0; i < n; ++i) {
@@ -372,7 +555,7 @@ static void solve_lower(int n, int columns, const double *L, double *X)
     }
 }
 
-/* x <- L^-T x. */
+/* Replace x by L^-T x. */
 static void solve_upper(int n, const double *L, double *x)
 {
     for (int i = n - 1; i >= 0; --i) {
@@ -385,13 +568,14 @@ static void solve_upper(int n, const double *L, double *x)
 }
 
 /*
- * K v = lambda M v of the symmetric parts: L with L L^T = M / *scale, eigenvalues lambda, rows w with v = L^-T w.
+ * Solve K v = lambda M v for the symmetric parts of K and M. Results: L with L L^T = M / *scale, the eigenvalues lambda
+ * (ascending), and rows w with v = L^-T w. C is work space.
  */
-static int pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
+static int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
                   double *scale)
 {
-    *scale = largest(n * n, M);
-    int error = cholesky(n, M, *scale, 0.0, L);
+    *scale = largest_entry(n * n, M);
+    int error = factorise_cholesky(n, M, *scale, 0.0, L);
     if (error != 0) {
         return error;
     }
@@ -406,18 +590,18 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
             C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
         }
     }
-    if (!(largest(n * n, C) <= 1e140)) {
+    if (!(largest_entry(n * n, C) <= 1e140)) {
         return MATRIX_NOT_FINITE;
     }
-    error = eigen_symmetric(n, C, eigenvalues, rows);
+    error = diagonalise_symmetric(n, C, eigenvalues, rows);
     for (int i = 0; i < n; ++i) {
         eigenvalues[i] /= *scale;
     }
     return error;
 }
 
-/* Rows w_k -> rows L w_k: the columns of M V over sqrt(scale). */
-static void times_lower(int n, const double *L, double *rows)
+/* Replace each row w by L w: the rows become the columns of M V / sqrt(scale). */
+static void multiply_lower(int n, const double *L, double *rows)
 {
     for (int k = 0; k < n; ++k) {
         double *const w = rows + k * n;
@@ -432,9 +616,10 @@ static void times_lower(int n, const double *L, double *rows)
 }
 
 /*
- * K (3 x 3) goes a share of its way D to wanted, but for the part of it that stiffens, which is the cost: that with
- * positive eigenvalues against S = wanted + K: D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
- * The last bit of the way is gone at once. Returns whether there was a way.
+ * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the result
+ * `cost`. It has the positive eigenvalues of D with respect to S = wanted + K:
+ * D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
+ * A difference below 1e-9 of the trace of S is covered in one step. Return whether K differed from wanted.
  */
 static int soften(const double *wanted, double share, double *K, double *cost)
 {
@@ -449,25 +634,25 @@ static int soften(const double *wanted, double share, double *K, double *cost)
     for (int k = 0; k < 9; k += 4) {
         S[k] += 1e-10 * trace; /* directions without stiffness before and after */
     }
-    if (size == 0.0 || pencil(3, D, S, L, C, values, rows, &scale) != 0) {
+    if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
         return 0;
     }
-    times_lower(3, L, rows);
+    multiply_lower(3, L, rows);
     for (int k = 0; k < 3; ++k) {
         values[k] = part * fmax(values[k], 0.0) * scale;
     }
-    congruence(3, rows, values, cost);
+    form_congruence(3, rows, values, cost);
     for (int k = 0; k < 9; ++k) {
         K[k] += part * D[k] - cost[k];
     }
     return 1;
 }
 
-/* Whether A (n x n, n at most 6) is finite, symmetric to 1e-9 of its largest entry, and positive semidefinite to the same. */
+/* Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to 1e-9 of its largest entry. */
 static int is_positive_semidefinite(int n, const double *A)
 {
     double L[36];
-    const double scale = largest(n * n, A);
+    const double scale = largest_entry(n * n, A);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
             if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
@@ -476,110 +661,39 @@ static int is_positive_semidefinite(int n, const double *A)
         }
     }
     /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return scale == 0.0 || cholesky(n, A, scale, SYMMETRY, L) == 0;
+    return scale == 0.0 || factorise_cholesky(n, A, scale, SYMMETRY, L) == 0;
 }
 
-/*
- * The step of a controller. docs/controller.md has the equations, the theorem and the names used here:
- *   U(q; r, K)   energy of the springs at the tips' poses, with the equilibrium r and the stiffness K
- *   l            scale; what acts is the gradient of l U
- *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
- *
- * Order of a step: is the sample believed? -> account of the interval that ended (s) -> faults -> governor (p) ->
- * stiffness (v) -> tangent, damping -> scale (v) -> torque that is covered, within its limits.
- */
-typedef struct {
-    const config_t *c;
-    memory_t *m;
-    double *scratch;
-    const input_t *input;
-    output_t *out;
-    uint32_t status;
-    int believed;  /* the sample is */
-    int located;   /* its position is, which is enough in a fault */
-    int jumped;    /* and not where the position known last can have led */
-    int commanded; /* the command is accepted */
-    double budget; /* of the tank, for what costs */
-    double old_equilibrium[16 * TIPS];
-    double velocity[N];
-    double limit_slope[N]; /* of the limit avoidance, where it acts */
-    double brake[N];       /* [N m s/rad] that may still be added to the damping of one joint */
-} frame;
+/* Configuration and state: checks, checksum, start, reset, faults. */
 
-enum { READY = 0x51f7, RECENT = 8 };
-
-/* Bounds on B and on the stiffness, against M, at the sample time: a double integrator with differenced velocity is
- * unstable from M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
-static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
-static const double FARTHEST = 1e6; /* beyond it an angle has lost its last digits */
-static const double GOVERNOR = 0.8; /* of its velocity limits: the rest is for the arm, which overshoots a ramp */
-static const double BRAKED = 0.9;   /* of them: faster joints are braked */
-/* Paper's law [rad]: up to here a sine is within 10 % of its angle, which is what the law takes it for. */
-static const double PAPER_DEFLECTION = 0.7853981633974483;
-static const double TANK_FLOOR = 0.1;  /* of the tank's maximum, that stiffness is not paid from */
-static const double COVERED = 0.7;    /* of what covers the torques, that the springs may use: the rest is for damping */
-
-static double clamp(double x, double least, double most)
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
 {
-    return x < least ? least : x > most ? most : x;
-}
-
-static double dot(int count, const double *a, const double *b)
-{
-    double sum = 0.0;
-    for (int i = 0; i < count; ++i) {
-        sum += a[i] * b[i];
-    }
-    return sum;
-}
-
-static double norm(int count, const double *x)
-{
-    return sqrt(dot(count, x, x));
-}
-
-/* y += a x. */
-static void add(int count, double a, const double *x, double *y)
-{
-    for (int i = 0; i < count; ++i) {
-        y[i] += a * x[i];
-    }
-}
-
-static void multiply(const double *A, const double *x, double *result)
-{
-    for (int i = 0; i < N; ++i) {
-        result[i] = dot(N, A + i * N, x);
-    }
-}
-
-/* C = A B of 3 x 3 matrices with the given row lengths; A transposed if asked for. */
-static void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C)
-{
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            double sum = 0.0;
-            for (int k = 0; k < 3; ++k) {
-                sum += (transposed ? A[a * k + i] : A[a * i + k]) * B[b * k + j];
-            }
-            C[3 * i + j] = sum;
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
         }
     }
+    return 1;
 }
 
-/* ---- configuration ---- */
+/* Return whether all entries lie between the bounds (both allowed). */
+static int integers_within(const int *x, size_t count, int least, int most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (x[i] < least || x[i] > most) {
+            return 0;
+        }
+    }
+    return 1;
+}
 
+/* Check a configuration: OK, or the error of the first field that is refused. */
 static int validate(const config_t *c)
 {
-    for (size_t r = 0; r < sizeof RULES / sizeof *RULES; ++r) {
-        const char *const at = (const char *)c + RULES[r].offset;
-        for (size_t i = 0; i < RULES[r].count; ++i) {
-            const double x = RULES[r].integer ? (double)((const int *)(const void *)at)[i]
-                                              : ((const double *)(const void *)at)[i];
-            if (!(x >= RULES[r].least && x <= RULES[r].most)) {
-                return RULES[r].code;
-            }
-        }
+    const int error = check_fields(c);
+    if (error != ID(OK)) {
+        return error;
     }
     for (int i = 0; i < N; ++i) {
         if (!(c->upper_limit[i] - c->lower_limit[i] > 2.0 * c->limit_zone)) {
@@ -595,20 +709,19 @@ static int validate(const config_t *c)
     return c->tank_initial <= c->tank_maximum ? ID(OK) : ID(E_TANK);
 }
 
-/* ---- state: checksum and the torque kept three times ---- */
-
-static uint64_t checksum(const state_t *state)
+/* Compute the checksum of the memory; any single changed word changes it. */
+static uint64_t compute_checksum(const state_t *state)
 {
     uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
     for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
         memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
         sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
     }
-    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3]; /* any one word changed changes it */
+    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3];
 }
 
-/* What two of three copies say, bit by bit. */
-static void majority(const double *copies, double *result)
+/* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
+static void vote(const double *copies, double *result)
 {
     for (int i = 0; i < N; ++i) {
         uint64_t a, b, c;
@@ -621,34 +734,29 @@ static void majority(const double *copies, double *result)
     }
 }
 
-static void keep(double *copies, const double *values)
+/* Store values three times. */
+static void store_copies(double *copies, const double *values)
 {
     for (int copy = 0; copy < 3; ++copy) {
         memcpy(copies + copy * N, values, N * sizeof(double));
     }
 }
 
-/* One step towards zero. */
-static void fall(const double *last, const double *rate, double *torque)
-{
-    for (int i = 0; i < N; ++i) {
-        torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
-    }
-}
-
-static void begin(const config_t *c, state_t *state)
+/* Start the memory anew: no sample seen, a tank with its initial energy. */
+static void start_memory(const config_t *c, state_t *state)
 {
     memory_t *const m = &state->memory;
     memset(m, 0, sizeof *m);
     for (int i = 0; i < N; ++i) {
         m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
-    keep(state->rate, m->rate);
+    store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->tank = c->tank_initial;
     m->ready = READY;
 }
 
+/* Prepare a state; torque is the one in force, or NULL for zero. */
 static int initialise(const config_t *c, state_t *state, const double *torque)
 {
     if (c == NULL || state == NULL) {
@@ -664,32 +772,33 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
             return ID(E_TORQUE);
         }
     }
-    begin(c, state);
+    start_memory(c, state);
     if (torque != NULL) {
-        keep(state->torque, torque);
+        store_copies(state->torque, torque);
     }
-    state->checksum = checksum(state);
+    state->checksum = compute_checksum(state);
     return ID(OK);
 }
 
-static int reset(state_t *state)
+/* Ask for the end of a fault; the next steps with good samples grant it. */
+static int request_reset(state_t *state)
 {
     if (state == NULL) {
         return ID(E_NULL);
     }
-    if (state->checksum != checksum(state) || state->memory.ready != READY) {
+    if (state->checksum != compute_checksum(state) || state->memory.ready != READY) {
         return ID(E_NOT_INITIALISED);
     }
     state->memory.reset = 1;
-    state->checksum = checksum(state);
+    state->checksum = compute_checksum(state);
     return ID(OK);
 }
 
 /* Latch a fault; the first one stays. */
-static void latch(memory_t *m, int reason)
+static void latch_fault(memory_t *m, int reason)
 {
     if (m->fault == ID(FAULT_NONE)) {
-        m->fault = CLASS[reason];
+        m->fault = fault_of_reason(reason);
         m->reason = reason;
         m->fault_time = 0.0;
         m->reset = 0;
@@ -697,88 +806,102 @@ static void latch(memory_t *m, int reason)
     m->good_time = 0.0;
 }
 
-/* ---- springs at poses ---- */
+/* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
 
-/* U at q of the springs of all tips and of the posture, unscaled; the paper's law has none. */
-static double energy_at(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
+/* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
+static double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
 {
-    return m->law == ID(LAW_PAPER)
-               ? 0.0
-               : robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness) +
-                     robot_posture_energy(q, posture, m->posture_stiffness);
+    if (m->law == ID(LAW_PAPER)) {
+        return 0.0;
+    }
+    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness) +
+           robot_posture_energy(q, posture, m->posture_stiffness);
 }
 
-/* What is stored at q. */
-static double stored(const memory_t *m, const double *q)
+/* Compute the energy that the scaled springs store at q. */
+static double compute_stored_energy(const memory_t *m, const double *q)
 {
-    return m->scale * energy_at(m, q, m->equilibrium, m->posture);
+    return m->scale * compute_spring_energy(m, q, m->equilibrium, m->posture);
 }
 
 /*
- * A joint's limit avoidance a = (lower edge, upper edge, k, largest torque): energy k d^2 / 2 at depth d beyond an edge,
- * straight from where the torque is the largest. pull: the energy's slope; stiffness: the slope's.
+ * Evaluate one joint's limit avoidance a = (lower edge, upper edge, k, largest torque). Its energy is k d^2 / 2 at depth d
+ * beyond an edge, and linear from where the torque is the largest. Results: the energy, its slope (pull) and the
+ * slope's slope (stiffness).
  */
-static double avoidance(const double *a, double q, double *pull, double *stiffness)
+static double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness)
 {
-    const double depth = q > a[1] ? q - a[1] : q < a[0] ? q - a[0] : 0.0, k = a[2];
+    const double k = a[2];
+    double depth = 0.0;
+    if (q > a[1]) {
+        depth = q - a[1];
+    } else if (q < a[0]) {
+        depth = q - a[0];
+    }
     *pull = clamp(k * depth, -a[3], a[3]);
-    *stiffness = depth != 0.0 && *pull == k * depth ? k : 0.0;
-    return *pull == k * depth ? 0.5 * k * depth * depth : fabs(*pull) * (fabs(depth) - 0.5 * fabs(*pull) / k);
+    if (*pull == k * depth) {
+        *stiffness = depth != 0.0 ? k : 0.0;
+        return 0.5 * k * depth * depth;
+    }
+    *stiffness = 0.0;
+    return fabs(*pull) * (fabs(depth) - 0.5 * fabs(*pull) / k);
 }
 
-/* Energy of the limit avoidance of all joints. */
-static double avoid_limits(frame *f, const double *q)
+/* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
+static double evaluate_limits(step_t *s, const double *q)
 {
     double energy = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double *const a = f->m->avoidance + 4 * i;
+        const double *const a = s->m->avoidance + 4 * i;
         double pull;
-        energy += avoidance(a, q[i], &pull, &f->limit_slope[i]);
-        f->out->limit_torque[i] = 0.0 - pull;
-        f->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
+        energy += evaluate_avoidance(a, q[i], &pull, &s->limit_slope[i]);
+        s->out->limit_torque[i] = 0.0 - pull;
+        s->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
     }
     return energy;
 }
 
-/* ---- account ---- */
-
-/* Into the tank; what a full one cannot hold goes to the engagement: their sum is what bounds the work put out. */
-static void tank_income(frame *f, double income)
+/*
+ * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that the
+ * controller puts out.
+ */
+static void pay_into_tank(step_t *s, double income)
 {
-    memory_t *const m = f->m;
-    const double most = fmax(f->c->tank_maximum, m->reserve);
+    memory_t *const m = s->m;
+    const double most = fmax(s->c->tank_maximum, m->reserve);
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
         m->tank = most;
-        m->engagement = fmin(m->engagement + lost, f->c->engagement_limit);
+        m->engagement = fmin(m->engagement + lost, s->c->engagement_limit);
     }
 }
 
-static void book_stiffness(frame *f, double *energy, double v)
+/* Book the energy v of a change of stiffness, scale or limits, which raises `energy`. The tank pays. */
+static void book_stiffness(step_t *s, double *energy, double v)
 {
-    f->m->stiffness_total += v;
+    s->m->stiffness_total += v;
     *energy += v;
-    f->budget -= v;
-    tank_income(f, -v);
+    s->budget -= v;
+    pay_into_tank(s, -v);
 }
 
-/* What moving the equilibrium costs is the engagement's; what it gives back, the tank's. */
-static void book_reference(frame *f, double p)
+/* Book the energy p of a move of the equilibrium. The engagement pays a cost; a gain goes to the tank. */
+static void book_reference(step_t *s, double p)
 {
-    f->m->reference_total += p;
-    f->m->engagement -= fmax(p, 0.0);
-    tank_income(f, fmax(-p, 0.0));
+    s->m->reference_total += p;
+    s->m->engagement -= fmax(p, 0.0);
+    pay_into_tank(s, fmax(-p, 0.0));
 }
 
-/* The torque that acted in the interval that ends now. */
-static const double *acting(const memory_t *m, const double *last)
+/* Return the torque that acted in the interval that ends now. */
+static const double *find_acting_torque(const memory_t *m, const double *last)
 {
     return m->delay == 0 ? last : m->older + (m->delay - 1) * N;
 }
 
-/* Another interval begins: last is on its way, and the share of the reference in the torque that follows it. */
-static void pass(memory_t *m, const double *last, const double *feed)
+/* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
+static void shift_history(memory_t *m, const double *last, const double *feed)
 {
     memmove(m->older + N, m->older, N * sizeof(double));
     memcpy(m->older, last, N * sizeof(double));
@@ -786,45 +909,60 @@ static void pass(memory_t *m, const double *last, const double *feed)
     memmove(m->feed, feed, N * sizeof(double));
 }
 
-/* Farthest that a joint is taken to move in a sample time. */
-static double farthest(const memory_t *m, int i)
+/* Return the farthest that joint i is taken to move in a sample time. */
+static double farthest_motion(const memory_t *m, int i)
 {
     return fmax(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
 }
 
-/*
- * What the torques on their way can put out, whatever the environment does, until the last of them has gone to zero at the
- * rate limit: no joint faster than its limit, and only one of missed_limit calls made. The torque is held for missed_limit
- * such calls without a sample, and, in a fault, for one. With l times the torque: parts[0] + l parts[1] + l^2 parts[2].
- */
-static double reserve(const frame *f, const double *last, const double *torque, double *parts)
+/* Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of intervals. */
+static double worst_feed_work(const memory_t *m, const double *feed, int intervals)
 {
-    const memory_t *const m = f->m;
-    const double calls = f->c->missed_limit, held = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
+    double sum = 0.0;
+    for (int i = 0; i < N; ++i) {
+        double size = intervals * fabs(feed[i]);
+        for (int k = 0; k < m->delay; ++k) {
+            size += fabs(m->feed[k * N + i]);
+        }
+        sum += farthest_motion(m, i) * size;
+    }
+    return sum;
+}
+
+/*
+ * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and one of missed_limit calls is made. The
+ * torque is held for missed_limit such calls without a sample, and, in a fault, for one.
+ * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
+ */
+static double compute_reserve(const step_t *s, const double *last, const double *torque, double *parts)
+{
+    const memory_t *const m = s->m;
+    const double calls = s->c->missed_limit, hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
     parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
-        const double size = fabs(torque[i]), far = farthest(m, i);
+        const double size = fabs(torque[i]), far = farthest_motion(m, i);
         parts[0] += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
-        parts[1] += far * calls * held * size;
+        parts[1] += far * calls * hold * size;
         parts[2] += far * calls * 0.5 * size * (size / m->rate[i]);
     }
     return parts[0] + parts[1] + parts[2];
 }
 
-/* What there is for it. */
-static double cover(const memory_t *m)
+/* Return the energy available to cover the torque. */
+static double available_energy(const memory_t *m)
 {
     return m->tank + m->elastic_energy + m->limit_energy;
 }
 
 /*
- * Take on the configured limit avoidance of each joint whose change stores no more at q than the tank's budget pays; else
- * the old one stays. A first sample is free.
+ * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else the
+ * old one stays. The first sample's is free.
  */
-static void adopt_limits(frame *f, const double *q)
+static void adopt_limits(step_t *s, const double *q)
 {
-    const config_t *const c = f->c;
-    memory_t *const m = f->m;
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
     for (int i = 0; i < N; ++i) {
         double *const a = m->avoidance + 4 * i;
         const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
@@ -834,218 +972,247 @@ static void adopt_limits(frame *f, const double *q)
         }
         if (m->known) {
             double pull, slope;
-            const double v = avoidance(wanted, q[i], &pull, &slope) - avoidance(a, q[i], &pull, &slope);
-            if (!(v <= fmax(f->budget, 0.0))) {
-                f->status |= ID(STATUS_LIMITS_KEPT);
+            const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - evaluate_avoidance(a, q[i], &pull, &slope);
+            if (!(v <= fmax(s->budget, 0.0))) {
+                s->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
             }
-            book_stiffness(f, &m->limit_energy, v);
+            book_stiffness(s, &m->limit_energy, v);
         }
         memcpy(a, wanted, sizeof wanted);
     }
-    avoid_limits(f, q);
+    evaluate_limits(s, q);
 }
 
 /*
- * Intervals without a believed position. Two bounds on their work: that of the last one's torque over the whole way and,
- * at every change of torque, the change over the way that can have been gone before it; or every torque over its own way.
+ * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last torque
+ * over the whole motion and, for every change of torque, the change over the motion that can have happened before it;
+ * gap_most, every torque over the farthest motion in its own intervals.
  */
-static void bridge(memory_t *m, const double *last, int periods)
+static void bridge_gap(memory_t *m, const double *last, int periods)
 {
-    const double *const torque = acting(m, last);
+    const double *const torque = find_acting_torque(m, last);
     if (m->gap == 0) {
         m->gap_work = m->gap_most = 0.0;
         memcpy(m->gap_torque, torque, N * sizeof(double));
     }
     for (int i = 0; i < N; ++i) {
-        m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest(m, i) * m->gap;
-        m->gap_most += fabs(torque[i]) * farthest(m, i) * periods;
+        m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest_motion(m, i) * m->gap;
+        m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
     }
     memcpy(m->gap_torque, torque, N * sizeof(double));
     m->gap = m->gap < 1000000 - periods ? m->gap + periods : 1000000;
 }
 
 /*
- * Energy that the interval up to the believed position q has put in. The damper lies between the arm and the moving
- * reference: what its share for the reference, feed = B dr, does on the arm's way is the reference's work. The account
- * begins, or begins anew, where the position has no known way to.
+ * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
+ * work of its share for the reference, feed = B dr, over the arm's motion is the reference's. The account begins, or
+ * begins anew, at a position with no known motion to it.
  */
-static void account(frame *f, const double *last, const double *q)
+static void book_interval(step_t *s, const double *last, const double *q)
 {
-    memory_t *const m = f->m;
-    double work = 0.0, feed = 0.0, way[N];
-    const double elastic = stored(m, q), limit = avoid_limits(f, q);
+    memory_t *const m = s->m;
+    double work = 0.0, feed = 0.0, motion[N];
+    const double elastic = compute_stored_energy(m, q), limit = evaluate_limits(s, q);
     const double rise = elastic - m->elastic_energy + limit - m->limit_energy;
     m->elastic_energy = elastic;
     m->limit_energy = limit;
-    if (!m->known || f->jumped) {
+    if (!m->known || s->jumped) {
         m->start_total += rise;
         m->unaccounted += (uint32_t)m->known;
         m->known = 1;
         return;
     }
-    memcpy(way, q, sizeof way);
-    add(N, -1.0, m->q, way);
+    memcpy(motion, q, sizeof motion);
+    add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
-        bridge(m, last, 1);
-        work = fmin(m->gap_work + dot(N, m->gap_torque, way), m->gap_most);
+        bridge_gap(m, last, 1);
+        work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
-        work = dot(N, acting(m, last), way);
-        feed = fmax(dot(N, m->feed + m->delay * N, way), 0.0);
+        work = dot(N, find_acting_torque(m, last), motion);
+        feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
     m->port_total += work;
     m->sampling_total += rise + work - feed;
-    tank_income(f, feed - work - rise);
-    book_reference(f, feed);
+    pay_into_tank(s, feed - work - rise);
+    book_reference(s, feed);
 }
 
-/* ---- is the sample believed? ---- */
+/* Samples: whether a measurement and a command are believed. */
+
+enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 
 /*
- * Count samples that are missing, and half a one back for each that is there (periods 0): missed_limit in a row are a
- * fault, and so are more than one of three for long.
+ * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a fault,
+ * and so is more than one of three for long.
  */
-static void absent(frame *f, int periods, int reason)
+static void count_missing(step_t *s, int periods, int reason)
 {
-    memory_t *const m = f->m;
-    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * f->c->missed_limit;
-    m->absent = count < 0 ? 0 : count < limit ? count : limit;
+    memory_t *const m = s->m;
+    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->c->missed_limit;
+    m->absent = clamp_count(count, limit);
     if (count >= limit && m->known) {
-        latch(m, reason);
+        latch_fault(m, reason);
     }
 }
 
-/* Samples for which a value has stood still; q's prediction goes on from the last change with the velocity dq. */
-static double still(int first, double value, double q, double way, double *seen, double *age, double *predicted)
+/* Count the samples for which a value stands still, and predict q from its last change on, by the motions since. */
+static double track_standstill(int first, double value, double q, double motion, double *seen, double *age,
+                               double *predicted)
 {
     const int changed = first || value != *seen;
     *seen = value;
-    *predicted = changed ? q : *predicted + way;
+    *predicted = changed ? q : *predicted + motion;
     *age = changed ? 0.0 : *age + 1.0;
     return *age;
 }
 
-enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
-
-/* Whether q or dq of a joint stands still while the other moves, over a window. */
-static int frozen(const config_t *c, memory_t *m, double q, double dq, int i)
+/* Find whether q or dq of joint i stands still over a window while the other moves. */
+static int check_frozen(const config_t *c, memory_t *m, double q, double dq, int i)
 {
-    const double window = c->frozen_window, T = c->sample_time, way = dq * T * (1 + m->gap);
+    const double window = c->frozen_window, T = c->sample_time, motion = dq * T * (1 + m->gap);
     const double most = fmax(4.0 * c->position_quantum, 0.02 * m->velocity_limit[i] * window * T);
-    const double q_age = still(!m->known, q, q, way, &m->still_q[i], &m->q_age[i], &m->moved_q[i]);
-    const double dq_age = still(!m->known, dq, q, way, &m->still_dq[i], &m->dq_age[i], &m->start_q[i]);
+    const double q_age = track_standstill(!m->known, q, q, motion, &m->still_q[i], &m->q_age[i], &m->moved_q[i]);
+    const double dq_age = track_standstill(!m->known, dq, q, motion, &m->still_dq[i], &m->dq_age[i], &m->start_q[i]);
     return (q_age >= window && fabs(q - m->moved_q[i]) > most ? FROZEN_POSITION : 0) |
            (dq_age >= window && fabs(q - m->start_q[i]) > most ? FROZEN_VELOCITY : 0);
 }
 
-/*
- * REASON_NONE, or why the sample is not believed. A sample whose position alone is credible still serves in a fault: the
- * velocity is then the other signal's, or, where it is open which of the two is wrong, the smaller one if they agree in
- * sign: damping with too small a velocity puts no energy in.
- */
-static int doubt(frame *f, const double *last)
+/* Check the sample counter, and bridge the calls that are missing. Return REASON_NONE or REASON_STALE. */
+static int check_counter(step_t *s, const double *last)
 {
-    const config_t *const c = f->c;
-    memory_t *const m = f->m;
-    const input_t *const in = f->input;
+    memory_t *const m = s->m;
+    const uint32_t counter = s->input->counter;
+    const int32_t ahead = (int32_t)(counter - m->counter - (uint32_t)m->gap - 1u);
+    m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
+    m->seen_counter = counter;
+    if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
+        return ID(REASON_STALE);
+    }
+    if (ahead > 0) {
+        s->status |= ID(STATUS_MISSED);
+        if (m->gap > 0) { /* between which of the calls without a sample is not known */
+            m->gap_work = HUGE_VAL;
+            m->gap_most *= fmin(1.0 + ahead, s->c->missed_limit);
+        }
+        for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
+            bridge_gap(m, last, 1);
+            shift_history(m, last, m->feed);
+        }
+        bridge_gap(m, last, clamp_count(ahead - 3, 1000000));
+        count_missing(s, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
+    }
+    return ID(REASON_NONE);
+}
+
+/*
+ * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is open
+ * which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
+ */
+static int check_joint(step_t *s, int i)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double q = s->input->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
+    const double motion = m->known ? q - m->q[i] : dq * elapsed;
+    const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
+    const int stuck = check_frozen(c, m, q, dq, i);
+    const int differ = fabs(dq * elapsed - motion) > fmax(0.5 * far, 0.3 * fabs(motion)) + quanta;
+    /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
+    const int fault = m->fault != ID(FAULT_NONE);
+    if ((differ || !fault) && fabs(motion) > (fault ? 10.0 : 2.0) * far + quanta) {
+        s->located = 0;
+    }
+    s->velocity[i] = dq;
+    if (differ && fabs(motion) > 2.0 * far + quanta) {
+        s->velocity[i] = 0.0;
+        s->jumped = 1;
+        return ID(REASON_JUMP);
+    }
+    if (stuck != 0) {
+        s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
+        return ID(REASON_FROZEN);
+    }
+    if (differ) {
+        const double smaller = fabs(measured) < fabs(dq) ? measured : dq;
+        s->velocity[i] = measured * dq <= 0.0 ? 0.0 : smaller;
+        return ID(REASON_MISMATCH);
+    }
+    return ID(REASON_NONE);
+}
+
+/*
+ * Check a sample: REASON_NONE, or why it is not believed. A sample whose position alone is believed still serves in a
+ * fault (located).
+ */
+static int check_sample(step_t *s, const double *last)
+{
+    const memory_t *const m = s->m;
+    const input_t *const in = s->input;
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
         if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * m->velocity_limit[i])) {
             return ID(REASON_NOT_FINITE);
         }
     }
-    if (m->known) {
-        const int32_t ahead = (int32_t)(in->counter - m->counter - (uint32_t)m->gap - 1u);
-        const int regular = in->counter == m->seen_counter + 1u;
-        m->regular = regular ? (m->regular < 3 ? m->regular + 1 : 3) : 0;
-        m->seen_counter = in->counter;
-        if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
-            return ID(REASON_STALE);
-        }
-        if (ahead > 0) {
-            f->status |= ID(STATUS_MISSED);
-            if (m->gap > 0) { /* between which of the calls without a sample is not known */
-                m->gap_work = HUGE_VAL;
-                m->gap_most *= fmin(1.0 + ahead, c->missed_limit);
-            }
-            for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
-                bridge(m, last, 1);
-                pass(m, last, m->feed);
-            }
-            bridge(m, last, ahead < 3 ? 0 : ahead < 1000000 ? ahead - 3 : 1000000);
-            absent(f, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
-        }
+    if (m->known && check_counter(s, last) != ID(REASON_NONE)) {
+        return ID(REASON_STALE);
     }
-    const double elapsed = c->sample_time * (1 + m->gap);
-    /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
-    const int fault = m->fault != ID(FAULT_NONE);
-    f->located = 1;
+    s->located = 1;
     for (int i = 0; i < N; ++i) {
-        const double way = m->known ? in->q[i] - m->q[i] : in->dq[i] * elapsed;
-        const double far = m->velocity_limit[i] * elapsed, measured = way / elapsed;
-        const int stuck = frozen(c, m, in->q[i], in->dq[i], i);
-        const int differ =
-            fabs(in->dq[i] * elapsed - way) > fmax(0.5 * far, 0.3 * fabs(way)) + 2.0 * c->position_quantum;
-        f->velocity[i] = in->dq[i];
-        if (differ && fabs(way) > 2.0 * far + 2.0 * c->position_quantum) {
-            f->velocity[i] = 0.0;
-            f->jumped = 1;
-            reason = ID(REASON_JUMP);
-        } else if (stuck != 0) {
-            f->velocity[i] = stuck == FROZEN_VELOCITY ? measured : in->dq[i];
-            reason = ID(REASON_FROZEN);
-        } else if (differ) {
-            f->velocity[i] = measured * in->dq[i] <= 0.0 ? 0.0 : fabs(measured) < fabs(in->dq[i]) ? measured : in->dq[i];
-            reason = ID(REASON_MISMATCH);
-        }
-        if ((differ || !fault) && fabs(way) > (fault ? 10.0 : 2.0) * far + 2.0 * c->position_quantum) {
-            f->located = 0;
-        }
+        const int found = check_joint(s, i);
+        reason = found != ID(REASON_NONE) ? found : reason;
     }
-    if (!f->located) {
+    if (!s->located) {
         return ID(REASON_JUMP);
     }
-    if (reason == ID(REASON_NONE) && c->law == ID(LAW_PAPER) && (f->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
+    if (reason == ID(REASON_NONE) && s->c->law == ID(LAW_PAPER) &&
+        (s->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
         reason = ID(REASON_WRENCH);
     }
     return reason;
 }
 
-static void observe_wrench(frame *f)
+/* Check the measured wrench: one that is too large or not finite counts as none. */
+static void check_wrench(step_t *s)
 {
-    int good = f->input->wrench_valid == 1;
+    int good = s->input->wrench_valid == 1;
     for (int t = 0; good && t < TIPS; ++t) {
-        const double *const wrench = f->input->wrench + 6 * t;
-        good = norm(3, wrench) <= f->c->force_limit && norm(3, wrench + 3) <= f->c->moment_limit;
+        const double *const wrench = s->input->wrench + 6 * t;
+        good = norm(3, wrench) <= s->c->force_limit && norm(3, wrench + 3) <= s->c->moment_limit;
     }
     if (good) {
-        memcpy(f->out->wrench, f->input->wrench, sizeof f->out->wrench);
-    } else if (f->input->wrench_valid == 1 || f->c->law == ID(LAW_PAPER)) {
-        f->status |= ID(STATUS_WRENCH_REFUSED);
+        memcpy(s->out->wrench, s->input->wrench, sizeof s->out->wrench);
+    } else if (s->input->wrench_valid == 1 || s->c->law == ID(LAW_PAPER)) {
+        s->status |= ID(STATUS_WRENCH_REFUSED);
     }
 }
 
-/* Is there a sample, and is it believed? Two bad ones of three are a fault. */
-static void observe(frame *f, const double *last)
+/* Observe a sample: is there one, and is it believed? Two bad samples of three are a fault. */
+static void observe_sample(step_t *s, const double *last)
 {
-    memory_t *const m = f->m;
+    memory_t *const m = s->m;
     int reason = ID(REASON_MISSED);
-    if (f->input->sample_valid == 1) {
-        observe_wrench(f);
-        reason = doubt(f, last);
+    if (s->input->sample_valid == 1) {
+        check_wrench(s);
+        reason = check_sample(s, last);
         m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
         if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {
-            latch(m, reason);
+            latch_fault(m, reason);
         }
     }
-    f->believed = reason == ID(REASON_NONE);
-    f->status |= f->believed ? 0u : reason == ID(REASON_MISSED) ? (uint32_t)ID(STATUS_MISSED) : (uint32_t)ID(STATUS_BAD_SAMPLE);
-    absent(f, !f->believed, reason);
+    s->believed = reason == ID(REASON_NONE);
+    if (reason == ID(REASON_MISSED)) {
+        s->status |= ID(STATUS_MISSED);
+    } else if (!s->believed) {
+        s->status |= ID(STATUS_BAD_SAMPLE);
+    }
+    count_missing(s, !s->believed, reason);
 }
 
 static int is_stiffness(const double *K, double most)
 {
-    return largest(9, K) <= most && is_positive_semidefinite(3, K);
+    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K);
 }
 
 static int is_pose(const double *pose)
@@ -1060,69 +1227,79 @@ static int is_pose(const double *pose)
     return off <= 1e-6 && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
 }
 
-static int is_command(const frame *f)
+/* Return whether the command can be followed: finite positions, poses, and stiffnesses within their limits. */
+static int is_command(const step_t *s)
 {
-    const input_t *const in = f->input;
+    const input_t *const in = s->input;
     int good = in->command == ID(COMMAND_POSITION) || in->command == ID(COMMAND_EQUILIBRIUM);
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->q0[i]) <= FARTHEST;
     }
     for (int t = 0; good && t < TIPS; ++t) {
         good = in->command == ID(COMMAND_POSITION) || is_pose(in->equilibrium + 16 * t);
-        if (f->c->law == ID(LAW_POTENTIAL)) {
-            good = good && is_stiffness(in->translation_stiffness + 9 * t, f->c->translation_stiffness_limit) &&
-                   is_stiffness(in->rotation_stiffness + 9 * t, f->c->rotation_stiffness_limit);
+        if (s->c->law == ID(LAW_POTENTIAL)) {
+            good = good && is_stiffness(in->translation_stiffness + 9 * t, s->c->translation_stiffness_limit) &&
+                   is_stiffness(in->rotation_stiffness + 9 * t, s->c->rotation_stiffness_limit);
         } else {
             good = good && in->command == ID(COMMAND_POSITION) && is_positive_semidefinite(6, in->task_stiffness) &&
-                   largest(36, in->task_stiffness) <= f->c->translation_stiffness_limit;
+                   largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
         }
         good = good && (robot_tool(in) == NULL || is_pose(robot_tool(in) + 16 * t));
     }
     return good;
 }
 
-/* ---- governor ---- */
+/* Governor: the equilibrium follows the wanted one, within bounds on its velocity, force and work. */
 
-/* Largest of the blocks' norms over the governor's part of their limits. */
-static double relative(int count, int block, const double *x, const double *limits)
+/* Return the largest norm of the vectors of x, each of the given length, over the governor's share of its limit. */
+static double relative_size(int count, int length, const double *x, const double *limits)
 {
     double most = 0.0;
-    for (int k = 0; k < count; k += block) {
-        most = fmax(most, norm(block, x + k) / (GOVERNOR * limits[k / block]));
+    for (int k = 0; k < count; k += length) {
+        most = fmax(most, norm(length, x + k) / (GOVERNOR * limits[k / length]));
     }
     return most;
 }
 
 /*
- * New velocity on the way to a wanted point: that of the wanted point, if it is within the limits, and what brings the
- * rest of the way down to zero with a velocity from which the ramp can stop.
- * away: from here to the wanted point, with its motion since the last step, moved, in it.
+ * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces the
+ * remaining distance to zero and from which the ramp can stop.
+ * away: from here to the goal, including `moved`, the goal's motion since the last step.
  */
-static void approach(const config_t *c, int count, int block, const double *away, const double *moved,
-                     const double *limits, double *velocity)
+static void approach_goal(const config_t *c, int count, int length, const double *away, const double *moved,
+                          const double *limits, double *velocity)
 {
     const double T = c->sample_time, slope = T / c->ramp_time;
     double target[MAX_ROWS] = {0.0}, change[MAX_ROWS] = {0.0}, rest[MAX_ROWS] = {0.0};
-    const int follow = relative(count, block, moved, limits) <= T;
+    const int follow = relative_size(count, length, moved, limits) <= T;
     for (int i = 0; i < count; ++i) {
         rest[i] = away[i] - (follow ? moved[i] : 0.0);
     }
-    const double way = relative(count, block, rest, limits);
+    const double way = relative_size(count, length, rest, limits);
     const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (way / T)) - 0.5 * slope;
     const double speed = fmin(fmin(way / T, 1.0), stop);
     for (int i = 0; i < count; ++i) {
         target[i] = (follow ? moved[i] / T : 0.0) + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
     }
-    const double size = relative(count, block, target, limits);
+    const double size = relative_size(count, length, target, limits);
     for (int i = 0; i < count; ++i) {
         change[i] = target[i] / fmax(size, 1.0) - velocity[i];
     }
-    const double jump = relative(count, block, change, limits);
-    add(count, jump > slope ? slope / jump : 1.0, change, velocity);
+    const double jump = relative_size(count, length, change, limits);
+    add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
-/* Twist (hybrid axes) that leads from a pose to another: way of the origin, rotation vector. */
-static void difference(const double *from, const double *to, double *twist)
+/* Return the index of the largest of three numbers. */
+static int find_largest(double a, double b, double c)
+{
+    if (a > b) {
+        return a > c ? 0 : 2;
+    }
+    return b > c ? 1 : 2;
+}
+
+/* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
+static void pose_difference(const double *from, const double *to, double *twist)
 {
     double D[9], *const w = twist + 3;
     for (int i = 0; i < 3; ++i) {
@@ -1132,12 +1309,14 @@ static void difference(const double *from, const double *to, double *twist)
         twist[i] = to[4 * i + 3] - from[4 * i + 3];
     }
     const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
-    w[0] = (D[7] - D[5]) / 2.0, w[1] = (D[2] - D[6]) / 2.0, w[2] = (D[3] - D[1]) / 2.0;
+    w[0] = (D[7] - D[5]) / 2.0;
+    w[1] = (D[2] - D[6]) / 2.0;
+    w[2] = (D[3] - D[1]) / 2.0;
     double sine = norm(3, w);
     const double angle = atan2(sine, cosine);
     if (sine <= 1e-6 && cosine <= 0.0) {
-        /* near half a turn: the axis is the longest column of D + I */
-        const int k = D[0] > D[4] ? (D[0] > D[8] ? 0 : 2) : (D[4] > D[8] ? 1 : 2);
+        /* near half a turn the axis is the longest column of D + I */
+        const int k = find_largest(D[0], D[4], D[8]);
         for (int i = 0; i < 3; ++i) {
             w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
         }
@@ -1148,7 +1327,7 @@ static void difference(const double *from, const double *to, double *twist)
     }
 }
 
-/* Pose moved by a twist (hybrid axes), with its rotation made orthonormal again. */
+/* Move a pose by a twist (hybrid axes), and make its rotation orthonormal again. */
 static void move_pose(const double *pose, const double *twist, double *moved)
 {
     const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
@@ -1166,125 +1345,125 @@ static void move_pose(const double *pose, const double *twist, double *moved)
     }
     memcpy(moved, pose, 16 * sizeof(double));
     for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2, symmetric the second factor */
+        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2; the second factor is symmetric */
             moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
         }
         moved[4 * i + 3] += twist[i];
     }
 }
 
-/* Where a share of this step's way leads: posture and equilibrium. */
-static void candidate(const frame *f, double share, int by_posture, double *posture, double *equilibrium)
+/* Predict posture and equilibrium after a share of this step's motion. */
+static void predict_equilibrium(const step_t *s, double share, int by_posture, double *posture, double *equilibrium)
 {
-    const memory_t *const m = f->m;
-    const double T = share * f->c->sample_time;
+    const memory_t *const m = s->m;
+    const double T = share * s->c->sample_time;
     memcpy(posture, m->posture, N * sizeof(double));
-    add(N, T, m->posture_velocity, posture);
+    add_scaled(N, T, m->posture_velocity, posture);
     if (by_posture) {
         robot_poses(posture, m->tool_pose, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
         double twist[6] = {0.0};
-        add(6, T, m->equilibrium_velocity + 6 * t, twist);
+        add_scaled(6, T, m->equilibrium_velocity + 6 * t, twist);
         move_pose(m->equilibrium + 16 * t, twist, equilibrium + 16 * t);
     }
 }
 
-/* The velocities wanted now, of posture and equilibrium. Returns whether anything is left to be moved. */
-static int want(frame *f, int by_posture)
+/* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
+static int update_velocities(step_t *s, int by_posture)
 {
-    const config_t *const c = f->c;
-    memory_t *const m = f->m;
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
     int moving = 0;
-    const int frozen = f->input->command == ID(COMMAND_POSITION) && !by_posture;
+    const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
     for (int i = 0; i < N; ++i) {
-        away[i] = f->commanded && !frozen ? f->input->q0[i] - m->posture[i] : 0.0;
-        moved[i] = f->commanded && !frozen ? f->input->q0[i] - m->wanted_posture[i] : 0.0;
+        away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;
+        moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
-    approach(c, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
+    approach_goal(c, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
     if (by_posture) {
         return moving;
     }
-    /* coming from poses: the equilibrium first goes to where the posture has it */
+    /* after commands by pose the equilibrium first joins the posture's pose */
     robot_poses(m->posture, m->tool_pose, here);
-    m->joined = frozen && f->commanded;
+    m->joined = joining && s->commanded;
     for (int t = 0; t < TIPS; ++t) {
-        const double *const goal = (frozen ? here : f->input->equilibrium) + 16 * t;
+        const double *const goal = (joining ? here : s->input->equilibrium) + 16 * t;
         memset(away, 0, sizeof away);
         memset(moved, 0, sizeof moved);
-        if (f->commanded) {
-            difference(m->equilibrium + 16 * t, goal, away);
+        if (s->commanded) {
+            pose_difference(m->equilibrium + 16 * t, goal, away);
         }
-        if (f->commanded && !frozen) {
-            difference(m->wanted_equilibrium + 16 * t, goal, moved);
+        if (s->commanded && !joining) {
+            pose_difference(m->wanted_equilibrium + 16 * t, goal, moved);
         }
-        const int arrived = relative(6, 3, away, tip_limits) <= 1e-12;
+        const int arrived = relative_size(6, 3, away, tip_limits) <= 1e-12;
         m->joined &= arrived;
         moving |= !arrived;
-        approach(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
+        approach_goal(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return moving;
 }
 
-/* The most reference work that the damper's shares on their way can do, the newest, feed, for so many intervals. */
-static double worst_feed(const memory_t *m, const double *feed, int intervals)
+/* Start a new engagement if the command differs from the last one. */
+static void renew_engagement(step_t *s)
 {
-    double sum = 0.0;
-    for (int i = 0; i < N; ++i) {
-        double size = intervals * fabs(feed[i]);
-        for (int k = 0; k < m->delay; ++k) {
-            size += fabs(m->feed[k * N + i]);
-        }
-        sum += farthest(m, i) * size;
+    memory_t *const m = s->m;
+    const int same = memcmp(s->input->q0, m->wanted_posture, N * sizeof(double)) == 0 &&
+                     (s->input->command == ID(COMMAND_POSITION) ||
+                      memcmp(s->input->equilibrium, m->wanted_equilibrium, sizeof m->wanted_equilibrium) == 0);
+    if (s->commanded && !same) {
+        m->engagement = s->c->engagement_limit;
     }
-    return sum;
 }
 
 /*
- * Move the equilibrium towards the wanted one: at bounded velocities, never so that the stored energy passes its limit
- * (where a load holds it above, only if it does not rise), and within the reference work left to the engagement.
+ * Find the share of this step's motion that keeps the tip's velocity, the stored energy (where a load holds it above the
+ * limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium there, and the rise of
+ * the stored energy.
  */
-static void govern(frame *f)
+static double find_share(step_t *s, int by_posture, double *posture, double *equilibrium, double *rise)
 {
-    const config_t *const c = f->c;
-    memory_t *const m = f->m;
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    double posture[N], equilibrium[16 * TIPS], rise = 0.0, share = 1.0;
-    if (f->commanded) {
-        const int same = memcmp(f->input->q0, m->wanted_posture, N * sizeof(double)) == 0 &&
-                         (f->input->command == ID(COMMAND_POSITION) ||
-                          memcmp(f->input->equilibrium, m->wanted_equilibrium, sizeof equilibrium) == 0);
-        if (!same) {
-            m->engagement = c->engagement_limit; /* a new command is a new engagement */
-        }
-    }
-    const int by_posture = m->joined && (!f->commanded || f->input->command == ID(COMMAND_POSITION));
-    const int moving = want(f, by_posture);
-    const double left = fmax(m->engagement - worst_feed(m, m->feed, c->missed_limit), 0.0);
+    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, c->missed_limit), 0.0);
     const double allowed = fmin(fmax(c->energy_limit - m->elastic_energy, 0.0), left);
+    double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
         double speed = 0.0, twist[6];
-        candidate(f, share, by_posture, posture, equilibrium);
+        predict_equilibrium(s, share, by_posture, posture, equilibrium);
         for (int t = 0; by_posture && t < TIPS; ++t) {
-            difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
-            speed = fmax(speed, relative(6, 3, twist, tip_limits) / c->sample_time);
+            pose_difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
+            speed = fmax(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
         }
-        rise = m->scale * energy_at(m, m->q, equilibrium, posture) - m->elastic_energy;
-        reached = speed <= 1.0 && rise <= allowed;
+        *rise = m->scale * compute_spring_energy(m, m->q, equilibrium, posture) - m->elastic_energy;
+        reached = speed <= 1.0 && *rise <= allowed;
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
         } else if (!reached) {
-            share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / rise : 0.0;
-            f->status |= ID(STATUS_GOVERNOR);
+            share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / *rise : 0.0;
+            s->status |= ID(STATUS_GOVERNOR);
         }
     }
-    share = reached ? share : 0.0;
-    f->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
+    return reached ? share : 0.0;
+}
+
+/* Move the equilibrium towards the wanted one, within the governor's bounds. */
+static void move_equilibrium(step_t *s)
+{
+    memory_t *const m = s->m;
+    double posture[N], equilibrium[16 * TIPS], rise = 0.0;
+    renew_engagement(s);
+    const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
+    const int moving = update_velocities(s, by_posture);
+    const double share = find_share(s, by_posture, posture, equilibrium, &rise);
+    s->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
     for (int i = 0; i < N; ++i) {
         m->posture_velocity[i] *= share;
     }
@@ -1295,181 +1474,284 @@ static void govern(frame *f)
         memcpy(m->posture, posture, sizeof posture);
         memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
         m->elastic_energy += rise;
-        book_reference(f, rise);
+        book_reference(s, rise);
     }
-    if (f->commanded) {
-        memcpy(m->wanted_posture, f->input->q0, sizeof posture);
-        if (f->input->command == ID(COMMAND_EQUILIBRIUM)) {
-            memcpy(m->wanted_equilibrium, f->input->equilibrium, sizeof equilibrium);
+    if (s->commanded) {
+        memcpy(m->wanted_posture, s->input->q0, sizeof posture);
+        if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
+            memcpy(m->wanted_equilibrium, s->input->equilibrium, sizeof equilibrium);
             m->joined = 0;
         }
     }
 }
 
-/* Set the springs up at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */
-static void settle(frame *f)
+/* Take stiffness, tool and goal from an accepted command; nothing is stored in the springs. */
+static void accept_command(step_t *s)
 {
-    memory_t *const m = f->m;
-    m->law = f->c->law;
+    memory_t *const m = s->m;
+    if (m->law == ID(LAW_POTENTIAL)) {
+        memcpy(m->translation_stiffness, s->input->translation_stiffness, 9 * TIPS * sizeof(double));
+        memcpy(m->rotation_stiffness, s->input->rotation_stiffness, 9 * TIPS * sizeof(double));
+    } else {
+        memset(m->translation_stiffness, 0, 9 * TIPS * sizeof(double));
+        memset(m->rotation_stiffness, 0, 9 * TIPS * sizeof(double));
+    }
+    memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
+    memcpy(m->wanted_equilibrium, s->input->equilibrium, sizeof m->wanted_equilibrium);
+    if (robot_tool(s->input) != NULL) {
+        memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
+    }
+    m->commanded = 1;
+}
+
+/* Start an engagement. Its energy first makes up for what the tank lacks. */
+static void start_engagement(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    m->engaged = 1;
+    m->scale = 1.0;
+    if (m->tank < c->tank_initial - c->engagement_limit) {
+        /* it lacks more than an engagement brings in: the account ends here, and begins anew */
+        m->unaccounted += 1u;
+        m->tank = c->tank_initial - c->engagement_limit > 0.0 ? m->tank : 0.0;
+    }
+    const double lack = clamp(c->tank_initial - m->tank, 0.0, c->engagement_limit);
+    m->tank += lack;
+    m->engagement = c->engagement_limit - lack;
+}
+
+/* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */
+static void settle_springs(step_t *s)
+{
+    memory_t *const m = s->m;
+    m->law = s->c->law;
     memcpy(m->posture, m->q, sizeof m->posture);
     memset(m->posture_velocity, 0, sizeof m->posture_velocity);
     memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
-    memcpy(m->posture_stiffness, f->c->posture_stiffness, sizeof m->posture_stiffness);
+    memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
     m->scale = m->elastic_energy = 0.0;
     m->joined = 1;
-    if (f->commanded) {
-        if (m->law == ID(LAW_POTENTIAL)) {
-            memcpy(m->translation_stiffness, f->input->translation_stiffness, 9 * TIPS * sizeof(double));
-            memcpy(m->rotation_stiffness, f->input->rotation_stiffness, 9 * TIPS * sizeof(double));
-        } else {
-            memset(m->translation_stiffness, 0, 9 * TIPS * sizeof(double));
-            memset(m->rotation_stiffness, 0, 9 * TIPS * sizeof(double));
-        }
-        memcpy(m->wanted_posture, f->input->q0, sizeof m->wanted_posture);
-        memcpy(m->wanted_equilibrium, f->input->equilibrium, sizeof m->wanted_equilibrium);
-        if (robot_tool(f->input) != NULL) {
-            memcpy(m->tool_pose, robot_tool(f->input), sizeof m->tool_pose);
-        }
-        m->commanded = 1;
+    if (s->commanded) {
+        accept_command(s);
     }
     robot_poses(m->q, m->tool_pose, m->equilibrium);
-    if (f->commanded && m->fault == ID(FAULT_NONE)) {
-        m->engaged = 1;
-        m->scale = 1.0;
-        /* the engagement's energy first makes up for what the tank lacks */
-        if (m->tank < f->c->tank_initial - f->c->engagement_limit) {
-            /* it lacks more than an engagement brings in: the account ends here, and begins anew */
-            m->unaccounted += 1u;
-            m->tank = f->c->tank_initial - f->c->engagement_limit > 0.0 ? m->tank : 0.0;
-        }
-        const double lack = clamp(f->c->tank_initial - m->tank, 0.0, f->c->engagement_limit);
-        m->tank += lack;
-        m->engagement = f->c->engagement_limit - lack;
+    if (s->commanded && m->fault == ID(FAULT_NONE)) {
+        start_engagement(s);
     }
 }
 
-/* ---- stiffness ---- */
+/* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
 
-/* Change the stiffness towards the wanted one: what releases energy is done, what costs some only if the tank can pay. */
-static void vary_stiffness(frame *f)
+/*
+ * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy, per
+ * spring. Return whether anything changes.
+ */
+static int release_stiffness(step_t *s, double *translation, double *rotation, double *posture)
 {
-    memory_t *const m = f->m;
-    const double T = f->c->sample_time, share = 1.0 - exp(-T / f->c->stiffness_time);
-    double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
+    memory_t *const m = s->m;
+    const double share = 1.0 - exp(-s->c->sample_time / s->c->stiffness_time);
     int changed = 0;
-    if (m->law == ID(LAW_PAPER)) {
-        memcpy(m->posture_stiffness, f->c->posture_stiffness, sizeof posture);
-        return;
-    }
     for (int i = 0; i < N; ++i) {
-        const double D = f->c->posture_stiffness[i] - m->posture_stiffness[i];
-        const double step = fabs(D) <= 1e-9 * f->c->posture_stiffness[i] ? D : share * D;
+        const double D = s->c->posture_stiffness[i] - m->posture_stiffness[i];
+        const double step = fabs(D) <= 1e-9 * s->c->posture_stiffness[i] ? D : share * D;
         posture[i] = step > 0.0 ? step : 0.0;
         m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
         changed |= D != 0.0;
     }
     for (int t = 0; t < TIPS; ++t) {
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(f->commanded ? f->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(f->commanded ? f->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(s->commanded ? s->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(s->commanded ? s->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
-    if (!changed) {
+    return changed;
+}
+
+/* Change the stiffness towards the wanted one, as far as the tank can pay. */
+static void vary_stiffness(step_t *s)
+{
+    memory_t *const m = s->m;
+    double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
+    if (m->law == ID(LAW_PAPER)) {
+        memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof posture);
         return;
     }
-    const double released = stored(m, m->q);
-    book_stiffness(f, &m->elastic_energy, released - m->elastic_energy);
+    if (!release_stiffness(s, translation, rotation, posture)) {
+        return;
+    }
+    const double released = compute_stored_energy(m, m->q);
+    book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
     double step = 1.0, cost = 0.0;
     for (int attempt = 0; attempt < 2; ++attempt) {
-        /* the energy is linear in the stiffness: all of it, and then the share that can be paid */
-        add(9 * TIPS, step, translation, m->translation_stiffness);
-        add(9 * TIPS, step, rotation, m->rotation_stiffness);
-        add(N, step, posture, m->posture_stiffness);
-        cost = stored(m, m->q) - released;
-        /* nor stiffer than is covered: the scale would take back what was paid */
-        const double budget = fmax(fmin(f->budget, cover(m) - m->reserve / COVERED), 0.0);
+        /* the energy is linear in the stiffness: first the whole change, then the share that can be paid */
+        add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
+        add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
+        add_scaled(N, step, posture, m->posture_stiffness);
+        cost = compute_stored_energy(m, m->q) - released;
+        /* stiffer than covered would be paid in vain: the scale would fall */
+        const double budget = fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0);
         if (cost <= budget) {
             break;
         }
         step = (1.0 - 1e-9) * budget / cost - 1.0;
-        f->status |= ID(STATUS_TANK_LIMITED);
+        s->status |= ID(STATUS_TANK_LIMITED);
     }
-    book_stiffness(f, &m->elastic_energy, cost);
-    f->status |= ID(STATUS_STIFFNESS_CHANGING);
+    book_stiffness(s, &m->elastic_energy, cost);
+    s->status |= ID(STATUS_STIFFNESS_CHANGING);
 }
 
-/* ---- damping ---- */
+/*
+ * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort limits
+ * and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
+ */
+static void vary_scale(step_t *s, const double *last, const double *pull, double energy, double cap)
+{
+    memory_t *const m = s->m;
+    const config_t *const c = s->c;
+    double target = cap, fastest_fall = 2.0, parts[3];
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(pull[i]);
+        if (size > 1e-9) {
+            const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
+            target = fmin(target, fmax((c->effort_limit[i] - limit) / size, 0.0));
+            fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
+        }
+    }
+    s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
+    compute_reserve(s, last, pull, parts);
+    const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
+    if ((a + b * target) * target > most) {
+        target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
+        s->status |= ID(STATUS_RESERVE);
+    }
+    if (m->fault != ID(FAULT_NONE)) {
+        target = fmax(m->scale - fastest_fall, 0.0);
+        if (m->law == ID(LAW_PAPER)) {
+            target = 0.0; /* no energy to scale: its torque falls at the rate limit */
+        }
+    }
+    const double rise = target - m->scale;
+    double step = fmin(rise, c->sample_time / c->stiffness_time);
+    if (step > 0.0 && step * energy > fmax(s->budget, 0.0)) {
+        step = (1.0 - 1e-9) * fmax(s->budget, 0.0) / energy;
+        s->status |= ID(STATUS_TANK_LIMITED);
+    }
+    if (step != 0.0) {
+        m->scale = step == rise ? target : m->scale + step;
+        book_stiffness(s, &m->elastic_energy, m->scale * energy - m->elastic_energy);
+    }
+}
+
+/* Damping: designed from the springs' tangent, limited by the sample time. */
 
 /*
- * B = M V diag(b) V^T M + d I, Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others 2003). b is 2 zeta sqrt(l),
- * l = |lambda| (so that a mode with negative stiffness, which falls, falls slowly), where nothing is late. Held torque
- * and delay act late by h = (delay + 1/2) T: the stiffness takes l h of damping away, the damping b h of inertia, so that
- * zeta = (b - l h) / (2 sqrt(l (1 - b h))) is solved for b.
- * Task design: B = J^T task_damping J + d I. Both capped, but for the paper's law: no eigenvalue of M^-1 B above
- * LARGEST_DAMPING / T. follow (n): torque rate of the moved equilibrium; becomes the velocity of the arm that would follow
- * it at rest. Returns the largest scale that the sample time allows.
+ * Bound the damping of single joints (brake), from the diagonal of M^-1. Return the trace of M^-1, the sum of the squares
+ * in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
  */
-static double design_damping(frame *f, double *follow)
+static double bound_brakes(step_t *s, const double *L, double mass)
 {
-    const config_t *const c = f->c;
-    output_t *const out = f->out;
-    double *const L = f->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], sum[N] = {0.0}, mass, trace = 0.0, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
-    const int paper = f->m->law == ID(LAW_PAPER);
-    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
-    /* the conventional formula's antisymmetric part has no say in the damping */
-    if (pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
-        f->status |= ID(STATUS_MASS_MATRIX);
-        memset(out->eigenvalues, 0, sizeof out->eigenvalues);
-        memset(follow, 0, N * sizeof(double));
-        for (int i = 0; i < N; ++i) {
-            out->damping[i * (N + 1)] = d;
-        }
-        return scale;
-    }
-    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
-    f->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
-        scale = LARGEST_STIFFNESS / (stiffest * delayed);
-        f->status |= ID(STATUS_STIFFNESS_CAPPED);
-    }
-    /* trace of M^-1, the sum of the squares in L^-1: joint_damping I is no more than d times that against M */
+    double trace = 0.0;
     for (int k = 0; k < N; ++k) {
         double unit[N] = {0.0};
         unit[k] = 1.0;
         solve_lower(N, 1, L, unit);
-        f->brake[k] = mass / dot(N, unit, unit);
-        trace += 1.0 / f->brake[k];
+        s->brake[k] = mass / dot(N, unit, unit);
+        trace += 1.0 / s->brake[k];
     }
-    if (d * trace > 0.5 * most) {
-        d = 0.5 * most / trace;
-        f->status |= ID(STATUS_DAMPING_CAPPED);
-    }
+    return trace;
+}
+
+/* Replace a torque rate by the velocity K^-1 (torque rate) of an arm that follows the springs at rest. */
+static void follow_springs(const double *eigenvalues, const double *L, const double *rows, double mass, double *follow)
+{
+    double sum[N] = {0.0};
     solve_lower(N, 1, L, follow);
     for (int k = 0; k < N; ++k) {
-        const double l = out->eigenvalues[k];
-        add(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
+        const double l = eigenvalues[k];
+        add_scaled(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
     }
     solve_upper(N, L, sum);
     memcpy(follow, sum, sizeof sum);
-    if (c->damping_design == ID(DAMPING_DESIGN_TASK)) {
-        double J[6 * N * TIPS];
-        robot_jacobians(f->m->q, f->m->tool_pose, J);
-        for (int k = 0; k < 36 * TIPS; ++k) {
-            const double D = (c->task_damping[k % 36] + c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
-            const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
-            for (int i = 0; i < NN; ++i) {
-                out->damping[i] += left[i / N] * D * right[i % N];
-            }
+}
+
+/* Compute J^T task_damping J, summed over the tips. */
+static void apply_task_damping(step_t *s)
+{
+    double J[6 * N * TIPS];
+    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    for (int k = 0; k < 36 * TIPS; ++k) {
+        const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
+        const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
+        for (int i = 0; i < NN; ++i) {
+            s->out->damping[i] += left[i / N] * D * right[i % N];
         }
-        if (pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
+    }
+}
+
+/*
+ * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
+ * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T:
+ * the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b h))) is
+ * solved for b.
+ */
+static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
+{
+    for (int k = 0; k < N; ++k) {
+        const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
+        const double zeta = c->damping_ratio[k], p = l * late * (2.0 * zeta * zeta - 1.0);
+        b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
+    }
+}
+
+/* Use the joint damping alone: the mass matrix is not positive definite. */
+static double damp_joints_only(step_t *s, double *follow)
+{
+    s->status |= ID(STATUS_MASS_MATRIX);
+    memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
+    memset(follow, 0, N * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        s->out->damping[i * (N + 1)] = s->c->joint_damping;
+    }
+    return 1.0;
+}
+
+/*
+ * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others
+ * 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1 B is above
+ * LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that follows it at
+ * rest. Return the largest scale that the sample time allows.
+ */
+static double design_damping(step_t *s, double *follow)
+{
+    const config_t *const c = s->c;
+    output_t *const out = s->out;
+    double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
+    double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
+    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
+    /* only the symmetric part of the conventional formula has a say in the damping */
+    if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
+        return damp_joints_only(s, follow);
+    }
+    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
+    s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
+    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
+        scale = LARGEST_STIFFNESS / (stiffest * delayed);
+        s->status |= ID(STATUS_STIFFNESS_CAPPED);
+    }
+    const double trace = bound_brakes(s, L, mass);
+    if (d * trace > 0.5 * most) {
+        d = 0.5 * most / trace;
+        s->status |= ID(STATUS_DAMPING_CAPPED);
+    }
+    follow_springs(out->eigenvalues, L, rows, mass, follow);
+    if (by_task) {
+        apply_task_damping(s);
+        if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
             memset(b, 0, sizeof b);
         }
     } else {
-        for (int k = 0; k < N; ++k) {
-            const double l = fabs(out->eigenvalues[k]) * scale;
-            const double zeta = c->damping_ratio[k], late = (c->delay_samples + 0.5) * T, p = l * late * (2.0 * zeta * zeta - 1.0);
-            b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
-        }
+        damp_modes(c, out->eigenvalues, scale, b);
     }
     int capped = 0;
     for (int k = 0; k < N; ++k) {
@@ -1478,32 +1760,31 @@ static double design_damping(frame *f, double *follow)
         largest_b = fmax(largest_b, b[k]);
         b[k] *= mass;
     }
-    f->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
-    if (capped || c->damping_design == ID(DAMPING_DESIGN_MODAL)) {
-        times_lower(N, L, rows);
-        congruence(N, rows, b, out->damping);
+    s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
+    if (capped || !by_task) {
+        multiply_lower(N, L, rows);
+        form_congruence(N, rows, b, out->damping);
     }
     for (int i = 0; i < N; ++i) {
-        f->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
+        s->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
         out->damping[i * (N + 1)] += d;
     }
     return scale;
 }
 
-/* ---- torque ---- */
-
 /*
- * One quantum of position in a differenced velocity is a torque of B quantum / T. Where that is more than the rate limit
- * lets through, the damping would be lost: the velocity is then the mean of the last few samples.
+ * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of
+ * B quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then the
+ * mean of the last few samples.
  */
-static void smooth_velocity(frame *f)
+static void smooth_velocity(step_t *s)
 {
-    const memory_t *const m = f->m;
+    const memory_t *const m = s->m;
     double most = 1.0;
-    for (int i = 0; f->c->position_quantum > 0.0 && i < N; ++i) {
+    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
         for (int j = 0; j < N; ++j) {
-            torque += fabs(f->out->damping[i * N + j]) * f->c->position_quantum / f->c->sample_time;
+            torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
         }
         most = fmax(most, torque / m->rate[i]);
     }
@@ -1515,268 +1796,353 @@ static void smooth_velocity(frame *f)
             for (int k = 0; k < count; ++k) {
                 sum += m->recent[k * N + i];
             }
-            f->velocity[i] = sum / count;
+            s->velocity[i] = sum / count;
         }
     }
 }
 
 /*
- * A joint that is faster than its reference may be is braked as hard as the sample time allows: modes of different
- * stiffness end a ramp at different times, and near a singularity a short way of the tip is a long one of a joint.
+ * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different stiffness
+ * end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
  */
-static void brake(frame *f)
+static void brake_fast_joints(step_t *s)
 {
     double excess[N];
     int fast = 0;
     for (int i = 0; i < N; ++i) {
-        const double limit = BRAKED * f->c->reference_velocity_limit[i];
-        excess[i] = f->velocity[i] - clamp(f->velocity[i], -limit, limit);
+        const double limit = BRAKED * s->c->reference_velocity_limit[i];
+        excess[i] = s->velocity[i] - clamp(s->velocity[i], -limit, limit);
         fast += excess[i] != 0.0;
     }
     for (int i = 0; i < N; ++i) {
-        f->out->damping_torque[i] -= excess[i] != 0.0 ? f->brake[i] * excess[i] / fast : 0.0;
+        s->out->damping_torque[i] -= excess[i] != 0.0 ? s->brake[i] * excess[i] / fast : 0.0;
     }
 }
 
-/* New scale: to zero in a fault, as fast as the torque's rate limit lets; else as far as caps and effort limits allow. */
-static void vary_scale(frame *f, const double *last, const double *pull, double energy, double cap)
+/* Torque: springs, damping and limit avoidance, within the reserve and all limits. */
+
+/* Move a torque one step towards zero at the rate limit. */
+static void step_towards_zero(const double *last, const double *rate, double *torque)
 {
-    memory_t *const m = f->m;
-    const config_t *const c = f->c;
-    double target = cap, fastest_fall = 2.0, parts[3];
     for (int i = 0; i < N; ++i) {
-        const double size = fabs(pull[i]);
-        if (size > 1e-9) {
-            const double limit = pull[i] > 0.0 ? f->out->limit_torque[i] : -f->out->limit_torque[i];
-            target = fmin(target, fmax((c->effort_limit[i] - limit) / size, 0.0));
-            fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
-        }
-    }
-    f->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    reserve(f, last, pull, parts);
-    const double most = fmax(COVERED * cover(m) - parts[0], 0.0), a = parts[1], b = parts[2];
-    if ((a + b * target) * target > most) {
-        target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
-        f->status |= ID(STATUS_RESERVE);
-    }
-    if (m->fault != ID(FAULT_NONE)) {
-        target = fmax(m->scale - fastest_fall, 0.0);
-        if (m->law == ID(LAW_PAPER)) {
-            target = 0.0; /* no energy to scale: its torque falls at the rate limit */
-        }
-    }
-    const double rise = target - m->scale;
-    double step = fmin(rise, c->sample_time / c->stiffness_time);
-    if (step > 0.0 && step * energy > fmax(f->budget, 0.0)) {
-        step = (1.0 - 1e-9) * fmax(f->budget, 0.0) / energy;
-        f->status |= ID(STATUS_TANK_LIMITED);
-    }
-    if (step != 0.0) {
-        m->scale = step == rise ? target : m->scale + step;
-        book_stiffness(f, &m->elastic_energy, m->scale * energy - m->elastic_energy);
+        torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
     }
 }
 
-/* The last guard: finite, within the effort limit (a lowered one comes down at the rate limit), within the rate limit. */
-static void limit_torque(frame *f, const double *last)
+/* Limit the torque, the last guard: finite, within the effort limit (a lowered one comes down at the rate limit) and the
+ * rate limit. */
+static void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
-        const double rate = f->m->rate[i];
-        const double effort = fmax(f->c->effort_limit[i], fabs(last[i]) - rate);
-        const double wanted = fabs(f->out->torque[i]) <= DBL_MAX ? f->out->torque[i] : 0.0;
+        const double rate = s->m->rate[i];
+        const double effort = fmax(s->c->effort_limit[i], fabs(last[i]) - rate);
+        const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
         const double possible = clamp(wanted, -effort, effort);
         const double reached = clamp(possible, last[i] - rate, last[i] + rate);
-        f->status |= possible != wanted ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-        f->status |= reached != possible ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
-        f->out->torque[i] = reached;
+        s->status |= possible != wanted ? (uint32_t)ID(STATUS_SATURATED) : 0u;
+        s->status |= reached != possible ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
+        s->out->torque[i] = reached;
     }
 }
 
-/* Torque with a share of what is wanted: 0 what goes to zero, 1 the springs, 2 with all the damping. Is it covered? */
-static int choose(frame *f, const double *last, double share)
+/*
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all the
+ * damping. Return whether the available energy covers it.
+ */
+static int try_torque(step_t *s, const double *last, double share)
 {
-    output_t *const out = f->out;
+    output_t *const out = s->out;
     double least[N], parts[3];
-    fall(last, f->m->rate, least);
+    step_towards_zero(last, s->m->rate, least);
     for (int i = 0; i < N; ++i) {
-        const double rate = f->m->rate[i];
+        const double rate = s->m->rate[i];
         const double springs = clamp(out->elastic_torque[i] + out->limit_torque[i], last[i] - rate, last[i] + rate);
-        out->torque[i] = share < 1.0 ? least[i] + share * (springs - least[i])
-                                     : out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
+        if (share < 1.0) {
+            out->torque[i] = least[i] + share * (springs - least[i]);
+        } else {
+            out->torque[i] = out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
+        }
     }
-    limit_torque(f, last);
-    f->m->reserve = reserve(f, last, out->torque, parts);
-    return f->m->reserve <= cover(f->m);
+    limit_torque(s, last);
+    s->m->reserve = compute_reserve(s, last, out->torque, parts);
+    return s->m->reserve <= available_energy(s->m);
 }
 
-/* Torque at the position known last; moved: the governor has moved the equilibrium in this step. */
-static void act(frame *f, const double *last, int moved)
+/*
+ * Reduce a torque that is not covered: first the damping, then the springs' torque. feed: the damping's share for the
+ * reference is reduced with it.
+ */
+static void reduce_torque(step_t *s, const double *last, double *feed)
 {
-    const config_t *const c = f->c;
-    memory_t *const m = f->m;
-    output_t *const out = f->out;
-    const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
-    double pull[N], follow[N] = {0.0}, slip[N], feed[N], deflection = 0.0, energy = 0.0, speed = 1.0, share = 2.0;
-    robot_mass_matrix(m->q, out->mass_matrix);
-    for (int i = 0; i < N; ++i) {
-        out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
-        slip[i] = m->posture[i] - m->q[i];
-        deflection = fmax(deflection, fabs(slip[i]));
+    memory_t *const m = s->m;
+    double trial = 1.0, share = 0.0, step = 0.5;
+    for (int round = 0; round < 6; ++round) {
+        const int covered = try_torque(s, last, trial);
+        share = covered ? trial : share;
+        trial += covered ? step : -step;
+        step *= 0.5;
     }
-    /* pull = - dU/dq of the springs, unscaled */
-    if (paper) {
+    try_torque(s, last, share);
+    s->status |= ID(STATUS_RESERVE);
+    if (share < 1.0 && m->tank < TANK_FLOOR * s->c->tank_maximum) {
+        latch_fault(m, ID(REASON_RESERVE));
+    }
+    for (int i = 0; i < N; ++i) {
+        s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
+        feed[i] *= fmax(share - 1.0, 0.0);
+    }
+}
+
+/*
+ * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture; pull
+ * = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
+ */
+static double pull_springs(step_t *s, const double *slip, int by_pose, double *pull, double *follow)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    output_t *const out = s->out;
+    double energy = 0.0;
+    if (m->law == ID(LAW_PAPER)) {
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
-        (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL) ? robot_conventional_stiffness : robot_joint_stiffness)(
-            m->q, m->tool_pose, out->wrench, f->input->task_stiffness, out->joint_stiffness);
-        multiply(out->joint_stiffness, slip, pull);
+        if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
+            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+        } else {
+            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+        }
+        multiply_vector(out->joint_stiffness, slip, pull);
     } else {
         energy = robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
                               out->spring_wrench, pull, out->joint_stiffness);
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
     if (by_pose) {
-        robot_spring_torque(m->q, m->tool_pose, f->old_equilibrium, m->translation_stiffness, m->rotation_stiffness, follow);
+        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness, follow);
     }
     for (int i = 0; i < N; ++i) {
         follow[i] = by_pose ? (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i] : 0.0;
         pull[i] += m->posture_stiffness[i] * slip[i];
-        out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + f->limit_slope[i];
+        out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
-    const double cap = design_damping(f, follow);
-    if (paper && m->engaged && (dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION)) {
-        latch(m, ID(REASON_PAPER_BOUND));
+    return energy;
+}
+
+/*
+ * Compute the reference's velocity, within its limits: of the posture, or, if the equilibrium moves by poses, of an arm
+ * that follows the springs.
+ */
+static void compute_reference_velocity(step_t *s, int moved, int by_pose, const double *follow)
+{
+    const double *velocity = by_pose ? follow : s->m->posture_velocity;
+    double *const reference = s->out->reference_velocity;
+    double speed = 1.0;
+    for (int i = 0; i < N; ++i) {
+        reference[i] = moved ? velocity[i] : 0.0;
+        speed = fmax(speed, fabs(reference[i]) / s->c->reference_velocity_limit[i]);
+    }
+    for (int i = 0; i < N; ++i) {
+        reference[i] /= speed;
+    }
+}
+
+/* Return whether the paper's law is beyond its bound: the load has turned the stiffness, or the deflection is large. */
+static int exceeds_paper_bound(const double *slip, const double *pull)
+{
+    double deflection = 0.0;
+    for (int i = 0; i < N; ++i) {
+        deflection = fmax(deflection, fabs(slip[i]));
+    }
+    return dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION;
+}
+
+/* Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. */
+static void compute_torque(step_t *s, const double *last, int moved)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    output_t *const out = s->out;
+    const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
+    double pull[N], follow[N] = {0.0}, slip[N], feed[N];
+    robot_mass_matrix(m->q, out->mass_matrix);
+    for (int i = 0; i < N; ++i) {
+        out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
+        slip[i] = m->posture[i] - m->q[i];
+    }
+    const double energy = pull_springs(s, slip, by_pose, pull, follow);
+    const double cap = design_damping(s, follow);
+    if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
+        latch_fault(m, ID(REASON_PAPER_BOUND));
     }
     if (m->engaged) {
-        vary_scale(f, last, pull, energy, cap);
+        vary_scale(s, last, pull, energy, cap);
     }
-    smooth_velocity(f);
+    smooth_velocity(s);
+    compute_reference_velocity(s, moved, by_pose, follow);
     for (int i = 0; i < N; ++i) {
-        out->reference_velocity[i] = by_pose ? follow[i] : moved ? m->posture_velocity[i] : 0.0;
-        speed = fmax(speed, fabs(out->reference_velocity[i]) / c->reference_velocity_limit[i]);
-    }
-    for (int i = 0; i < N; ++i) {
-        out->reference_velocity[i] /= speed;
-        slip[i] = out->reference_velocity[i] - f->velocity[i];
+        slip[i] = out->reference_velocity[i] - s->velocity[i];
         out->elastic_torque[i] = m->scale * pull[i];
     }
-    multiply(out->damping, slip, out->damping_torque);
-    brake(f);
+    multiply_vector(out->damping, slip, out->damping_torque);
+    brake_fast_joints(s);
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    multiply(out->damping, out->reference_velocity, feed);
-    if (worst_feed(m, feed, c->missed_limit) > m->engagement) {
+    multiply_vector(out->damping, out->reference_velocity, feed);
+    if (worst_feed_work(m, feed, c->missed_limit) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        add(N, -1.0, feed, out->damping_torque);
+        add_scaled(N, -1.0, feed, out->damping_torque);
         memset(feed, 0, sizeof feed);
-        f->status |= ID(STATUS_GOVERNOR);
+        s->status |= ID(STATUS_GOVERNOR);
     }
-    if (!choose(f, last, share) && !paper) {
-        /* what is not covered is not risked: less damping, and, where that is not enough, less of the springs' torque */
-        double trial = 1.0;
-        share = 0.0;
-        for (double step = 0.5; step > 0.01; step *= 0.5) {
-            const int covered = choose(f, last, trial);
-            share = covered ? trial : share;
-            trial += covered ? step : -step;
-        }
-        choose(f, last, share);
-        f->status |= ID(STATUS_RESERVE);
-        if (share < 1.0 && m->tank < TANK_FLOOR * c->tank_maximum) {
-            latch(m, ID(REASON_RESERVE));
-        }
-        for (int i = 0; i < N; ++i) {
-            out->damping_torque[i] *= fmax(share - 1.0, 0.0);
-            feed[i] *= fmax(share - 1.0, 0.0);
-        }
+    if (!try_torque(s, last, 2.0) && !paper) {
+        reduce_torque(s, last, feed);
     }
-    pass(m, last, feed);
+    shift_history(m, last, feed);
 }
 
-/* ---- step ---- */
+/*
+ * Step: observe the sample, book the interval that ended (s), check for faults, move the equilibrium (p), vary the
+ * stiffness (v), design the damping, vary the scale (v), choose a torque that is covered and within its limits.
+ */
 
-/* A believed sample, or in a fault one whose position is. */
-static void sighted(frame *f, const double *last)
+/* Remember position and velocity of a sample. */
+static void remember_sample(step_t *s)
 {
-    const config_t *const c = f->c;
-    memory_t *const m = f->m;
-    const input_t *const in = f->input;
-    int moved = 0;
-    if (!m->known) {
-        adopt_limits(f, in->q);
-    }
-    account(f, last, in->q);
-    memcpy(m->q, in->q, sizeof m->q);
-    memcpy(m->dq, f->velocity, sizeof m->dq);
-    m->recent_count = m->gap > 0 ? 1 : m->recent_count < RECENT ? m->recent_count + 1 : RECENT;
+    memory_t *const m = s->m;
+    memcpy(m->q, s->input->q, sizeof m->q);
+    memcpy(m->dq, s->velocity, sizeof m->dq);
+    m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
     memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
-    memcpy(m->recent, f->velocity, N * sizeof(double));
-    m->counter = in->counter;
+    memcpy(m->recent, s->velocity, N * sizeof(double));
+    m->counter = s->input->counter;
     m->gap = m->missed = 0;
-    f->commanded = f->believed && is_command(f);
-    f->status |= f->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
+}
+
+/* Check speed and position against their limits, law and tool against those in force. */
+static void check_limits(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
     for (int i = 0; i < N; ++i) {
-        if (fabs(f->velocity[i]) > c->velocity_limit[i]) {
-            latch(m, ID(REASON_OVERSPEED));
+        const double speed = fabs(s->velocity[i]);
+        if (speed > c->velocity_limit[i]) {
+            latch_fault(m, ID(REASON_OVERSPEED));
         }
-        /* a lowered limit is what is possible only once the arm is below it */
-        if (fmin(fabs(f->velocity[i]), m->velocity_limit[i]) <= c->velocity_limit[i]) {
+        /* a lowered limit bounds what is believed only once the arm is below it */
+        if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
         if (in->q[i] < c->lower_limit[i] - c->position_tolerance || in->q[i] > c->upper_limit[i] + c->position_tolerance) {
-            latch(m, ID(REASON_POSITION));
+            latch_fault(m, ID(REASON_POSITION));
         }
     }
-    const int other_tool = f->commanded && robot_tool(in) != NULL &&
+    const int other_tool = s->commanded && robot_tool(in) != NULL &&
                            memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
     if (m->engaged && (c->law != m->law || other_tool)) {
-        latch(m, ID(REASON_CHANGED));
+        latch_fault(m, ID(REASON_CHANGED));
     }
-    f->budget = m->tank - TANK_FLOOR * c->tank_maximum;
+}
+
+/* End a fault that is to be reset, after two good samples without engagement. */
+static void end_fault(step_t *s)
+{
+    memory_t *const m = s->m;
+    m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
+    const int automatic = s->c->automatic_reset_time > 0.0 && m->good_time >= s->c->automatic_reset_time;
+    if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > s->c->sample_time) {
+        m->fault = ID(FAULT_NONE);
+        m->reason = ID(REASON_NONE);
+        m->reset = m->absent = m->bad = 0;
+    }
+}
+
+/* Step with a believed sample, or, in a fault, with one whose position is believed. */
+static void step_with_sample(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    int moved = 0;
+    if (!m->known) {
+        adopt_limits(s, s->input->q);
+    }
+    book_interval(s, last, s->input->q);
+    remember_sample(s);
+    s->commanded = s->believed && is_command(s);
+    s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
+    check_limits(s);
+    s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;
     if (m->fault == ID(FAULT_NONE)) {
-        adopt_limits(f, in->q);
+        adopt_limits(s, s->input->q);
     } else if (m->engaged && m->scale == 0.0) {
         m->engaged = 0;
     }
     if (!m->engaged) {
-        m->good_time = f->believed ? m->good_time + c->sample_time : 0.0;
-        const int automatic = c->automatic_reset_time > 0.0 && m->good_time >= c->automatic_reset_time;
-        if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
-            m->fault = ID(FAULT_NONE);
-            m->reason = ID(REASON_NONE);
-            m->reset = m->absent = m->bad = 0;
-        }
-        settle(f);
+        end_fault(s);
+        settle_springs(s);
     } else if (m->fault == ID(FAULT_NONE)) {
         m->reset = 0;
-        memcpy(f->old_equilibrium, m->equilibrium, sizeof f->old_equilibrium);
-        govern(f);
-        vary_stiffness(f);
+        memcpy(s->old_equilibrium, m->equilibrium, sizeof s->old_equilibrium);
+        move_equilibrium(s);
+        vary_stiffness(s);
         moved = 1;
     }
-    act(f, last, moved);
+    compute_torque(s, last, moved);
 }
 
-/* No believed sample: the torque is held, or, where there is a fault, goes to zero as fast as the rate limit lets. */
-static void blind(frame *f, const double *last)
+/* Step without a believed sample: hold the torque, or, in a fault, move it to zero at the rate limit. */
+static void step_without_sample(step_t *s, const double *last)
 {
-    memory_t *const m = f->m;
+    memory_t *const m = s->m;
     const double none[N] = {0.0};
     m->missed += m->missed < 1000000 ? 1 : 0;
-    bridge(m, last, 1);
+    bridge_gap(m, last, 1);
     if (m->known && m->fault == ID(FAULT_NONE)) {
-        memcpy(f->out->torque, last, N * sizeof(double));
-        limit_torque(f, last);
+        memcpy(s->out->torque, last, N * sizeof(double));
+        limit_torque(s, last);
     } else { /* there may be no configuration */
         m->stiffness_total -= m->elastic_energy;
         m->tank += m->elastic_energy;
         m->elastic_energy = m->scale = m->good_time = 0.0;
-        fall(last, m->rate, f->out->torque);
+        step_towards_zero(last, m->rate, s->out->torque);
     }
-    pass(m, last, none);
+    shift_history(m, last, none);
 }
 
+/* Take what the configuration says of time and limits, and observe the sample. */
+static void start_step(step_t *s, state_t *state, const double *last)
+{
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        m->rate[i] = s->c->torque_rate_limit[i] * s->c->sample_time;
+    }
+    store_copies(state->rate, m->rate);
+    m->delay = s->c->delay_samples;
+    m->sample_time = s->c->sample_time;
+    m->fault_time += s->c->sample_time;
+    observe_sample(s, last);
+}
+
+/* Report mode, status and the memory's part of the output. */
+static void report_step(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    output_t *const out = s->out;
+    report_memory(m, out);
+    memcpy(out->velocity, s->velocity, sizeof out->velocity);
+    out->status = s->status;
+    if (m->fault != ID(FAULT_NONE)) {
+        out->mode = m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW);
+        out->status |= ID(STATUS_FAULT);
+    } else {
+        out->mode = m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
+    }
+    if (available_energy(m) < -1e-9) {
+        out->status |= ID(STATUS_TANK_DEFICIT);
+    }
+}
+
+/* Do one step. */
 static int step(const config_t *c, state_t *state, const input_t *input, output_t *output)
 {
     if (output == NULL) {
@@ -1791,48 +2157,42 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         return ID(E_NULL);
     }
     memory_t *const m = &state->memory;
-    frame f = {c, m, state->scratch, input, output, 0u, 0, 0, 0, 0, 0.0, {0.0}, {0.0}, {0.0}, {0.0}};
     double last[N], rate[N];
+    step_t s;
+    memset(&s, 0, sizeof s);
+    s.c = c;
+    s.m = m;
+    s.scratch = state->scratch;
+    s.input = input;
+    s.out = output;
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
-    majority(state->torque, last);
-    majority(state->rate, rate);
-    if (state->checksum != checksum(state) || m->ready != READY) {
+    vote(state->torque, last);
+    vote(state->rate, rate);
+    if (state->checksum != compute_checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
-            fall(last, rate, output->torque);
-            keep(state->torque, output->torque);
+            step_towards_zero(last, rate, output->torque);
+            store_copies(state->torque, output->torque);
             return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
         }
-        /* memory was overwritten: nothing is believed but the torque, of which there are three */
-        begin(c, state);
+        /* memory was overwritten: nothing is believed but the torque, which is stored three times */
+        start_memory(c, state);
         m->unaccounted = 1;
-        latch(m, ID(REASON_STATE));
+        latch_fault(m, ID(REASON_STATE));
     }
     if (error == ID(OK)) {
-        for (int i = 0; i < N; ++i) {
-            m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
-        }
-        keep(state->rate, m->rate);
-        m->delay = c->delay_samples;
-        m->sample_time = c->sample_time;
-        m->fault_time += c->sample_time;
-        observe(&f, last);
+        start_step(&s, state, last);
     } else {
-        latch(m, ID(REASON_CONFIG));
-        f.status |= ID(STATUS_CONFIG);
+        latch_fault(m, ID(REASON_CONFIG));
+        s.status |= ID(STATUS_CONFIG);
     }
-    if (f.believed || (f.located && m->known && m->fault != ID(FAULT_NONE))) {
-        sighted(&f, last);
+    if (s.believed || (s.located && m->known && m->fault != ID(FAULT_NONE))) {
+        step_with_sample(&s, last);
     } else {
-        blind(&f, last);
+        step_without_sample(&s, last);
     }
-    keep(state->torque, output->torque);
-    remember(m, output);
-    memcpy(output->velocity, f.velocity, sizeof output->velocity);
-    const int fault = m->fault != ID(FAULT_NONE);
-    output->mode = fault ? (m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW)) : m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
-    output->status = f.status | (fault ? (uint32_t)ID(STATUS_FAULT) : 0u) |
-                     (cover(m) < -1e-9 ? (uint32_t)ID(STATUS_TANK_DEFICIT) : 0u);
-    state->checksum = checksum(state);
+    store_copies(state->torque, output->torque);
+    report_step(&s);
+    state->checksum = compute_checksum(state);
     return error;
 }
 
@@ -1896,7 +2256,7 @@ int iiwa14_impedance_step(const config_t *config, state_t *state, const input_t 
 
 int iiwa14_impedance_reset(state_t *state)
 {
-    return reset(state);
+    return request_reset(state);
 }
 
 const char *iiwa14_impedance_error_text(int code)

@@ -145,7 +145,7 @@ enum {
     IIWA14_REASON_STATE = 15 /* [configuration] the state's checksum does not fit: memory was overwritten */
 };
 
-/* How the controller behaves; start from the defaults. Fields without a choice's name are numbers. */
+/* Configuration; start from the defaults. */
 typedef struct {
     /* [s] T, between two calls of the step. Must lie between 1e-05 and 0.1. Default: 0.001. */
     double sample_time;
@@ -271,7 +271,7 @@ typedef struct {
     double task_stiffness[36];
 } iiwa14_impedance_input;
 
-/* What a step did, complete enough to draw a log from it. */
+/* Result of a step, complete enough to draw a log from it. */
 typedef struct {
     /* [N m or N] command, without gravity: elastic + damping + limit torque, within all limits. */
     double torque[7];

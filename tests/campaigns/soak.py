@@ -54,7 +54,7 @@ def worst_residual(count: int, folder: Path) -> float:
 
     matrices, worst = Matrices(folder), 0.0
     for K, M in pencils(2025, count):
-        code, values, vectors = matrices.pencil(K, M)
+        code, values, vectors = matrices.solve_pencil(K, M)
         worst = float(np.maximum(worst, residual(K, M, values, vectors))) if code == 0 else np.inf
     return worst
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""What the templates of a robot's impedance controller need, from the field table."""
+"""Variables of the impedance controller's templates, made from the field table."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,28 +24,31 @@ from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 
 RUNTIME = Path(__file__).parent.parent / "runtime"
-"""C that every robot's NAME_impedance.c holds, static."""
-PARTS = ("matrix.c", "controller.c")
+"""Folder of the C library that every NAME_impedance.c contains."""
+INTERFACE = "impedance.h"
+_PARTS = ("matrix", "state", "energy", "sample", "governor", "stiffness", "damping", "torque", "step")
+SOURCES = tuple(f"{part}.c" for part in _PARTS)
+"""Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
 _FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
 _STRUCTS = (
     (
         "config",
-        "How the controller behaves; start from the defaults. Fields without a choice's name are numbers.",
+        "Configuration; start from the defaults.",
         CONFIG,
     ),
     ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
-    ("output", "What a step did, complete enough to draw a log from it.", OUTPUT),
+    ("output", "Result of a step, complete enough to draw a log from it.", OUTPUT),
 )
 _FIRST_FIELD_ERROR = -20
 
 
 def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
-    """Whether a robot can have the controller: masses, a base that stands, few enough coordinates, and doubles."""
+    """Return whether a robot can have the controller: masses, a fixed base, at most MAX_DOF coordinates, doubles."""
     return scalar == DOUBLE and chain.masses and not chain.floating and chain.dof <= MAX_DOF
 
 
 def controller_files(name: str, chain: Chain, scalar: Scalar) -> dict[str, str]:
-    """Template by file name; empty without a controller."""
+    """Return the template of each file by its name; empty without a controller."""
     if not has_controller(chain, scalar):
         return {}
     return {
@@ -57,18 +61,15 @@ def controller_files(name: str, chain: Chain, scalar: Scalar) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Rule:
-    """The check of a configuration field: C bounds, whether it is an int, and the error's code."""
+    """Check of a configuration field: the field's name and a C condition on the configuration c."""
 
     name: str
-    integer: bool
-    least: str
-    most: str
-    code: int
+    check: str
 
 
 @dataclass(frozen=True)
 class Member:
-    """A field in its C struct: declaration, comment in lines, NumPy's format of an entry, and the shape."""
+    """Member of a C struct: declaration, lines of its comment, NumPy format of an entry, and shape."""
 
     name: str
     declaration: str
@@ -79,7 +80,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Struct:
-    """A C struct, NAME_impedance_<name>."""
+    """C struct NAME_impedance_<name>."""
 
     name: str
     summary: str
@@ -88,26 +89,28 @@ class Struct:
 
 @dataclass(frozen=True)
 class ControllerPage:
-    """The variable ``controller`` of the templates.
+    """Variable ``controller`` of the templates.
 
     Attributes:
-        runtime: the C of all controllers.
-        tool: whether the tool's pose is given at run time.
+        interface: types and constants of the C library.
+        library: functions of the C library, static.
+        tool: whether the tool's pose is an argument.
         tips: number of tips.
-        scopes: prefix of the kernels' names, tip by tip.
+        scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
-        reasons: name, fault and meaning.
-        reason_classes: the number of each reason's fault.
+        reasons: name, class of the fault and meaning.
+        reason_classes: number of each reason's class.
         errors: name, code and text.
-        rules: of the configuration's fields.
+        rules: checks of the configuration's fields.
         structs: config, input and output.
-        remembered: of the output, what is a member of the state's memory: name, that member's, whether it is an array.
+        remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
         choice_fields: name and words of the fields that are choices.
         defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
 
     """
 
-    runtime: str
+    interface: str
+    library: str
     tool: bool
     tips: int
     scopes: list[str]
@@ -126,12 +129,13 @@ class ControllerPage:
 
 
 def controller_page(name: str, chain: Chain, scalar: Scalar) -> ControllerPage | None:
-    """What the templates are to know of a robot's controller; None without one."""
+    """Return the template variables of a robot's controller; None without one."""
     if not has_controller(chain, scalar):
         return None
     prefix = name.upper()
     return ControllerPage(
-        runtime="\n".join((RUNTIME / part).read_text(encoding="utf-8") for part in PARTS),
+        interface=_interface(),
+        library=_library(),
         tool=chain.runtime_tool,
         tips=len(chain.tips),
         scopes=[f"{tip.name}_" if tip.name else "" for tip in chain.tips],
@@ -141,13 +145,28 @@ def controller_page(name: str, chain: Chain, scalar: Scalar) -> ControllerPage |
         reasons=REASONS,
         reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
         errors=_errors(name),
-        rules=[_rule(index, field) for index, field in enumerate(CONFIG)],
+        rules=[_rule(field) for field in CONFIG],
         structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
         remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
         defaults=[f"config->{f.name} = {_default(f, prefix)};" for f in CONFIG if not f.shape],
         joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)],
     )
+
+
+def _interface() -> str:
+    """Return types and constants of the library's header."""
+    text = (RUNTIME / INTERFACE).read_text(encoding="utf-8")
+    note, _, rest = text.partition("#ifndef IMPEDANCE_H")
+    body = rest.partition("#include <string.h>\n")[2].partition("/* ---- functions, by file ---- */")[0]
+    return note + body.strip("\n") + "\n"
+
+
+def _library() -> str:
+    """Return the library's functions in the order of SOURCES, all static."""
+    texts = [(RUNTIME / source).read_text(encoding="utf-8") for source in SOURCES]
+    bare = [text.replace(f'#include "{INTERFACE}"\n', "") for text in texts]
+    return re.sub(r"^(?=(?!static\b)(?:const )?\w+ \*?\w+\()", "static ", "\n".join(bare), flags=re.MULTILINE)
 
 
 def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
@@ -161,22 +180,29 @@ def _default(field: Field, prefix: str) -> str:
 
 
 def _errors(name: str) -> list[tuple[str, int, str]]:
-    """(name, code, text) of every error."""
-    own = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(ERRORS)]
-    return own + [
+    """Return name, code and text of every error."""
+    general = [(error, -1 - k, text.replace("NAME", name)) for k, (error, text) in enumerate(ERRORS)]
+    return general + [
         (f"config_{field.name}", _FIRST_FIELD_ERROR - k, f"{field.name}: {field.rule}")
         for k, field in enumerate(CONFIG)
     ]
 
 
-def _rule(index: int, field: Field) -> Rule:
-    return Rule(
-        name=field.name,
-        integer=field.type == "int",
-        least="-INFINITY" if math.isinf(field.least) else repr(float(field.least)),
-        most="INFINITY" if math.isinf(field.most) else repr(float(field.most)),
-        code=_FIRST_FIELD_ERROR - index,
-    )
+def _rule(field: Field) -> Rule:
+    if field.type == "int":
+        bounds, kind = f"{field.least:.0f}, {field.most:.0f}", "integers"
+    else:
+        least, most = (_bound(bound) for bound in (field.least, field.most))
+        bounds, kind = f"{least}, {most}", "doubles"
+    each = f"c->{field.name}" if field.shape else f"&c->{field.name}"
+    count = f"sizeof c->{field.name} / sizeof c->{field.name}[0]" if field.shape else "1"
+    return Rule(field.name, f"{kind}_within({each}, {count}, {bounds})")
+
+
+def _bound(bound: float) -> str:
+    if math.isinf(bound):
+        return "INFINITY" if bound > 0 else "-INFINITY"
+    return repr(float(bound))
 
 
 def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:

@@ -3,7 +3,7 @@
 
 The C structs and enumerations, the error codes and texts, the check of every configuration field, their
 documentation, and the layout that Python reads are made from it. What the controller does with the fields is C:
-``runtime/controller.c``.
+``runtime/``.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ _SOLVER = {False: "z3", True: "boolector"}
 _AT_ONCE = 2
 """Proofs that run side by side, each in up to 8 GiB."""
 _FRAME = ", configuration and sample not written"
-_APART = ("cholesky", "pencil", "soften", "design_damping", "blind")
+_APART = ("factorise_cholesky", "solve_pencil", "soften", "design_damping", "step_without_sample")
 """Functions of the controller whose ways are kept apart: only where one succeeds has it results, or a number room."""
 
 

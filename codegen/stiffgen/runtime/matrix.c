@@ -1,18 +1,79 @@
 /*
- * Symmetric matrices of a controller: dense, row-major, n x n. Every robot's NAME_impedance.c has its own static copy.
+ * Vectors and symmetric matrices of the controller: dense, row-major, n x n.
  *
- * Allocation-free, reentrant, deterministic, bounded time. A function that can fail returns 0 or why not; after an error
- * its results are unspecified. Results must overlap neither an argument nor one another.
+ * A function that can fail returns 0 or a code MATRIX_...; after an error its results are unspecified. Results must
+ * overlap neither an argument nor one another.
  * Source: G. Golub, C. Van Loan, Matrix Computations: Cholesky reduction (8.7), Householder and implicit QL (8.3).
  */
-enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
+#include "impedance.h"
 
-enum { MAX_ITERATIONS = 60 }; /* an eigenvalue; two are usual, and the bound is what makes the time bounded */
+enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
 
 static const double SYMMETRY = 1e-9;
 
-/* The largest absolute entry, or infinity if an entry is NaN or infinite. */
-static double largest(int count, const double *A)
+double clamp(double x, double least, double most)
+{
+    if (x < least) {
+        return least;
+    }
+    return x > most ? most : x;
+}
+
+/* Clamp a count to 0 ... most. */
+int clamp_count(int x, int most)
+{
+    if (x < 0) {
+        return 0;
+    }
+    return x < most ? x : most;
+}
+
+double dot(int count, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+double norm(int count, const double *x)
+{
+    return sqrt(dot(count, x, x));
+}
+
+/* Add a x to y. */
+void add_scaled(int count, double a, const double *x, double *y)
+{
+    for (int i = 0; i < count; ++i) {
+        y[i] += a * x[i];
+    }
+}
+
+/* Multiply a matrix over the joints and a vector. */
+void multiply_vector(const double *A, const double *x, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        result[i] = dot(N, A + i * N, x);
+    }
+}
+
+/* Multiply 3 x 3 matrices with row lengths a and b: C = A B, or A^T B if transposed. */
+void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C)
+{
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            double sum = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                sum += (transposed ? A[a * k + i] : A[a * i + k]) * B[b * k + j];
+            }
+            C[3 * i + j] = sum;
+        }
+    }
+}
+
+/* Return the largest absolute entry, or infinity if an entry is NaN or infinite. */
+double largest_entry(int count, const double *A)
 {
     double result = 0.0;
     for (int i = 0; i < count; ++i) {
@@ -25,8 +86,8 @@ static double largest(int count, const double *A)
     return result;
 }
 
-/* result = Y diag(d) Y^T, Y with its columns as rows; one triangle computed and mirrored. */
-static void congruence(int n, const double *rows, const double *d, double *result)
+/* Compute Y diag(d) Y^T from the columns of Y, stored as rows; one triangle is computed and mirrored. */
+void form_congruence(int n, const double *rows, const double *d, double *result)
 {
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
@@ -39,7 +100,10 @@ static void congruence(int n, const double *rows, const double *d, double *resul
     }
 }
 
-/* X <- X - beta v (v^T X), or, with the steps of rows and columns exchanged, X - beta (X v) v^T; v is 0 before first. */
+/*
+ * Reflect X in place: X - beta v (v^T X), or X - beta (X v) v^T if the strides row and column are exchanged. Entries of
+ * v before `first` count as 0.
+ */
 static void reflect(int n, int first, double beta, const double *v, double *X, int row, int column)
 {
     double p[MAX_ROWS] = {0.0};
@@ -55,10 +119,10 @@ static void reflect(int n, int first, double beta, const double *v, double *X, i
     }
 }
 
-/* Householder's similarity transformations: A (destroyed) to the tridiagonal (diagonal, beside), rows <- Q^T. */
+/* Reduce A (destroyed) to the tridiagonal matrix (diagonal, beside) by Householder reflections; rows becomes Q^T. */
 static void tridiagonalise(int n, double *A, double *diagonal, double *beside, double *rows)
 {
-    double v[MAX_ROWS];
+    double v[MAX_ROWS] = {0.0};
     for (int i = 0; i < n * n; ++i) {
         rows[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
     }
@@ -83,8 +147,29 @@ static void tridiagonalise(int n, double *A, double *diagonal, double *beside, d
     }
 }
 
-/* Eigenvalues ascending and eigenvectors, as ROWS of rows, of a symmetric A (destroyed): implicit QL iterations. */
-static int eigen_symmetric(int n, double *A, double *d, double *rows)
+/* Sort eigenvalues and their rows, ascending. */
+static void sort_eigenpairs(int n, double *d, double *rows)
+{
+    for (int i = 0; i < n - 1; ++i) {
+        int least = i;
+        for (int j = i + 1; j < n; ++j) {
+            least = d[j] < d[least] ? j : least;
+        }
+        if (least != i) {
+            const double value = d[i];
+            d[i] = d[least];
+            d[least] = value;
+            for (int k = 0; k < n; ++k) {
+                const double x = rows[i * n + k];
+                rows[i * n + k] = rows[least * n + k];
+                rows[least * n + k] = x;
+            }
+        }
+    }
+}
+
+/* Compute eigenvalues (ascending) and eigenvectors (the ROWS of `rows`) of a symmetric A (destroyed): implicit QL. */
+int diagonalise_symmetric(int n, double *A, double *d, double *rows)
 {
     double e[MAX_ROWS], size = 0.0;
     for (int i = 0; i < n * n; ++i) {
@@ -137,27 +222,12 @@ static int eigen_symmetric(int n, double *A, double *d, double *rows)
             e[m] = 0.0;
         }
     }
-    for (int i = 0; i < n - 1; ++i) {
-        int least = i;
-        for (int j = i + 1; j < n; ++j) {
-            least = d[j] < d[least] ? j : least;
-        }
-        if (least != i) {
-            const double value = d[i];
-            d[i] = d[least];
-            d[least] = value;
-            for (int k = 0; k < n; ++k) {
-                const double x = rows[i * n + k];
-                rows[i * n + k] = rows[least * n + k];
-                rows[least * n + k] = x;
-            }
-        }
-    }
+    sort_eigenpairs(n, d, rows);
     return 0;
 }
 
-/* Lower Cholesky factor L of A / scale + shift I. */
-static int cholesky(int n, const double *A, double scale, double shift, double *L)
+/* Compute the lower Cholesky factor L of A / scale + shift I. */
+int factorise_cholesky(int n, const double *A, double scale, double shift, double *L)
 {
     if (!(scale > 0.0 && scale <= DBL_MAX)) {
         return MATRIX_NOT_POSITIVE;
@@ -181,8 +251,8 @@ static int cholesky(int n, const double *A, double scale, double shift, double *
     return 0;
 }
 
-/* X <- L^-1 X, X with so many columns. */
-static void solve_lower(int n, int columns, const double *L, double *X)
+/* Replace X, a matrix with the given number of columns, by L^-1 X. */
+void solve_lower(int n, int columns, const double *L, double *X)
 {
     for (int i = 0; i < n; ++i) {
         double *const row = X + i * columns;
@@ -198,8 +268,8 @@ static void solve_lower(int n, int columns, const double *L, double *X)
     }
 }
 
-/* x <- L^-T x. */
-static void solve_upper(int n, const double *L, double *x)
+/* Replace x by L^-T x. */
+void solve_upper(int n, const double *L, double *x)
 {
     for (int i = n - 1; i >= 0; --i) {
         double sum = x[i];
@@ -211,13 +281,14 @@ static void solve_upper(int n, const double *L, double *x)
 }
 
 /*
- * K v = lambda M v of the symmetric parts: L with L L^T = M / *scale, eigenvalues lambda, rows w with v = L^-T w.
+ * Solve K v = lambda M v for the symmetric parts of K and M. Results: L with L L^T = M / *scale, the eigenvalues lambda
+ * (ascending), and rows w with v = L^-T w. C is work space.
  */
-static int pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
+int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
                   double *scale)
 {
-    *scale = largest(n * n, M);
-    int error = cholesky(n, M, *scale, 0.0, L);
+    *scale = largest_entry(n * n, M);
+    int error = factorise_cholesky(n, M, *scale, 0.0, L);
     if (error != 0) {
         return error;
     }
@@ -232,18 +303,18 @@ static int pencil(int n, const double *K, const double *M, double *L, double *C,
             C[i * n + j] = C[j * n + i] = (C[i * n + j] + C[j * n + i]) / 2.0;
         }
     }
-    if (!(largest(n * n, C) <= 1e140)) {
+    if (!(largest_entry(n * n, C) <= 1e140)) {
         return MATRIX_NOT_FINITE;
     }
-    error = eigen_symmetric(n, C, eigenvalues, rows);
+    error = diagonalise_symmetric(n, C, eigenvalues, rows);
     for (int i = 0; i < n; ++i) {
         eigenvalues[i] /= *scale;
     }
     return error;
 }
 
-/* Rows w_k -> rows L w_k: the columns of M V over sqrt(scale). */
-static void times_lower(int n, const double *L, double *rows)
+/* Replace each row w by L w: the rows become the columns of M V / sqrt(scale). */
+void multiply_lower(int n, const double *L, double *rows)
 {
     for (int k = 0; k < n; ++k) {
         double *const w = rows + k * n;
@@ -258,11 +329,12 @@ static void times_lower(int n, const double *L, double *rows)
 }
 
 /*
- * K (3 x 3) goes a share of its way D to wanted, but for the part of it that stiffens, which is the cost: that with
- * positive eigenvalues against S = wanted + K: D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
- * The last bit of the way is gone at once. Returns whether there was a way.
+ * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the result
+ * `cost`. It has the positive eigenvalues of D with respect to S = wanted + K:
+ * D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
+ * A difference below 1e-9 of the trace of S is covered in one step. Return whether K differed from wanted.
  */
-static int soften(const double *wanted, double share, double *K, double *cost)
+int soften(const double *wanted, double share, double *K, double *cost)
 {
     double D[9], S[9], L[9], C[9], rows[9], values[3], scale, size = 0.0;
     for (int k = 0; k < 9; ++k) {
@@ -275,25 +347,25 @@ static int soften(const double *wanted, double share, double *K, double *cost)
     for (int k = 0; k < 9; k += 4) {
         S[k] += 1e-10 * trace; /* directions without stiffness before and after */
     }
-    if (size == 0.0 || pencil(3, D, S, L, C, values, rows, &scale) != 0) {
+    if (size == 0.0 || solve_pencil(3, D, S, L, C, values, rows, &scale) != 0) {
         return 0;
     }
-    times_lower(3, L, rows);
+    multiply_lower(3, L, rows);
     for (int k = 0; k < 3; ++k) {
         values[k] = part * fmax(values[k], 0.0) * scale;
     }
-    congruence(3, rows, values, cost);
+    form_congruence(3, rows, values, cost);
     for (int k = 0; k < 9; ++k) {
         K[k] += part * D[k] - cost[k];
     }
     return 1;
 }
 
-/* Whether A (n x n, n at most 6) is finite, symmetric to 1e-9 of its largest entry, and positive semidefinite to the same. */
-static int is_positive_semidefinite(int n, const double *A)
+/* Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to 1e-9 of its largest entry. */
+int is_positive_semidefinite(int n, const double *A)
 {
     double L[36];
-    const double scale = largest(n * n, A);
+    const double scale = largest_entry(n * n, A);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
             if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
@@ -302,5 +374,5 @@ static int is_positive_semidefinite(int n, const double *A)
         }
     }
     /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return scale == 0.0 || cholesky(n, A, scale, SYMMETRY, L) == 0;
+    return scale == 0.0 || factorise_cholesky(n, A, scale, SYMMETRY, L) == 0;
 }

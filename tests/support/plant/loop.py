@@ -24,7 +24,13 @@ FREE = HERE / "free.c"
 N = 7
 Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 """The posture of the failures that the controller's issue lists [rad]."""
-_TYPES = {"double": ctypes.c_double, "int": ctypes.c_int, "uint32_t": ctypes.c_uint32, "uint64_t": ctypes.c_uint64}
+_TYPES = {
+    "double": ctypes.c_double,
+    "int": ctypes.c_int,
+    "int32_t": ctypes.c_int32,
+    "uint32_t": ctypes.c_uint32,
+    "uint64_t": ctypes.c_uint64,
+}
 
 
 def struct(header: Path, name: str, known: dict[str, Any], sizes: dict[str, int]) -> type[ctypes.Structure]:

@@ -284,10 +284,10 @@ def footprint(machine: Machine, folder: Path, work: Path) -> Footprint:
     return Footprint(text, data + bss, public + sum(sorted(inner)[-2:]))
 
 
-_QL = "eigen_symmetric"
+_QL = "diagonalise_symmetric"
 _LONGEST = """
 /* The decomposition, and before it one on a copy in which every eigenvalue takes all iterations that it may. */
-static int eigen_symmetric(int n, double *A, double *d, double *rows)
+static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
 {
     double copy[MAX_ROWS * MAX_ROWS], values[MAX_ROWS], vectors[MAX_ROWS * MAX_ROWS];
     memcpy(copy, A, sizeof *copy * (size_t)(n * n));

@@ -1,0 +1,177 @@
+/* Damping: designed from the springs' tangent, limited by the sample time. */
+#include "impedance.h"
+
+/*
+ * Bound the damping of single joints (brake), from the diagonal of M^-1. Return the trace of M^-1, the sum of the squares
+ * in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
+ */
+static double bound_brakes(step_t *s, const double *L, double mass)
+{
+    double trace = 0.0;
+    for (int k = 0; k < N; ++k) {
+        double unit[N] = {0.0};
+        unit[k] = 1.0;
+        solve_lower(N, 1, L, unit);
+        s->brake[k] = mass / dot(N, unit, unit);
+        trace += 1.0 / s->brake[k];
+    }
+    return trace;
+}
+
+/* Replace a torque rate by the velocity K^-1 (torque rate) of an arm that follows the springs at rest. */
+static void follow_springs(const double *eigenvalues, const double *L, const double *rows, double mass, double *follow)
+{
+    double sum[N] = {0.0};
+    solve_lower(N, 1, L, follow);
+    for (int k = 0; k < N; ++k) {
+        const double l = eigenvalues[k];
+        add_scaled(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
+    }
+    solve_upper(N, L, sum);
+    memcpy(follow, sum, sizeof sum);
+}
+
+/* Compute J^T task_damping J, summed over the tips. */
+static void apply_task_damping(step_t *s)
+{
+    double J[6 * N * TIPS];
+    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    for (int k = 0; k < 36 * TIPS; ++k) {
+        const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
+        const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
+        for (int i = 0; i < NN; ++i) {
+            s->out->damping[i] += left[i / N] * D * right[i % N];
+        }
+    }
+}
+
+/*
+ * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
+ * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T:
+ * the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b h))) is
+ * solved for b.
+ */
+static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
+{
+    for (int k = 0; k < N; ++k) {
+        const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
+        const double zeta = c->damping_ratio[k], p = l * late * (2.0 * zeta * zeta - 1.0);
+        b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
+    }
+}
+
+/* Use the joint damping alone: the mass matrix is not positive definite. */
+static double damp_joints_only(step_t *s, double *follow)
+{
+    s->status |= ID(STATUS_MASS_MATRIX);
+    memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
+    memset(follow, 0, N * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        s->out->damping[i * (N + 1)] = s->c->joint_damping;
+    }
+    return 1.0;
+}
+
+/*
+ * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others
+ * 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1 B is above
+ * LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that follows it at
+ * rest. Return the largest scale that the sample time allows.
+ */
+double design_damping(step_t *s, double *follow)
+{
+    const config_t *const c = s->c;
+    output_t *const out = s->out;
+    double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
+    double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
+    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
+    /* only the symmetric part of the conventional formula has a say in the damping */
+    if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
+        return damp_joints_only(s, follow);
+    }
+    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
+    s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
+    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
+        scale = LARGEST_STIFFNESS / (stiffest * delayed);
+        s->status |= ID(STATUS_STIFFNESS_CAPPED);
+    }
+    const double trace = bound_brakes(s, L, mass);
+    if (d * trace > 0.5 * most) {
+        d = 0.5 * most / trace;
+        s->status |= ID(STATUS_DAMPING_CAPPED);
+    }
+    follow_springs(out->eigenvalues, L, rows, mass, follow);
+    if (by_task) {
+        apply_task_damping(s);
+        if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
+            memset(b, 0, sizeof b);
+        }
+    } else {
+        damp_modes(c, out->eigenvalues, scale, b);
+    }
+    int capped = 0;
+    for (int k = 0; k < N; ++k) {
+        capped |= b[k] > most - d * trace;
+        b[k] = clamp(b[k], 0.0, most - d * trace);
+        largest_b = fmax(largest_b, b[k]);
+        b[k] *= mass;
+    }
+    s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
+    if (capped || !by_task) {
+        multiply_lower(N, L, rows);
+        form_congruence(N, rows, b, out->damping);
+    }
+    for (int i = 0; i < N; ++i) {
+        s->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
+        out->damping[i * (N + 1)] += d;
+    }
+    return scale;
+}
+
+/*
+ * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of
+ * B quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then the
+ * mean of the last few samples.
+ */
+void smooth_velocity(step_t *s)
+{
+    const memory_t *const m = s->m;
+    double most = 1.0;
+    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
+        double torque = 0.0;
+        for (int j = 0; j < N; ++j) {
+            torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
+        }
+        most = fmax(most, torque / m->rate[i]);
+    }
+    const int wanted = (int)ceil(fmin(most, (double)RECENT));
+    const int count = wanted < m->recent_count ? wanted : m->recent_count;
+    if (count > 1 && m->gap == 0) {
+        for (int i = 0; i < N; ++i) {
+            double sum = 0.0;
+            for (int k = 0; k < count; ++k) {
+                sum += m->recent[k * N + i];
+            }
+            s->velocity[i] = sum / count;
+        }
+    }
+}
+
+/*
+ * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different stiffness
+ * end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
+ */
+void brake_fast_joints(step_t *s)
+{
+    double excess[N];
+    int fast = 0;
+    for (int i = 0; i < N; ++i) {
+        const double limit = BRAKED * s->c->reference_velocity_limit[i];
+        excess[i] = s->velocity[i] - clamp(s->velocity[i], -limit, limit);
+        fast += excess[i] != 0.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        s->out->damping_torque[i] -= excess[i] != 0.0 ? s->brake[i] * excess[i] / fast : 0.0;
+    }
+}

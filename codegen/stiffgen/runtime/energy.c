@@ -1,0 +1,232 @@
+/* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
+#include "impedance.h"
+
+/* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
+double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
+{
+    if (m->law == ID(LAW_PAPER)) {
+        return 0.0;
+    }
+    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness) +
+           robot_posture_energy(q, posture, m->posture_stiffness);
+}
+
+/* Compute the energy that the scaled springs store at q. */
+double compute_stored_energy(const memory_t *m, const double *q)
+{
+    return m->scale * compute_spring_energy(m, q, m->equilibrium, m->posture);
+}
+
+/*
+ * Evaluate one joint's limit avoidance a = (lower edge, upper edge, k, largest torque). Its energy is k d^2 / 2 at depth d
+ * beyond an edge, and linear from where the torque is the largest. Results: the energy, its slope (pull) and the
+ * slope's slope (stiffness).
+ */
+double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness)
+{
+    const double k = a[2];
+    double depth = 0.0;
+    if (q > a[1]) {
+        depth = q - a[1];
+    } else if (q < a[0]) {
+        depth = q - a[0];
+    }
+    *pull = clamp(k * depth, -a[3], a[3]);
+    if (*pull == k * depth) {
+        *stiffness = depth != 0.0 ? k : 0.0;
+        return 0.5 * k * depth * depth;
+    }
+    *stiffness = 0.0;
+    return fabs(*pull) * (fabs(depth) - 0.5 * fabs(*pull) / k);
+}
+
+/* Evaluate the limit avoidance of all joints: energy, torque, stiffness and status. */
+double evaluate_limits(step_t *s, const double *q)
+{
+    double energy = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double *const a = s->m->avoidance + 4 * i;
+        double pull;
+        energy += evaluate_avoidance(a, q[i], &pull, &s->limit_slope[i]);
+        s->out->limit_torque[i] = 0.0 - pull;
+        s->status |= q[i] > a[1] || q[i] < a[0] ? (uint32_t)ID(STATUS_JOINT_LIMIT) : 0u;
+    }
+    return energy;
+}
+
+/*
+ * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that the
+ * controller puts out.
+ */
+void pay_into_tank(step_t *s, double income)
+{
+    memory_t *const m = s->m;
+    const double most = fmax(s->c->tank_maximum, m->reserve);
+    const double lost = m->tank + income - most;
+    m->tank += income;
+    if (lost > 0.0) {
+        m->tank = most;
+        m->engagement = fmin(m->engagement + lost, s->c->engagement_limit);
+    }
+}
+
+/* Book the energy v of a change of stiffness, scale or limits, which raises `energy`. The tank pays. */
+void book_stiffness(step_t *s, double *energy, double v)
+{
+    s->m->stiffness_total += v;
+    *energy += v;
+    s->budget -= v;
+    pay_into_tank(s, -v);
+}
+
+/* Book the energy p of a move of the equilibrium. The engagement pays a cost; a gain goes to the tank. */
+void book_reference(step_t *s, double p)
+{
+    s->m->reference_total += p;
+    s->m->engagement -= fmax(p, 0.0);
+    pay_into_tank(s, fmax(-p, 0.0));
+}
+
+/* Return the torque that acted in the interval that ends now. */
+static const double *find_acting_torque(const memory_t *m, const double *last)
+{
+    return m->delay == 0 ? last : m->older + (m->delay - 1) * N;
+}
+
+/* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
+void shift_history(memory_t *m, const double *last, const double *feed)
+{
+    memmove(m->older + N, m->older, N * sizeof(double));
+    memcpy(m->older, last, N * sizeof(double));
+    memmove(m->feed + N, m->feed, 2 * N * sizeof(double));
+    memmove(m->feed, feed, N * sizeof(double));
+}
+
+/* Return the farthest that joint i is taken to move in a sample time. */
+double farthest_motion(const memory_t *m, int i)
+{
+    return fmax(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
+}
+
+/* Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of intervals. */
+double worst_feed_work(const memory_t *m, const double *feed, int intervals)
+{
+    double sum = 0.0;
+    for (int i = 0; i < N; ++i) {
+        double size = intervals * fabs(feed[i]);
+        for (int k = 0; k < m->delay; ++k) {
+            size += fabs(m->feed[k * N + i]);
+        }
+        sum += farthest_motion(m, i) * size;
+    }
+    return sum;
+}
+
+/*
+ * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and one of missed_limit calls is made. The
+ * torque is held for missed_limit such calls without a sample, and, in a fault, for one.
+ * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
+ */
+double compute_reserve(const step_t *s, const double *last, const double *torque, double *parts)
+{
+    const memory_t *const m = s->m;
+    const double calls = s->c->missed_limit, hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
+    parts[0] = parts[1] = parts[2] = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(torque[i]), far = farthest_motion(m, i);
+        parts[0] += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
+        parts[1] += far * calls * hold * size;
+        parts[2] += far * calls * 0.5 * size * (size / m->rate[i]);
+    }
+    return parts[0] + parts[1] + parts[2];
+}
+
+/* Return the energy available to cover the torque. */
+double available_energy(const memory_t *m)
+{
+    return m->tank + m->elastic_energy + m->limit_energy;
+}
+
+/*
+ * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else the
+ * old one stays. The first sample's is free.
+ */
+void adopt_limits(step_t *s, const double *q)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        double *const a = m->avoidance + 4 * i;
+        const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
+                                  c->limit_stiffness[i], c->effort_limit[i]};
+        if (memcmp(a, wanted, sizeof wanted) == 0) {
+            continue;
+        }
+        if (m->known) {
+            double pull, slope;
+            const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - evaluate_avoidance(a, q[i], &pull, &slope);
+            if (!(v <= fmax(s->budget, 0.0))) {
+                s->status |= ID(STATUS_LIMITS_KEPT);
+                continue;
+            }
+            book_stiffness(s, &m->limit_energy, v);
+        }
+        memcpy(a, wanted, sizeof wanted);
+    }
+    evaluate_limits(s, q);
+}
+
+/*
+ * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last torque
+ * over the whole motion and, for every change of torque, the change over the motion that can have happened before it;
+ * gap_most, every torque over the farthest motion in its own intervals.
+ */
+void bridge_gap(memory_t *m, const double *last, int periods)
+{
+    const double *const torque = find_acting_torque(m, last);
+    if (m->gap == 0) {
+        m->gap_work = m->gap_most = 0.0;
+        memcpy(m->gap_torque, torque, N * sizeof(double));
+    }
+    for (int i = 0; i < N; ++i) {
+        m->gap_work += fabs(torque[i] - m->gap_torque[i]) * farthest_motion(m, i) * m->gap;
+        m->gap_most += fabs(torque[i]) * farthest_motion(m, i) * periods;
+    }
+    memcpy(m->gap_torque, torque, N * sizeof(double));
+    m->gap = m->gap < 1000000 - periods ? m->gap + periods : 1000000;
+}
+
+/*
+ * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
+ * work of its share for the reference, feed = B dr, over the arm's motion is the reference's. The account begins, or
+ * begins anew, at a position with no known motion to it.
+ */
+void book_interval(step_t *s, const double *last, const double *q)
+{
+    memory_t *const m = s->m;
+    double work = 0.0, feed = 0.0, motion[N];
+    const double elastic = compute_stored_energy(m, q), limit = evaluate_limits(s, q);
+    const double rise = elastic - m->elastic_energy + limit - m->limit_energy;
+    m->elastic_energy = elastic;
+    m->limit_energy = limit;
+    if (!m->known || s->jumped) {
+        m->start_total += rise;
+        m->unaccounted += (uint32_t)m->known;
+        m->known = 1;
+        return;
+    }
+    memcpy(motion, q, sizeof motion);
+    add_scaled(N, -1.0, m->q, motion);
+    if (m->gap > 0) {
+        bridge_gap(m, last, 1);
+        work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
+    } else {
+        work = dot(N, find_acting_torque(m, last), motion);
+        feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
+    }
+    m->port_total += work;
+    m->sampling_total += rise + work - feed;
+    pay_into_tank(s, feed - work - rise);
+    book_reference(s, feed);
+}

@@ -1,0 +1,152 @@
+/*
+ * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem and
+ * the names used here:
+ *   U(q; r, K)   energy of the springs at the tips' poses, with the equilibrium r and the stiffness K
+ *   l            scale; the torque is the gradient of l U
+ *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
+ */
+#ifndef IMPEDANCE_H
+#define IMPEDANCE_H
+
+/* Structs, sizes and the macro ID, which adds the robot's prefix. The generator writes them, and these files with all
+ * functions static, into NAME_impedance.c; tests/support/stub_robot has a robot to compile the files by themselves. */
+#include "robot.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+enum { READY = 0x51f7, RECENT = 8 };
+enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
+
+/* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
+ * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
+static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
+static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
+static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
+static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
+static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
+static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
+/* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
+static const double PAPER_DEFLECTION = 0.7853981633974483;
+
+/* Data of one call of step. */
+typedef struct {
+    const config_t *c;
+    memory_t *m;
+    double *scratch;
+    const input_t *input;
+    output_t *out;
+    uint32_t status;
+    int believed;  /* the sample is believed */
+    int located;   /* the sample's position is believed, which is enough in a fault */
+    int jumped;    /* the position is out of reach from the last known one */
+    int commanded; /* the command is accepted */
+    double budget; /* [J] the tank's share for what costs energy */
+    double old_equilibrium[16 * TIPS];
+    double velocity[N];
+    double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
+    double brake[N];       /* [N m s/rad] damping that one joint may still receive */
+} step_t;
+
+/* ---- functions, by file ---- */
+
+/* robot.c: the robot's kernels at its tips, one after the other, and the tables of its fields */
+void robot_poses(const double *q, const double *tool, double *pose);
+void robot_jacobians(const double *q, const double *tool, double *jacobian);
+void robot_joint_stiffness(const double *q, const double *tool, const double *wrench, const double *task_stiffness,
+                           double *joint_stiffness);
+void robot_conventional_stiffness(const double *q, const double *tool, const double *wrench,
+                                  const double *task_stiffness, double *joint_stiffness);
+double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
+                           const double *translation_stiffness, const double *rotation_stiffness);
+void robot_spring_torque(const double *q, const double *tool, const double *equilibrium,
+                         const double *translation_stiffness, const double *rotation_stiffness, double *torque);
+double robot_spring(const double *q, const double *tool, const double *equilibrium, const double *translation_stiffness,
+                    const double *rotation_stiffness, double *wrench, double *torque, double *joint_stiffness);
+double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
+void robot_mass_matrix(const double *q, double *mass_matrix);
+const double *robot_tool(const input_t *input);
+int check_fields(const config_t *c);
+int fault_of_reason(int reason);
+void report_memory(const memory_t *m, output_t *out);
+
+/* matrix.c */
+double clamp(double x, double least, double most);
+int clamp_count(int x, int most);
+double dot(int count, const double *a, const double *b);
+double norm(int count, const double *x);
+void add_scaled(int count, double a, const double *x, double *y);
+void multiply_vector(const double *A, const double *x, double *result);
+void multiply3(const double *A, int a, int transposed, const double *B, int b, double *C);
+double largest_entry(int count, const double *A);
+void form_congruence(int n, const double *rows, const double *d, double *result);
+int diagonalise_symmetric(int n, double *A, double *d, double *rows);
+int factorise_cholesky(int n, const double *A, double scale, double shift, double *L);
+void solve_lower(int n, int columns, const double *L, double *X);
+void solve_upper(int n, const double *L, double *x);
+int solve_pencil(int n, const double *K, const double *M, double *L, double *C, double *eigenvalues, double *rows,
+                 double *scale);
+void multiply_lower(int n, const double *L, double *rows);
+int soften(const double *wanted, double share, double *K, double *cost);
+int is_positive_semidefinite(int n, const double *A);
+
+/* state.c */
+int doubles_within(const double *x, size_t count, double least, double most);
+int integers_within(const int *x, size_t count, int least, int most);
+int validate(const config_t *c);
+uint64_t compute_checksum(const state_t *state);
+void vote(const double *copies, double *result);
+void store_copies(double *copies, const double *values);
+void start_memory(const config_t *c, state_t *state);
+int initialise(const config_t *c, state_t *state, const double *torque);
+int request_reset(state_t *state);
+void latch_fault(memory_t *m, int reason);
+
+/* energy.c */
+double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture);
+double compute_stored_energy(const memory_t *m, const double *q);
+double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness);
+double evaluate_limits(step_t *s, const double *q);
+void pay_into_tank(step_t *s, double income);
+void book_stiffness(step_t *s, double *energy, double v);
+void book_reference(step_t *s, double p);
+void shift_history(memory_t *m, const double *last, const double *feed);
+double farthest_motion(const memory_t *m, int i);
+double worst_feed_work(const memory_t *m, const double *feed, int intervals);
+double compute_reserve(const step_t *s, const double *last, const double *torque, double *parts);
+double available_energy(const memory_t *m);
+void adopt_limits(step_t *s, const double *q);
+void bridge_gap(memory_t *m, const double *last, int periods);
+void book_interval(step_t *s, const double *last, const double *q);
+
+/* sample.c */
+void observe_sample(step_t *s, const double *last);
+int is_command(const step_t *s);
+
+/* governor.c */
+void pose_difference(const double *from, const double *to, double *twist);
+void move_pose(const double *pose, const double *twist, double *moved);
+void move_equilibrium(step_t *s);
+void settle_springs(step_t *s);
+
+/* stiffness.c */
+void vary_stiffness(step_t *s);
+void vary_scale(step_t *s, const double *last, const double *pull, double energy, double cap);
+
+/* damping.c */
+double design_damping(step_t *s, double *follow);
+void smooth_velocity(step_t *s);
+void brake_fast_joints(step_t *s);
+
+/* torque.c */
+void step_towards_zero(const double *last, const double *rate, double *torque);
+void limit_torque(step_t *s, const double *last);
+void compute_torque(step_t *s, const double *last, int moved);
+
+/* step.c */
+int step(const config_t *c, state_t *state, const input_t *input, output_t *output);
+
+#endif

@@ -1,0 +1,211 @@
+/* Samples: whether a measurement and a command are believed. */
+#include "impedance.h"
+
+enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
+
+/*
+ * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a fault,
+ * and so is more than one of three for long.
+ */
+static void count_missing(step_t *s, int periods, int reason)
+{
+    memory_t *const m = s->m;
+    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->c->missed_limit;
+    m->absent = clamp_count(count, limit);
+    if (count >= limit && m->known) {
+        latch_fault(m, reason);
+    }
+}
+
+/* Count the samples for which a value stands still, and predict q from its last change on, by the motions since. */
+static double track_standstill(int first, double value, double q, double motion, double *seen, double *age,
+                               double *predicted)
+{
+    const int changed = first || value != *seen;
+    *seen = value;
+    *predicted = changed ? q : *predicted + motion;
+    *age = changed ? 0.0 : *age + 1.0;
+    return *age;
+}
+
+/* Find whether q or dq of joint i stands still over a window while the other moves. */
+static int check_frozen(const config_t *c, memory_t *m, double q, double dq, int i)
+{
+    const double window = c->frozen_window, T = c->sample_time, motion = dq * T * (1 + m->gap);
+    const double most = fmax(4.0 * c->position_quantum, 0.02 * m->velocity_limit[i] * window * T);
+    const double q_age = track_standstill(!m->known, q, q, motion, &m->still_q[i], &m->q_age[i], &m->moved_q[i]);
+    const double dq_age = track_standstill(!m->known, dq, q, motion, &m->still_dq[i], &m->dq_age[i], &m->start_q[i]);
+    return (q_age >= window && fabs(q - m->moved_q[i]) > most ? FROZEN_POSITION : 0) |
+           (dq_age >= window && fabs(q - m->start_q[i]) > most ? FROZEN_VELOCITY : 0);
+}
+
+/* Check the sample counter, and bridge the calls that are missing. Return REASON_NONE or REASON_STALE. */
+static int check_counter(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    const uint32_t counter = s->input->counter;
+    const int32_t ahead = (int32_t)(counter - m->counter - (uint32_t)m->gap - 1u);
+    m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
+    m->seen_counter = counter;
+    if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
+        return ID(REASON_STALE);
+    }
+    if (ahead > 0) {
+        s->status |= ID(STATUS_MISSED);
+        if (m->gap > 0) { /* between which of the calls without a sample is not known */
+            m->gap_work = HUGE_VAL;
+            m->gap_most *= fmin(1.0 + ahead, s->c->missed_limit);
+        }
+        for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
+            bridge_gap(m, last, 1);
+            shift_history(m, last, m->feed);
+        }
+        bridge_gap(m, last, clamp_count(ahead - 3, 1000000));
+        count_missing(s, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
+    }
+    return ID(REASON_NONE);
+}
+
+/*
+ * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is open
+ * which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
+ */
+static int check_joint(step_t *s, int i)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double q = s->input->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
+    const double motion = m->known ? q - m->q[i] : dq * elapsed;
+    const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
+    const int stuck = check_frozen(c, m, q, dq, i);
+    const int differ = fabs(dq * elapsed - motion) > fmax(0.5 * far, 0.3 * fabs(motion)) + quanta;
+    /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
+    const int fault = m->fault != ID(FAULT_NONE);
+    if ((differ || !fault) && fabs(motion) > (fault ? 10.0 : 2.0) * far + quanta) {
+        s->located = 0;
+    }
+    s->velocity[i] = dq;
+    if (differ && fabs(motion) > 2.0 * far + quanta) {
+        s->velocity[i] = 0.0;
+        s->jumped = 1;
+        return ID(REASON_JUMP);
+    }
+    if (stuck != 0) {
+        s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
+        return ID(REASON_FROZEN);
+    }
+    if (differ) {
+        const double smaller = fabs(measured) < fabs(dq) ? measured : dq;
+        s->velocity[i] = measured * dq <= 0.0 ? 0.0 : smaller;
+        return ID(REASON_MISMATCH);
+    }
+    return ID(REASON_NONE);
+}
+
+/*
+ * Check a sample: REASON_NONE, or why it is not believed. A sample whose position alone is believed still serves in a
+ * fault (located).
+ */
+static int check_sample(step_t *s, const double *last)
+{
+    const memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    int reason = ID(REASON_NONE);
+    for (int i = 0; i < N; ++i) {
+        if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * m->velocity_limit[i])) {
+            return ID(REASON_NOT_FINITE);
+        }
+    }
+    if (m->known && check_counter(s, last) != ID(REASON_NONE)) {
+        return ID(REASON_STALE);
+    }
+    s->located = 1;
+    for (int i = 0; i < N; ++i) {
+        const int found = check_joint(s, i);
+        reason = found != ID(REASON_NONE) ? found : reason;
+    }
+    if (!s->located) {
+        return ID(REASON_JUMP);
+    }
+    if (reason == ID(REASON_NONE) && s->c->law == ID(LAW_PAPER) &&
+        (s->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
+        reason = ID(REASON_WRENCH);
+    }
+    return reason;
+}
+
+/* Check the measured wrench: one that is too large or not finite counts as none. */
+static void check_wrench(step_t *s)
+{
+    int good = s->input->wrench_valid == 1;
+    for (int t = 0; good && t < TIPS; ++t) {
+        const double *const wrench = s->input->wrench + 6 * t;
+        good = norm(3, wrench) <= s->c->force_limit && norm(3, wrench + 3) <= s->c->moment_limit;
+    }
+    if (good) {
+        memcpy(s->out->wrench, s->input->wrench, sizeof s->out->wrench);
+    } else if (s->input->wrench_valid == 1 || s->c->law == ID(LAW_PAPER)) {
+        s->status |= ID(STATUS_WRENCH_REFUSED);
+    }
+}
+
+/* Observe a sample: is there one, and is it believed? Two bad samples of three are a fault. */
+void observe_sample(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    int reason = ID(REASON_MISSED);
+    if (s->input->sample_valid == 1) {
+        check_wrench(s);
+        reason = check_sample(s, last);
+        m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
+        if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {
+            latch_fault(m, reason);
+        }
+    }
+    s->believed = reason == ID(REASON_NONE);
+    if (reason == ID(REASON_MISSED)) {
+        s->status |= ID(STATUS_MISSED);
+    } else if (!s->believed) {
+        s->status |= ID(STATUS_BAD_SAMPLE);
+    }
+    count_missing(s, !s->believed, reason);
+}
+
+static int is_stiffness(const double *K, double most)
+{
+    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K);
+}
+
+static int is_pose(const double *pose)
+{
+    double C[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
+    multiply3(pose, 4, 1, pose, 4, C);
+    for (int i = 0; i < 9; ++i) {
+        off += fabs(C[i] - (i % 4 == 0 ? 1.0 : 0.0));
+    }
+    const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) - pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
+                       pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
+    return off <= 1e-6 && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
+}
+
+/* Return whether the command can be followed: finite positions, poses, and stiffnesses within their limits. */
+int is_command(const step_t *s)
+{
+    const input_t *const in = s->input;
+    int good = in->command == ID(COMMAND_POSITION) || in->command == ID(COMMAND_EQUILIBRIUM);
+    for (int i = 0; i < N; ++i) {
+        good = good && fabs(in->q0[i]) <= FARTHEST;
+    }
+    for (int t = 0; good && t < TIPS; ++t) {
+        good = in->command == ID(COMMAND_POSITION) || is_pose(in->equilibrium + 16 * t);
+        if (s->c->law == ID(LAW_POTENTIAL)) {
+            good = good && is_stiffness(in->translation_stiffness + 9 * t, s->c->translation_stiffness_limit) &&
+                   is_stiffness(in->rotation_stiffness + 9 * t, s->c->rotation_stiffness_limit);
+        } else {
+            good = good && in->command == ID(COMMAND_POSITION) && is_positive_semidefinite(6, in->task_stiffness) &&
+                   largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
+        }
+        good = good && (robot_tool(in) == NULL || is_pose(robot_tool(in) + 16 * t));
+    }
+    return good;
+}

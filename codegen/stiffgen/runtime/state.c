@@ -1,0 +1,142 @@
+/* Configuration and state: checks, checksum, start, reset, faults. */
+#include "impedance.h"
+
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Return whether all entries lie between the bounds (both allowed). */
+int integers_within(const int *x, size_t count, int least, int most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (x[i] < least || x[i] > most) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Check a configuration: OK, or the error of the first field that is refused. */
+int validate(const config_t *c)
+{
+    const int error = check_fields(c);
+    if (error != ID(OK)) {
+        return error;
+    }
+    for (int i = 0; i < N; ++i) {
+        if (!(c->upper_limit[i] - c->lower_limit[i] > 2.0 * c->limit_zone)) {
+            return ID(E_POSITION_LIMITS);
+        }
+    }
+    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping)) {
+        return ID(E_TASK_DAMPING_SIGN);
+    }
+    if (c->law == ID(LAW_PAPER) && TIPS > 1) {
+        return ID(E_PAPER_TIPS);
+    }
+    return c->tank_initial <= c->tank_maximum ? ID(OK) : ID(E_TANK);
+}
+
+/* Compute the checksum of the memory; any single changed word changes it. */
+uint64_t compute_checksum(const state_t *state)
+{
+    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
+    for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
+        memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
+        sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
+    }
+    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3];
+}
+
+/* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
+void vote(const double *copies, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        uint64_t a, b, c;
+        memcpy(&a, copies + i, sizeof a);
+        memcpy(&b, copies + N + i, sizeof b);
+        memcpy(&c, copies + 2 * N + i, sizeof c);
+        a = (a & b) | (b & c) | (a & c);
+        memcpy(result + i, &a, sizeof a);
+        result[i] = fabs(result[i]) <= DBL_MAX ? result[i] : 0.0;
+    }
+}
+
+/* Store values three times. */
+void store_copies(double *copies, const double *values)
+{
+    for (int copy = 0; copy < 3; ++copy) {
+        memcpy(copies + copy * N, values, N * sizeof(double));
+    }
+}
+
+/* Start the memory anew: no sample seen, a tank with its initial energy. */
+void start_memory(const config_t *c, state_t *state)
+{
+    memory_t *const m = &state->memory;
+    memset(m, 0, sizeof *m);
+    for (int i = 0; i < N; ++i) {
+        m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
+    }
+    store_copies(state->rate, m->rate);
+    memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
+    m->tank = c->tank_initial;
+    m->ready = READY;
+}
+
+/* Prepare a state; torque is the one in force, or NULL for zero. */
+int initialise(const config_t *c, state_t *state, const double *torque)
+{
+    if (c == NULL || state == NULL) {
+        return ID(E_NULL);
+    }
+    memset(state, 0, sizeof *state);
+    const int error = validate(c);
+    if (error != ID(OK)) {
+        return error;
+    }
+    for (int i = 0; torque != NULL && i < N; ++i) {
+        if (!(fabs(torque[i]) <= c->effort_limit[i])) {
+            return ID(E_TORQUE);
+        }
+    }
+    start_memory(c, state);
+    if (torque != NULL) {
+        store_copies(state->torque, torque);
+    }
+    state->checksum = compute_checksum(state);
+    return ID(OK);
+}
+
+/* Ask for the end of a fault; the next steps with good samples grant it. */
+int request_reset(state_t *state)
+{
+    if (state == NULL) {
+        return ID(E_NULL);
+    }
+    if (state->checksum != compute_checksum(state) || state->memory.ready != READY) {
+        return ID(E_NOT_INITIALISED);
+    }
+    state->memory.reset = 1;
+    state->checksum = compute_checksum(state);
+    return ID(OK);
+}
+
+/* Latch a fault; the first one stays. */
+void latch_fault(memory_t *m, int reason)
+{
+    if (m->fault == ID(FAULT_NONE)) {
+        m->fault = fault_of_reason(reason);
+        m->reason = reason;
+        m->fault_time = 0.0;
+        m->reset = 0;
+    }
+    m->good_time = 0.0;
+}

@@ -1,0 +1,195 @@
+/*
+ * Step: observe the sample, book the interval that ended (s), check for faults, move the equilibrium (p), vary the
+ * stiffness (v), design the damping, vary the scale (v), choose a torque that is covered and within its limits.
+ */
+#include "impedance.h"
+
+/* Remember position and velocity of a sample. */
+static void remember_sample(step_t *s)
+{
+    memory_t *const m = s->m;
+    memcpy(m->q, s->input->q, sizeof m->q);
+    memcpy(m->dq, s->velocity, sizeof m->dq);
+    m->recent_count = m->gap > 0 ? 1 : clamp_count(m->recent_count + 1, RECENT);
+    memmove(m->recent + N, m->recent, (RECENT - 1) * N * sizeof(double));
+    memcpy(m->recent, s->velocity, N * sizeof(double));
+    m->counter = s->input->counter;
+    m->gap = m->missed = 0;
+}
+
+/* Check speed and position against their limits, law and tool against those in force. */
+static void check_limits(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    for (int i = 0; i < N; ++i) {
+        const double speed = fabs(s->velocity[i]);
+        if (speed > c->velocity_limit[i]) {
+            latch_fault(m, ID(REASON_OVERSPEED));
+        }
+        /* a lowered limit bounds what is believed only once the arm is below it */
+        if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
+            m->velocity_limit[i] = c->velocity_limit[i];
+        }
+        if (in->q[i] < c->lower_limit[i] - c->position_tolerance || in->q[i] > c->upper_limit[i] + c->position_tolerance) {
+            latch_fault(m, ID(REASON_POSITION));
+        }
+    }
+    const int other_tool = s->commanded && robot_tool(in) != NULL &&
+                           memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
+    if (m->engaged && (c->law != m->law || other_tool)) {
+        latch_fault(m, ID(REASON_CHANGED));
+    }
+}
+
+/* End a fault that is to be reset, after two good samples without engagement. */
+static void end_fault(step_t *s)
+{
+    memory_t *const m = s->m;
+    m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
+    const int automatic = s->c->automatic_reset_time > 0.0 && m->good_time >= s->c->automatic_reset_time;
+    if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > s->c->sample_time) {
+        m->fault = ID(FAULT_NONE);
+        m->reason = ID(REASON_NONE);
+        m->reset = m->absent = m->bad = 0;
+    }
+}
+
+/* Step with a believed sample, or, in a fault, with one whose position is believed. */
+static void step_with_sample(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    int moved = 0;
+    if (!m->known) {
+        adopt_limits(s, s->input->q);
+    }
+    book_interval(s, last, s->input->q);
+    remember_sample(s);
+    s->commanded = s->believed && is_command(s);
+    s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
+    check_limits(s);
+    s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;
+    if (m->fault == ID(FAULT_NONE)) {
+        adopt_limits(s, s->input->q);
+    } else if (m->engaged && m->scale == 0.0) {
+        m->engaged = 0;
+    }
+    if (!m->engaged) {
+        end_fault(s);
+        settle_springs(s);
+    } else if (m->fault == ID(FAULT_NONE)) {
+        m->reset = 0;
+        memcpy(s->old_equilibrium, m->equilibrium, sizeof s->old_equilibrium);
+        move_equilibrium(s);
+        vary_stiffness(s);
+        moved = 1;
+    }
+    compute_torque(s, last, moved);
+}
+
+/* Step without a believed sample: hold the torque, or, in a fault, move it to zero at the rate limit. */
+static void step_without_sample(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    const double none[N] = {0.0};
+    m->missed += m->missed < 1000000 ? 1 : 0;
+    bridge_gap(m, last, 1);
+    if (m->known && m->fault == ID(FAULT_NONE)) {
+        memcpy(s->out->torque, last, N * sizeof(double));
+        limit_torque(s, last);
+    } else { /* there may be no configuration */
+        m->stiffness_total -= m->elastic_energy;
+        m->tank += m->elastic_energy;
+        m->elastic_energy = m->scale = m->good_time = 0.0;
+        step_towards_zero(last, m->rate, s->out->torque);
+    }
+    shift_history(m, last, none);
+}
+
+/* Take what the configuration says of time and limits, and observe the sample. */
+static void start_step(step_t *s, state_t *state, const double *last)
+{
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        m->rate[i] = s->c->torque_rate_limit[i] * s->c->sample_time;
+    }
+    store_copies(state->rate, m->rate);
+    m->delay = s->c->delay_samples;
+    m->sample_time = s->c->sample_time;
+    m->fault_time += s->c->sample_time;
+    observe_sample(s, last);
+}
+
+/* Report mode, status and the memory's part of the output. */
+static void report_step(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    output_t *const out = s->out;
+    report_memory(m, out);
+    memcpy(out->velocity, s->velocity, sizeof out->velocity);
+    out->status = s->status;
+    if (m->fault != ID(FAULT_NONE)) {
+        out->mode = m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW);
+        out->status |= ID(STATUS_FAULT);
+    } else {
+        out->mode = m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
+    }
+    if (available_energy(m) < -1e-9) {
+        out->status |= ID(STATUS_TANK_DEFICIT);
+    }
+}
+
+/* Do one step. */
+int step(const config_t *c, state_t *state, const input_t *input, output_t *output)
+{
+    if (output == NULL) {
+        return ID(E_NULL);
+    }
+    memset(output, 0, sizeof *output);
+    output->status = (uint32_t)ID(STATUS_CONFIG) | (uint32_t)ID(STATUS_FAULT);
+    output->mode = ID(MODE_FOLLOW);
+    output->fault = ID(FAULT_CONFIGURATION);
+    output->reason = ID(REASON_CONFIG);
+    if (state == NULL) {
+        return ID(E_NULL);
+    }
+    memory_t *const m = &state->memory;
+    double last[N], rate[N];
+    step_t s;
+    memset(&s, 0, sizeof s);
+    s.c = c;
+    s.m = m;
+    s.scratch = state->scratch;
+    s.input = input;
+    s.out = output;
+    const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
+    vote(state->torque, last);
+    vote(state->rate, rate);
+    if (state->checksum != compute_checksum(state) || m->ready != READY) {
+        if (error != ID(OK) || state->checksum == 0u) {
+            step_towards_zero(last, rate, output->torque);
+            store_copies(state->torque, output->torque);
+            return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
+        }
+        /* memory was overwritten: nothing is believed but the torque, which is stored three times */
+        start_memory(c, state);
+        m->unaccounted = 1;
+        latch_fault(m, ID(REASON_STATE));
+    }
+    if (error == ID(OK)) {
+        start_step(&s, state, last);
+    } else {
+        latch_fault(m, ID(REASON_CONFIG));
+        s.status |= ID(STATUS_CONFIG);
+    }
+    if (s.believed || (s.located && m->known && m->fault != ID(FAULT_NONE))) {
+        step_with_sample(&s, last);
+    } else {
+        step_without_sample(&s, last);
+    }
+    store_copies(state->torque, output->torque);
+    report_step(&s);
+    state->checksum = compute_checksum(state);
+    return error;
+}

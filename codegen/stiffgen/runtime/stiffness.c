@@ -1,0 +1,101 @@
+/* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
+#include "impedance.h"
+
+/*
+ * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy, per
+ * spring. Return whether anything changes.
+ */
+static int release_stiffness(step_t *s, double *translation, double *rotation, double *posture)
+{
+    memory_t *const m = s->m;
+    const double share = 1.0 - exp(-s->c->sample_time / s->c->stiffness_time);
+    int changed = 0;
+    for (int i = 0; i < N; ++i) {
+        const double D = s->c->posture_stiffness[i] - m->posture_stiffness[i];
+        const double step = fabs(D) <= 1e-9 * s->c->posture_stiffness[i] ? D : share * D;
+        posture[i] = step > 0.0 ? step : 0.0;
+        m->posture_stiffness[i] += step < 0.0 ? step : 0.0;
+        changed |= D != 0.0;
+    }
+    for (int t = 0; t < TIPS; ++t) {
+        double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
+        changed |= soften(s->commanded ? s->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(s->commanded ? s->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
+    }
+    return changed;
+}
+
+/* Change the stiffness towards the wanted one, as far as the tank can pay. */
+void vary_stiffness(step_t *s)
+{
+    memory_t *const m = s->m;
+    double translation[9 * TIPS], rotation[9 * TIPS], posture[N];
+    if (m->law == ID(LAW_PAPER)) {
+        memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof posture);
+        return;
+    }
+    if (!release_stiffness(s, translation, rotation, posture)) {
+        return;
+    }
+    const double released = compute_stored_energy(m, m->q);
+    book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
+    double step = 1.0, cost = 0.0;
+    for (int attempt = 0; attempt < 2; ++attempt) {
+        /* the energy is linear in the stiffness: first the whole change, then the share that can be paid */
+        add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
+        add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
+        add_scaled(N, step, posture, m->posture_stiffness);
+        cost = compute_stored_energy(m, m->q) - released;
+        /* stiffer than covered would be paid in vain: the scale would fall */
+        const double budget = fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0);
+        if (cost <= budget) {
+            break;
+        }
+        step = (1.0 - 1e-9) * budget / cost - 1.0;
+        s->status |= ID(STATUS_TANK_LIMITED);
+    }
+    book_stiffness(s, &m->elastic_energy, cost);
+    s->status |= ID(STATUS_STIFFNESS_CHANGING);
+}
+
+/*
+ * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort limits
+ * and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
+ */
+void vary_scale(step_t *s, const double *last, const double *pull, double energy, double cap)
+{
+    memory_t *const m = s->m;
+    const config_t *const c = s->c;
+    double target = cap, fastest_fall = 2.0, parts[3];
+    for (int i = 0; i < N; ++i) {
+        const double size = fabs(pull[i]);
+        if (size > 1e-9) {
+            const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
+            target = fmin(target, fmax((c->effort_limit[i] - limit) / size, 0.0));
+            fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
+        }
+    }
+    s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
+    compute_reserve(s, last, pull, parts);
+    const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
+    if ((a + b * target) * target > most) {
+        target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
+        s->status |= ID(STATUS_RESERVE);
+    }
+    if (m->fault != ID(FAULT_NONE)) {
+        target = fmax(m->scale - fastest_fall, 0.0);
+        if (m->law == ID(LAW_PAPER)) {
+            target = 0.0; /* no energy to scale: its torque falls at the rate limit */
+        }
+    }
+    const double rise = target - m->scale;
+    double step = fmin(rise, c->sample_time / c->stiffness_time);
+    if (step > 0.0 && step * energy > fmax(s->budget, 0.0)) {
+        step = (1.0 - 1e-9) * fmax(s->budget, 0.0) / energy;
+        s->status |= ID(STATUS_TANK_LIMITED);
+    }
+    if (step != 0.0) {
+        m->scale = step == rise ? target : m->scale + step;
+        book_stiffness(s, &m->elastic_energy, m->scale * energy - m->elastic_energy);
+    }
+}

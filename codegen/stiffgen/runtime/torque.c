@@ -1,0 +1,182 @@
+/* Torque: springs, damping and limit avoidance, within the reserve and all limits. */
+#include "impedance.h"
+
+/* Move a torque one step towards zero at the rate limit. */
+void step_towards_zero(const double *last, const double *rate, double *torque)
+{
+    for (int i = 0; i < N; ++i) {
+        torque[i] = last[i] - clamp(last[i], -rate[i], rate[i]);
+    }
+}
+
+/* Limit the torque, the last guard: finite, within the effort limit (a lowered one comes down at the rate limit) and the
+ * rate limit. */
+void limit_torque(step_t *s, const double *last)
+{
+    for (int i = 0; i < N; ++i) {
+        const double rate = s->m->rate[i];
+        const double effort = fmax(s->c->effort_limit[i], fabs(last[i]) - rate);
+        const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
+        const double possible = clamp(wanted, -effort, effort);
+        const double reached = clamp(possible, last[i] - rate, last[i] + rate);
+        s->status |= possible != wanted ? (uint32_t)ID(STATUS_SATURATED) : 0u;
+        s->status |= reached != possible ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
+        s->out->torque[i] = reached;
+    }
+}
+
+/*
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all the
+ * damping. Return whether the available energy covers it.
+ */
+static int try_torque(step_t *s, const double *last, double share)
+{
+    output_t *const out = s->out;
+    double least[N], parts[3];
+    step_towards_zero(last, s->m->rate, least);
+    for (int i = 0; i < N; ++i) {
+        const double rate = s->m->rate[i];
+        const double springs = clamp(out->elastic_torque[i] + out->limit_torque[i], last[i] - rate, last[i] + rate);
+        if (share < 1.0) {
+            out->torque[i] = least[i] + share * (springs - least[i]);
+        } else {
+            out->torque[i] = out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
+        }
+    }
+    limit_torque(s, last);
+    s->m->reserve = compute_reserve(s, last, out->torque, parts);
+    return s->m->reserve <= available_energy(s->m);
+}
+
+/*
+ * Reduce a torque that is not covered: first the damping, then the springs' torque. feed: the damping's share for the
+ * reference is reduced with it.
+ */
+static void reduce_torque(step_t *s, const double *last, double *feed)
+{
+    memory_t *const m = s->m;
+    double trial = 1.0, share = 0.0, step = 0.5;
+    for (int round = 0; round < 6; ++round) {
+        const int covered = try_torque(s, last, trial);
+        share = covered ? trial : share;
+        trial += covered ? step : -step;
+        step *= 0.5;
+    }
+    try_torque(s, last, share);
+    s->status |= ID(STATUS_RESERVE);
+    if (share < 1.0 && m->tank < TANK_FLOOR * s->c->tank_maximum) {
+        latch_fault(m, ID(REASON_RESERVE));
+    }
+    for (int i = 0; i < N; ++i) {
+        s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
+        feed[i] *= fmax(share - 1.0, 0.0);
+    }
+}
+
+/*
+ * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture; pull
+ * = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
+ */
+static double pull_springs(step_t *s, const double *slip, int by_pose, double *pull, double *follow)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    output_t *const out = s->out;
+    double energy = 0.0;
+    if (m->law == ID(LAW_PAPER)) {
+        memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
+        if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
+            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+        } else {
+            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+        }
+        multiply_vector(out->joint_stiffness, slip, pull);
+    } else {
+        energy = robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                              out->spring_wrench, pull, out->joint_stiffness);
+        energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
+    }
+    if (by_pose) {
+        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness, follow);
+    }
+    for (int i = 0; i < N; ++i) {
+        follow[i] = by_pose ? (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i] : 0.0;
+        pull[i] += m->posture_stiffness[i] * slip[i];
+        out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
+    }
+    return energy;
+}
+
+/*
+ * Compute the reference's velocity, within its limits: of the posture, or, if the equilibrium moves by poses, of an arm
+ * that follows the springs.
+ */
+static void compute_reference_velocity(step_t *s, int moved, int by_pose, const double *follow)
+{
+    const double *velocity = by_pose ? follow : s->m->posture_velocity;
+    double *const reference = s->out->reference_velocity;
+    double speed = 1.0;
+    for (int i = 0; i < N; ++i) {
+        reference[i] = moved ? velocity[i] : 0.0;
+        speed = fmax(speed, fabs(reference[i]) / s->c->reference_velocity_limit[i]);
+    }
+    for (int i = 0; i < N; ++i) {
+        reference[i] /= speed;
+    }
+}
+
+/* Return whether the paper's law is beyond its bound: the load has turned the stiffness, or the deflection is large. */
+static int exceeds_paper_bound(const double *slip, const double *pull)
+{
+    double deflection = 0.0;
+    for (int i = 0; i < N; ++i) {
+        deflection = fmax(deflection, fabs(slip[i]));
+    }
+    return dot(N, slip, pull) < 0.0 || deflection > PAPER_DEFLECTION;
+}
+
+/* Compute the torque at the last known position; moved: the governor has moved the equilibrium in this step. */
+void compute_torque(step_t *s, const double *last, int moved)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    output_t *const out = s->out;
+    const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
+    double pull[N], follow[N] = {0.0}, slip[N], feed[N];
+    robot_mass_matrix(m->q, out->mass_matrix);
+    for (int i = 0; i < N; ++i) {
+        out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
+        slip[i] = m->posture[i] - m->q[i];
+    }
+    const double energy = pull_springs(s, slip, by_pose, pull, follow);
+    const double cap = design_damping(s, follow);
+    if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
+        latch_fault(m, ID(REASON_PAPER_BOUND));
+    }
+    if (m->engaged) {
+        vary_scale(s, last, pull, energy, cap);
+    }
+    smooth_velocity(s);
+    compute_reference_velocity(s, moved, by_pose, follow);
+    for (int i = 0; i < N; ++i) {
+        slip[i] = out->reference_velocity[i] - s->velocity[i];
+        out->elastic_torque[i] = m->scale * pull[i];
+    }
+    multiply_vector(out->damping, slip, out->damping_torque);
+    brake_fast_joints(s);
+    for (int k = 0; k < 6 * TIPS; ++k) {
+        out->spring_wrench[k] *= m->scale;
+    }
+    multiply_vector(out->damping, out->reference_velocity, feed);
+    if (worst_feed_work(m, feed, c->missed_limit) > m->engagement) {
+        /* the damper must not do work that is not left: it holds the arm as if the reference stood */
+        memset(out->reference_velocity, 0, sizeof out->reference_velocity);
+        add_scaled(N, -1.0, feed, out->damping_torque);
+        memset(feed, 0, sizeof feed);
+        s->status |= ID(STATUS_GOVERNOR);
+    }
+    if (!try_torque(s, last, 2.0) && !paper) {
+        reduce_torque(s, last, feed);
+    }
+    shift_history(m, last, feed);
+}

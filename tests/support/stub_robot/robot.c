@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: MIT */
+/* Kernels and tables of the stub robot, in closed form. */
+#include "impedance.h"
+
+void robot_poses(const double *q, const double *tool, double *pose)
+{
+    (void)tool;
+    memset(pose, 0, 16 * sizeof(double));
+    for (int i = 0; i < 3; ++i) {
+        pose[5 * i] = 1.0;
+        pose[4 * i + 3] = q[i];
+    }
+    pose[15] = 1.0;
+}
+
+void robot_jacobians(const double *q, const double *tool, double *jacobian)
+{
+    (void)q;
+    (void)tool;
+    memset(jacobian, 0, 6 * N * sizeof(double));
+    for (int i = 0; i < 3; ++i) {
+        jacobian[i * (N + 1)] = 1.0;
+    }
+}
+
+void robot_joint_stiffness(const double *q, const double *tool, const double *wrench, const double *task_stiffness,
+                           double *joint_stiffness)
+{
+    (void)q;
+    (void)tool;
+    (void)wrench;
+    memset(joint_stiffness, 0, NN * sizeof(double));
+    for (int i = 0; i < 9; ++i) {
+        joint_stiffness[i / 3 * N + i % 3] = task_stiffness[i / 3 * 6 + i % 3];
+    }
+}
+
+void robot_conventional_stiffness(const double *q, const double *tool, const double *wrench,
+                                  const double *task_stiffness, double *joint_stiffness)
+{
+    robot_joint_stiffness(q, tool, wrench, task_stiffness, joint_stiffness);
+}
+
+double robot_spring(const double *q, const double *tool, const double *equilibrium, const double *translation_stiffness,
+                    const double *rotation_stiffness, double *wrench, double *torque, double *joint_stiffness)
+{
+    double energy = 0.0;
+    (void)tool;
+    (void)rotation_stiffness; /* no joint turns the tip */
+    memset(wrench, 0, 6 * sizeof(double));
+    memset(torque, 0, N * sizeof(double));
+    memset(joint_stiffness, 0, NN * sizeof(double));
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            const double force = translation_stiffness[3 * i + j] * (q[j] - equilibrium[4 * j + 3]);
+            wrench[i] += force;
+            torque[i] -= force;
+            energy += 0.5 * (q[i] - equilibrium[4 * i + 3]) * force;
+            joint_stiffness[i * N + j] = translation_stiffness[3 * i + j];
+        }
+    }
+    return energy;
+}
+
+double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
+                           const double *translation_stiffness, const double *rotation_stiffness)
+{
+    double wrench[6], torque[N], tangent[NN];
+    return robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, wrench, torque, tangent);
+}
+
+void robot_spring_torque(const double *q, const double *tool, const double *equilibrium,
+                         const double *translation_stiffness, const double *rotation_stiffness, double *torque)
+{
+    double wrench[6], tangent[NN];
+    robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, wrench, torque, tangent);
+}
+
+double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness)
+{
+    double energy = 0.0;
+    for (int i = 0; i < N; ++i) {
+        energy += 0.5 * posture_stiffness[i] * (q[i] - posture[i]) * (q[i] - posture[i]);
+    }
+    return energy;
+}
+
+void robot_mass_matrix(const double *q, double *mass_matrix)
+{
+    (void)q;
+    memset(mass_matrix, 0, NN * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        mass_matrix[i * (N + 1)] = 2.0;
+    }
+}
+
+const double *robot_tool(const input_t *input)
+{
+    (void)input;
+    return NULL;
+}
+
+int check_fields(const config_t *c)
+{
+    return doubles_within(&c->sample_time, 1, 1e-5, 0.1) ? ID(OK) : ID(E_CONFIG_SAMPLE_TIME);
+}
+
+int fault_of_reason(int reason)
+{
+    return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_SENSOR);
+}
+
+void report_memory(const memory_t *m, output_t *out)
+{
+    out->fault = m->fault;
+    out->reason = m->reason;
+    out->elastic_energy = m->elastic_energy;
+    out->tank_energy = m->tank;
+    out->tank_reserve = m->reserve;
+    out->engagement = m->engagement;
+    out->scale = m->scale;
+}

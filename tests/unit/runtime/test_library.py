@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: MIT
+"""The controller's C library by itself, on a stub robot of seven sliding joints."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stiffgen.emit.controller import RUNTIME, SOURCES
+from support.plant.loop import fill, struct
+from support.project import ROOT, require_compiler
+from support.runtime import LIBRARY_FLAGS, STUB, compile_library
+
+HEADER = ROOT / "generated" / "iiwa14" / "iiwa14_impedance.h"
+POSITION = 1
+
+
+class Library:
+    """The compiled library with one controller."""
+
+    def __init__(self, path: Path) -> None:
+        self.c: Any = ctypes.CDLL(str(path))
+        known: dict[str, Any] = {}
+        for name in ("config", "input", "output", "memory", "state"):
+            known[f"iiwa14_impedance_{name}"] = struct(HEADER, f"iiwa14_impedance_{name}", known, {})
+        self.Config, self.Input, self.Output, self.Memory, self.State = known.values()
+
+    def array(self, *values: float) -> Any:
+        return (ctypes.c_double * len(values))(*values)
+
+    def config(self, **values: Any) -> Any:
+        """Return a valid configuration: 1 ms, generous limits."""
+        ones = {"law": 1, "stiffness_formula": 1, "damping_design": 1, "delay_samples": 0, "missed_limit": 3}
+        limits = {"lower_limit": -5.0, "upper_limit": 5.0, "position_tolerance": 0.1, "limit_zone": 0.1}
+        rates = {"velocity_limit": 2.0, "reference_velocity_limit": 1.0, "tip_velocity_limit": 0.5, "ramp_time": 0.2}
+        torques = {"effort_limit": 100.0, "torque_rate_limit": 1e4, "limit_stiffness": 100.0, "damping_ratio": 0.7}
+        energies = {"energy_limit": 5.0, "engagement_limit": 20.0, "tank_initial": 10.0, "tank_maximum": 10.0}
+        more = {"translation_stiffness_limit": 5e3, "rotation_stiffness_limit": 500.0, "stiffness_time": 0.05}
+        rest = {"sample_time": 1e-3, "posture_stiffness": 10.0, "tip_rotation_limit": 1.5, "frozen_window": 20}
+        return fill(self.Config(), **{**ones, **limits, **rates, **torques, **energies, **more, **rest, **values})
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Library:
+    return Library(compile_library(tmp_path_factory.mktemp("library") / "library.so"))
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_every_file_compiles_by_itself(compiler: str, tmp_path: Path) -> None:
+    require_compiler(compiler)
+    for source in (STUB / "robot.c", *(RUNTIME / each for each in SOURCES)):
+        command = [compiler, *LIBRARY_FLAGS, "-O2", "-c", str(source), "-o", str(tmp_path / "x.o")]
+        subprocess.run(command, check=True)
+
+
+@pytest.mark.parametrize("tool", ["clang-tidy", "clangd"])
+def test_editors_open_every_file(tool: str) -> None:
+    """No diagnostics with the flags of compile_flags.txt, which both tools read."""
+    if shutil.which(tool) is None:
+        pytest.skip(f"{tool} is not installed")
+    assert {path.name for path in RUNTIME.glob("*.c")} == set(SOURCES)
+    for source in SOURCES:
+        command = ["clang-tidy", "--quiet", "--warnings-as-errors=*", source] if tool == "clang-tidy" else []
+        command = command or ["clangd", f"--check={source}", "--log=error"]
+        done = subprocess.run(command, cwd=RUNTIME, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_generated_controller_contains_the_library() -> None:
+    """Every function of the library is in NAME_impedance.c, static, and in the order of SOURCES."""
+    generated = HEADER.with_suffix(".c").read_text()
+    pattern = re.compile(r"^(?:static )?(?:const )?\w+ \*?(\w+)\([^;{]*\)\n\{", re.MULTILINE)
+    names = [name for source in SOURCES for name in pattern.findall((RUNTIME / source).read_text())]
+    found = [name for name in pattern.findall(generated) if name in names]
+    assert found == names
+    assert len(names) == len(set(names))
+    for name in names:
+        assert re.search(rf"^static (?:const )?\w+ \*?{name}\(", generated, re.MULTILINE)
+
+
+def test_functions_fit_on_a_page() -> None:
+    """No function is longer than 60 lines, no file than 500, and no conditional is nested in another."""
+    for source in SOURCES:
+        text = (RUNTIME / source).read_text()
+        assert text.count("\n") <= 500
+        for function in re.findall(r"^\w[^;{}#]*\)\n\{\n.*?^\}", text, re.MULTILINE | re.DOTALL):
+            assert function.count("\n") <= 60, function.splitlines()[0]
+        for statement in re.split(r"[;{}]", re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)):
+            assert not re.search(r"\?[^()]*:[^(),]*\?", statement), statement
+
+
+def test_poses(library: Library) -> None:
+    """The twist between two poses moves the first to the second, also near half a turn."""
+    random = np.random.default_rng(1)
+    for angle in (0.0, 1e-9, 0.3, 2.0, np.pi - 1e-8, np.pi):
+        axis = random.normal(size=3)
+        first, second = np.eye(4), np.eye(4)
+        first[:3, :3] = Rotation.random(random_state=3).as_matrix()
+        second[:3, :3] = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix() @ first[:3, :3]
+        second[:3, 3] = random.normal(size=3)
+        twist, moved = library.array(*[0.0] * 6), library.array(*[0.0] * 16)
+        library.c.pose_difference(library.array(*first.ravel()), library.array(*second.ravel()), twist)
+        assert np.linalg.norm(twist[3:]) == pytest.approx(angle, abs=1e-7)
+        library.c.move_pose(library.array(*first.ravel()), twist, moved)
+        np.testing.assert_allclose(np.reshape(moved, (4, 4)), second, atol=1e-7)
+
+
+def test_limit_avoidance(library: Library) -> None:
+    """Its torque is the slope of its energy, and its stiffness the slope of its torque, on both sides of the kink."""
+    evaluate = library.c.evaluate_avoidance
+    evaluate.restype = ctypes.c_double
+    a, pull, stiffness = library.array(-1.0, 1.0, 50.0, 10.0), ctypes.c_double(), ctypes.c_double()
+
+    def at(q: float) -> tuple[float, float, float]:
+        energy = evaluate(a, ctypes.c_double(q), ctypes.byref(pull), ctypes.byref(stiffness))
+        return energy, pull.value, stiffness.value
+
+    for q in (-1.5, -1.1, 0.0, 1.05, 1.19, 1.21, 2.0):
+        above, below = at(q + 1e-6), at(q - 1e-6)
+        _, torque, slope = at(q)
+        assert torque == pytest.approx((above[0] - below[0]) / 2e-6, abs=1e-6)
+        assert slope == pytest.approx((above[1] - below[1]) / 2e-6, abs=1e-4)
+
+
+def run(library: Library, config: Any, state: Any, steps: int, **values: Any) -> Any:
+    """Return the output of the last step; the counter goes on, the arm stands still unless told otherwise."""
+    sample, out = library.Input(), library.Output()
+    fill(sample, **{"sample_valid": 1, "command": POSITION, **values})
+    fill(sample, translation_stiffness=100 * np.eye(3), rotation_stiffness=np.eye(3))
+    for _ in range(steps):
+        sample.counter = state.memory.counter + state.memory.gap + 1
+        assert library.c.step(*(ctypes.byref(each) for each in (config, state, sample, out))) == 0
+    return out
+
+
+def test_a_step_of_the_stub(library: Library) -> None:
+    """At rest the torque is the springs'; the reserve is v (m^2 tau T + m tau^2 / (2 rate)) over the joints, m = 3."""
+    config, state = library.config(), library.State()
+    assert library.c.initialise(ctypes.byref(config), ctypes.byref(state), None) == 0
+    q0 = np.array([0.1, -0.2, 0.05, 0.1, 0.0, 0.0, -0.1])
+    run(library, config, state, 3)
+    out = run(library, config, state, 3000, q0=q0)
+    expected = np.r_[100.0 * q0[:3], np.zeros(4)] + 10.0 * q0
+    assert out.fault == 0
+    np.testing.assert_allclose(out.torque, expected, atol=1e-12)
+    assert out.elastic_energy == pytest.approx(50.0 * q0[:3] @ q0[:3] + 5.0 * q0 @ q0)
+    reserve = 2.0 * (9.0 * np.abs(expected) * 1e-3 + 3.0 * expected**2 / 2e4)
+    assert out.tank_reserve == pytest.approx(reserve.sum())
+    fill(state.memory, tank=5.0)
+    assert run(library, config, state, 1, q0=q0).reason != 0, "the checksum sees a changed memory"
+
+
+def test_samples_that_are_missing(library: Library) -> None:
+    """The torque is held, and missed_limit missing samples are a fault, which lets it go to zero at the rate limit."""
+    config, state = library.config(), library.State()
+    assert library.c.initialise(ctypes.byref(config), ctypes.byref(state), None) == 0
+    run(library, config, state, 3)
+    held = np.array(run(library, config, state, 2000, q0=0.1).torque)
+    for missed in range(1, 4):
+        out = run(library, config, state, 1, sample_valid=0)
+        assert (out.fault != 0) == (missed == 3)
+        np.testing.assert_allclose(out.torque, held - np.minimum(held, 10.0) * out.fault, atol=1e-12)
