@@ -51,14 +51,15 @@ class GeneratedRobot:
             )
 
     def source_digests(self) -> dict[str, str]:
-        """SHA-256 of the C of kernels and controller, by file, for what is filed about these bytes.
+        """Return the SHA-256 of every C source and header of the folder, by file.
 
         Raises:
-            OutputError: one of them cannot be read.
+            OutputError: one of them cannot be read, or the manifest lists none.
 
         """
-        ends = (".c", ".h", "_impedance.c", "_impedance.h")
-        files = [file for file in (f"{self.name}{end}" for end in ends) if file in self.manifest["files"]]
+        files = sorted(file for file in self.manifest["files"] if file.endswith((".c", ".h")))
+        if f"{self.name}.c" not in files:
+            raise OutputError(f"{self.folder / MANIFEST}: lists no {self.name}.c; generate the folder again")
         try:
             return {file: hashlib.sha256((self.folder / file).read_bytes()).hexdigest() for file in files}
         except OSError as error:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -143,19 +142,21 @@ def write_page(
 
 
 def filed_for(robot: GeneratedRobot, proofs: Path) -> Filed:
-    """Verdicts that are about the C in the robot's folder, byte for byte.
+    """Read verdicts on the C sources in the robot's folder, byte for byte.
 
     Raises:
         OutputError: the file cannot be read, or is about other bytes.
 
     """
     filed = read_verdicts(proofs)
+    if filed.robot != robot.name:
+        raise OutputError(f"{proofs}: is about another robot, {filed.robot!r}; run 'stiffgen prove' again")
     _must_be_of(robot, filed.sources, proofs, "run 'stiffgen prove' again")
     return filed
 
 
 def targets_for(robot: GeneratedRobot, file: Path) -> tuple[Target, ...]:
-    """What was measured on other machines of the C in the robot's folder, byte for byte.
+    """Read the measurements on other machines of the C sources in the robot's folder, byte for byte.
 
     Raises:
         OutputError: the file cannot be read, or is about other bytes.
@@ -166,13 +167,13 @@ def targets_for(robot: GeneratedRobot, file: Path) -> tuple[Target, ...]:
     return targets
 
 
-def _must_be_of(robot: GeneratedRobot, sources: Mapping[str, str], file: Path, remedy: str) -> None:
-    for source, digest in sources.items():
-        try:
-            same = hashlib.sha256((robot.folder / source).read_bytes()).hexdigest() == digest
-        except OSError:
-            same = False
-        if not same:
+def _must_be_of(robot: GeneratedRobot, filed: Mapping[str, str], file: Path, remedy: str) -> None:
+    """Raise OutputError unless ``filed`` has the digest of every C source of the folder, and of nothing else."""
+    present = robot.source_digests()
+    for source in sorted(present.keys() | filed.keys()):
+        if source not in filed:
+            raise OutputError(f"{file}: has no digest of {source}, which {robot.folder} has; {remedy}")
+        if filed[source] != present.get(source):
             raise OutputError(f"{file}: is about another {source} than {robot.folder} has; {remedy}")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -61,17 +61,39 @@ def write_targets(file: Path, robot: GeneratedRobot, targets: Sequence[Target]) 
 
 
 def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
-    """The digests of the sources, and what :func:`write_targets` wrote of them.
+    """Read the digests of the sources, and the targets, that :func:`write_targets` wrote.
 
     Raises:
-        OutputError: the file cannot be read, or is none of those.
+        OutputError: the file cannot be read, or holds something else.
 
     """
     try:
         content: Any = json.loads(file.read_text(encoding="utf-8"))
-        targets = tuple(Target(**row) for row in content["targets"])
+        targets = tuple(_target(row) for row in content["targets"])
         return dict(content["sources"]), targets
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise OutputError(
-            f"{file}: holds no targets; 'python tests/campaigns/targets.py --json FILE' makes them"
+            f"{file}: holds no targets ({error}); 'python tests/campaigns/targets.py --json FILE' makes them"
         ) from error
+
+
+def _target(row: Any) -> Target:
+    """Return a row as a target; ValueError or TypeError if a field has another type."""
+    target = Target(**row)
+    texts = (target.machine, target.compiler, target.emulator, target.compared)
+    numbers = (target.states, target.flash, target.ram, target.stack)
+    if not all(isinstance(text, str) for text in texts) or not all(isinstance(number, int) for number in numbers):
+        raise ValueError("a field has another type")
+    if not isinstance(target.right, bool):
+        raise ValueError(f"right {target.right!r} is neither true nor false")
+    counts = {name: _count(pair) for name, pair in target.instructions.items()}
+    step = None if target.step is None else _count(target.step)
+    return replace(target, instructions=counts, step=step)
+
+
+def _count(pair: Any) -> tuple[int, int]:
+    """Return the fewest and the most instructions; ValueError if there are not two integers."""
+    fewest, most = pair
+    if not isinstance(fewest, int) or not isinstance(most, int):
+        raise ValueError(f"{pair!r} is no count of instructions")
+    return fewest, most

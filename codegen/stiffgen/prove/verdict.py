@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a proof says of one function, and the file that holds what all of them said."""
+"""Verdicts of the proofs of a folder's functions, and the file that holds them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from stiffgen.errors import OutputError
 
@@ -63,19 +63,32 @@ class Filed:
 
 
 def read_verdicts(file: Path) -> Filed:
-    """What :func:`write_verdicts` wrote.
+    """Read the file that :func:`write_verdicts` wrote.
 
     Raises:
-        OutputError: the file cannot be read, or is none of 'stiffgen prove'.
+        OutputError: the file cannot be read, or 'stiffgen prove' did not write it.
 
     """
     try:
         content: Any = json.loads(file.read_text(encoding="utf-8"))
-        verdicts = tuple(Verdict(**row) for row in content["verdicts"])
-        return Filed(content["robot"], dict(content["sources"]), dict(content["tools"]), verdicts)
+        verdicts = tuple(_verdict(row) for row in content["verdicts"])
+        return Filed(str(content["robot"]), dict(content["sources"]), dict(content["tools"]), verdicts)
     except OSError as error:
         raise OutputError(
             f"{file}: cannot be read ({error.strerror}); 'stiffgen prove DIR --json FILE' makes it"
         ) from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise OutputError(f"{file}: holds no verdicts; 'stiffgen prove DIR --json FILE' makes such a file") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise OutputError(
+            f"{file}: holds no verdicts ({error}); 'stiffgen prove DIR --json FILE' makes such a file"
+        ) from error
+
+
+def _verdict(row: Any) -> Verdict:
+    """Return a row as a verdict; ValueError if its outcome or the type of a field is unknown."""
+    verdict = Verdict(**row)
+    if verdict.outcome not in get_args(Outcome):
+        raise ValueError(f"outcome {verdict.outcome!r} is none of {', '.join(get_args(Outcome))}")
+    texts = (verdict.function, verdict.claims, verdict.tool, verdict.detail)
+    if not all(isinstance(text, str) for text in texts) or not isinstance(verdict.seconds, (int, float)):
+        raise ValueError("a field has another type")
+    return verdict
