@@ -125,6 +125,8 @@ def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) 
 def open_robot(folder: str | Path) -> GeneratedRobot:
     """Open a robot's folder. Its module is imported when it is first asked for.
 
+    Importing the module runs the folder's Python and machine code: open folders of people you trust (docs/proofs.md).
+
     Args:
         folder: what ``stiffgen generate`` wrote.
 

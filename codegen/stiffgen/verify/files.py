@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: MIT
-"""A folder against its manifest, its tables against its chain, and its chain against the URDF."""
+"""Comparisons of a folder's files with its manifest, of its tables with its chain, of its chain with the URDF."""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Callable
+import json
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from stiffgen.emit.manifest import MANIFEST
+from stiffgen.emit.render import render
+from stiffgen.errors import printable
+from stiffgen.lower.rounding import Ranges
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain, load_chain
 from stiffgen.verify.result import Check, faultless
@@ -20,28 +28,84 @@ LIMITS = ("lower", "upper", "velocity", "effort")
 
 
 def check_files(robot: GeneratedRobot) -> list[Check]:
-    """The digests of all files, and the signatures of all functions, as the manifest has them."""
+    """Compare every file of the folder with the digests in the manifest, before any of them is run.
+
+    Files that the manifest does not list are faults. Compiled modules and Python's caches are exempt: the module of
+    kernels is what the comparisons of values run, and :func:`load_module` reads no cache.
+    """
     faults = []
     for file, digest in robot.manifest["files"].items():
-        try:
-            text = (robot.folder / file).read_bytes().replace(b"\r\n", b"\n")
-        except OSError:
-            faults.append(f"{file} is missing")
+        path = robot.folder / file
+        if ".." in path.parts or Path(file).is_absolute() or not path.is_file():
+            faults.append(f"{printable(file)} is missing")
             continue
+        text = path.read_bytes().replace(b"\r\n", b"\n")
         if hashlib.sha256(text).hexdigest() != digest:
-            faults.append(f"{file} was changed")
+            faults.append(f"{printable(file)} was changed")
+    faults += [f"{printable(file)} is not in the manifest" for file in _unlisted(robot)]
+    return [faultless("files", "SHA-256 in the manifest", faults)]
+
+
+def _unlisted(robot: GeneratedRobot) -> list[str]:
+    """Return the files of the folder that the manifest does not list, without modules compiled from its sources."""
+    known = {MANIFEST, *robot.manifest["files"]}
+    compiled = re.compile(rf"{robot.name}_(python|casadi|jax)(\.[\w-]+)?\.(so|pyd)")
+    files = [file.relative_to(robot.folder) for file in robot.folder.rglob("*") if not file.is_dir()]
+    return sorted(
+        str(file)
+        for file in files
+        if file.as_posix() not in known and not compiled.fullmatch(file.name) and file.parent.name != "__pycache__"
+    )
+
+
+def check_functions(robot: GeneratedRobot) -> Check:
+    """Compare the functions and signatures in the manifest with the kernel table."""
     signatures = {kernel.qualified_name: kernel.signature(robot.chain) for kernel in robot.table}
     listed = {name: entry["signature"] for name, entry in robot.manifest["kernels"].items()}
-    return [
-        faultless("files", "SHA-256 in the manifest", faults),
-        faultless("functions", "kernel table", sorted(f"{n}" for n in signatures.keys() ^ listed.keys()) + [
-            f"{name}: {listed[name]}" for name in signatures.keys() & listed.keys() if signatures[name] != listed[name]
-        ]),
-    ]  # fmt: skip
+    faults = sorted(signatures.keys() ^ listed.keys())
+    faults += [
+        f"{name}: {listed[name]}" for name in signatures.keys() & listed.keys() if signatures[name] != listed[name]
+    ]
+    return faultless("functions", "kernel table", faults)
+
+
+def print_again(robot: GeneratedRobot) -> dict[str, str]:
+    """Print the files of the folder again, from the chain and the options in its manifest, by this generator."""
+    return render(
+        robot.chain,
+        robot.name,
+        scalar=robot.scalar,
+        cuda=f"{robot.name}.cu" in robot.manifest["files"],
+        options=robot.springs,
+        ranges=Ranges(**robot.manifest["rounding"]["ranges"]),
+    )
+
+
+def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:
+    """Compare every file with the text that this generator prints; one of another version is not compared."""
+    fresh = json.loads(texts[MANIFEST])
+    if robot.manifest["versions"] != fresh["versions"]:
+        return Check("text", "not printed again: made by other versions", 0.0, 0.0)
+    faults = [f"{file} is missing" for file in texts.keys() - robot.manifest["files"].keys() - {MANIFEST}]
+    for file, text in texts.items():
+        if (robot.folder / file).read_bytes().replace(b"\r\n", b"\n") != text.encode():
+            faults.append(f"{file} differs")
+    return faultless("text", "printed again", sorted(faults))
+
+
+def load_module(robot: GeneratedRobot) -> None:
+    """Import the folder's Python package from its sources, not from bytecode that may lie beside them."""
+    before = sys.pycache_prefix
+    with tempfile.TemporaryDirectory(prefix="stiffgen-bytecode-") as empty:
+        sys.pycache_prefix = empty
+        try:
+            _ = robot.module
+        finally:
+            sys.pycache_prefix = before
 
 
 def check_urdf(chain: Chain, urdf: Path) -> Check:
-    """The manifest's chain is the one of the URDF file, read again with the same base, tips, tool and locks.
+    """Compare the manifest's chain with that of the URDF file, read again with the same base, tips, tool and locks.
 
     Raises:
         DescriptionError, ChainError: the URDF cannot be read, or no longer has such a chain.
@@ -64,7 +128,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
 
 
 def check_tables(robot: GeneratedRobot, library: ctypes.CDLL | None) -> list[Check]:
-    """Names and limits, in Python and in C, against the chain."""
+    """Compare names and limits, in Python and in C, with the chain."""
     chain, module = robot.chain, robot.module
     rows: dict[str, list[float]] = {
         limit: [getattr(coordinate, limit) for coordinate in chain.coordinates] for limit in LIMITS

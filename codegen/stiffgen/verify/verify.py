@@ -48,7 +48,15 @@ from stiffgen.verify.certified import check_certified_bounds
 from stiffgen.verify.controller import check_controller
 from stiffgen.verify.derivatives import check_derivatives
 from stiffgen.verify.dynamics import differentiated as differentiated_energies
-from stiffgen.verify.files import check_files, check_tables, check_urdf
+from stiffgen.verify.files import (
+    check_files,
+    check_functions,
+    check_tables,
+    check_text,
+    check_urdf,
+    load_module,
+    print_again,
+)
 from stiffgen.verify.not_finite import check_not_finite
 from stiffgen.verify.result import Array, Check, Kernels, as_results, compared, one_by_one
 from stiffgen.verify.rounding import beyond_rounding, rounding_errors
@@ -710,9 +718,12 @@ def verify(
         raise StiffgenError("the seed must not be negative, and there must be at least one posture")
     robot = open_robot(folder)
     count = default_count(robot.chain) if count is None else count
+    checks = check_files(robot)
+    if not checks[0].passed:
+        return [*checks, Check("functions", "not run", math.inf, 0.0, "nothing of a folder with other files is run")]
+    load_module(robot)
     with tempfile.TemporaryDirectory(prefix="stiffgen-verify-") as build:
         steps = _steps(robot, None if urdf is None else Path(urdf), count, seed, Path(build))
-        checks = []
         for number, (title, step) in enumerate(steps, start=1):
             progress(f"{title} ({number} of {len(steps)})")
             try:
@@ -741,7 +752,7 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     except BuildError:  # the folder may have been compiled elsewhere
         library = None
     steps: list[tuple[str, Step]] = [
-        ("files", lambda: check_files(robot)),
+        ("printing again", lambda: [check_functions(robot), check_text(robot, print_again(robot))]),
         ("names and limits", lambda: check_tables(robot, library)),
         ("differentiating and comparing", lambda: check_robot(single, chain, count, seed, springs)),
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -122,16 +121,17 @@ def test_bad_input_is_refused(tmp_path: Path) -> None:
 
 def test_verdicts_of_other_bytes_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "verdicts.json"
-    content = {"robot": "iiwa14", "sources": {"iiwa14.c": "0" * 64}, "tools": {}, "verdicts": []}
+    sources = open_robot(FOLDER).source_digests() | {"iiwa14.c": "0" * 64}
+    content = {"robot": "iiwa14", "sources": sources, "tools": {}, "verdicts": []}
     file.write_text(json.dumps(content))
     with pytest.raises(OutputError, match=r"about another iiwa14\.c"):
         filed_for(open_robot(FOLDER), file)
 
 
 def test_page_shows_what_it_was_given(tmp_path: Path) -> None:
-    digest = hashlib.sha256((FOLDER / C).read_bytes()).hexdigest()
+    sources = open_robot(FOLDER).source_digests()
     verdict = {"function": "act", "claims": "in bounds", "tool": "Frama-C", "outcome": "unproved", "seconds": 1.0}
-    content = {"robot": "iiwa14", "sources": {C: digest}, "tools": {"ESBMC": "8.4"}, "verdicts": [verdict]}
+    content = {"robot": "iiwa14", "sources": sources, "tools": {"ESBMC": "8.4"}, "verdicts": [verdict]}
     (tmp_path / "verdicts.json").write_text(json.dumps(content))
     checks = [
         Check("hybrid_jacobian", "differentiated pose", 3e-15, 1e-12, errors=np.array([1e-16, 3e-15])),
