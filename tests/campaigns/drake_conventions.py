@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Drake's line of docs/conventions.md; too large for the other tests: ``make test-drake`` installs it and runs this."""
+"""Drake's line of docs/conventions.md: ``make campaign NAME=drake``; Drake is too large for the other tests."""
 
 from __future__ import annotations
 

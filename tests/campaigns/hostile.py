@@ -39,6 +39,11 @@ def run(program: Path, steps: int, seed: int, flips: float = 0.0) -> subprocess.
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+def under_control(said: str) -> int:
+    """Return the number of steps with the controller active."""
+    return int(said.split(", ")[1].split()[0])
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=10_000_000)
@@ -52,7 +57,7 @@ def main() -> int:
         for part in range(parts):
             steps = -(-options.steps // parts)
             done = run(programs[part % 2], steps, options.seed + part, 0.0 if part < 2 else rate * parts / (parts - 2))
-            failed += done.returncode != 0
+            failed += done.returncode != 0 or under_control(done.stdout) < steps / 12
             print(f"{(done.stdout + done.stderr).strip()} ({time.monotonic() - start:.0f} s)", flush=True)
     return 1 if failed else 0
 

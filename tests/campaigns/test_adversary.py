@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Short runs of the adversaries in tests/campaigns: settle.py, energy.py, hostile.py."""
+"""Short runs of the adversaries in tests/campaigns: settle.py and energy.py."""
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from campaigns import energy, hostile, settle
+from campaigns import energy, settle
 from support.plant.loop import Q0, Loop
-from support.project import ROOT, Once, require_compiler
+from support.project import ROOT
 
 
 @pytest.mark.parametrize("part", [slice(0, 3), pytest.param(slice(3, 30), marks=pytest.mark.slow)], ids=str)
@@ -168,16 +167,3 @@ def test_an_undeclared_delay_is_not_accounted_for(loop: Loop) -> None:
             worst[declared] = max(worst[declared], energy.measure(loop, chosen).excess)
     assert worst[2] <= energy.TOLERANCE
     assert worst[0] > worst[2]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("flips", [0.0, 20000.0])
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_hostile_steps(robot_folder: Path, once: Once, compiler: str, flips: float) -> None:
-    """Bad samples, calls and configurations, and bit flips of the state, under the sanitizers."""
-    require_compiler(compiler)
-    folder = once(f"hostile-{compiler}", lambda folder: hostile.build(folder, robot_folder, compiler))
-    done = hostile.run(folder / f"hostile-{compiler}", 60000, 3, flips)
-    assert done.returncode == 0, done.stderr
-    active = int(done.stdout.split(", ")[1].split()[0])
-    assert active > 5000, "it hardly ever was under control"

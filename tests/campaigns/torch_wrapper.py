@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""NAME.torch: the functions as operators of PyTorch. ``make test-torch`` runs this: PyTorch is too large for CI."""
+"""NAME.torch: the functions as operators of PyTorch, by ``make campaign NAME=torch``; PyTorch is too large for CI."""
 
 from __future__ import annotations
 

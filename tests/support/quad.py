@@ -14,9 +14,8 @@ import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-import casadi as ca
 import numpy as np
 from flint import arb, ctx
 
@@ -25,6 +24,7 @@ from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.rounding import Stages
+from support.graphs import BALLS
 
 DOUBLES = PRECISIONS[DOUBLE.name]
 WIDTHS = {
@@ -317,16 +317,9 @@ def with_eighty_digits(measured: Measured, kernel: Kernel, arguments: Sequence[n
     with ctx.workdps(80):
         for state, (row, of_row) in enumerate(zip(values, errors, strict=True)):
             given = [arb(float(x)) for each in arguments for x in each[state].astype(SCALARS[measured.number].dtype)]
-            for value, error, entry in zip(row, of_row, stages.run(given, arb, _ARB), strict=True):
+            for value, error, entry in zip(row, of_row, stages.run(given, arb, BALLS), strict=True):
                 exactly = abs(entry - arb(float(value)))
                 largest = max(largest, float(exactly.upper()))
                 # A batch may be farther off than the value.
                 off = max(off, float((exactly - arb(float(error))).upper()))
     return largest, off / largest if largest else off
-
-
-_ARB: dict[int, Any] = {
-    ca.OP_ADD: arb.__add__, ca.OP_SUB: arb.__sub__, ca.OP_MUL: arb.__mul__,
-    ca.OP_NEG: arb.__neg__, ca.OP_SIN: arb.sin, ca.OP_COS: arb.cos,
-    ca.OP_SQ: lambda x: x * x, ca.OP_TWICE: lambda x: 2 * x,
-}  # fmt: skip

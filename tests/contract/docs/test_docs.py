@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import stiffgen
+from campaigns.__main__ import CAMPAIGNS
 from stiffgen.cli import _parser, main
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
@@ -186,7 +187,8 @@ def project(folder: Path, robot_folder: Path) -> None:
 
 
 def make(words: list[str]) -> None:
-    """Every target is one that a test runs (tests/contract/house/test_make.py)."""
+    """Every target stands in the Makefile, and every campaign in the table of campaigns."""
+    assert {word.removeprefix("NAME=") for word in words if word.startswith("NAME=")} <= {*CAMPAIGNS}
     for target in (word for word in words if "=" not in word):
         assert re.search(rf"^(?:[^\n:]* )?{re.escape(target)}\b[^\n=]*:", MAKEFILE, re.MULTILINE), target
 
@@ -239,8 +241,8 @@ def test_commands_in_sentences_exist(page: Path) -> None:
                 _parser().parse_args(words[1:])
             elif words[0] == "make":
                 make(words[1:])
-    for target in re.findall(r"`make ([a-z-]+)[` ]", text):
-        make([target])
+    for target, name in re.findall(r"`make ([a-z-]+)( NAME=[a-z-]+)?[` ]", text):
+        make([target, *name.split()])
 
 
 @pages(PAGES)

@@ -46,7 +46,6 @@ from support.fri_session import (
     button,
     run_harness,
     sdk_options,
-    write_session,
     write_short_trajectory,
 )
 
@@ -486,17 +485,6 @@ def test_sequence_counter_tells_lost_messages_lost_answers_and_restarts(programs
     assert statistics["late_answers"] == 1
     assert statistics["timeouts"] == 2
     assert statistics["messages"] == sum(bool(step["sent"]) for step in steps) == 7
-
-
-@pytest.mark.slow
-def test_fuzzed_datagrams_under_the_sanitizers(sanitized: Programs, tmp_path: Path) -> None:
-    """A short run with a fixed seed; make fri-fuzz does a million in each version."""
-    environment = {**os.environ, **write_session(tmp_path, "2.7")}
-    command = [sanitized.folder / "fri_fuzz", tmp_path / "corpus", "-max_len=1700", "-runs=3000", "-seed=1",
-               f"-artifact_prefix={tmp_path}/"]  # fmt: skip
-    done = subprocess.run([str(part) for part in command], env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert "Done 3000 runs" in done.stderr
 
 
 # ---- the wiping client ---------------------------------------------------------------------------------------------

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-import casadi as ca
 import numpy as np
 import pytest
 from mpmath import mp
@@ -21,6 +20,7 @@ from stiffgen.verify.result import Check, as_results
 from stiffgen.verify.rounding import rounding_errors, with_more_digits
 from stiffgen.verify.verify import _against_casadi, argument_samples
 from support.chains import chain_urdf
+from support.graphs import DIGITS, Graph
 
 OPTIONS = SpringOptions(derivatives=True)
 
@@ -37,33 +37,13 @@ def kernel_of(chain, name):
     return next(kernel for kernel in chain_kernels(chain, OPTIONS) if kernel.qualified_name == name)
 
 
-OPERATIONS = {
-    ca.OP_ADD: lambda a, b: a + b, ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b,
-    ca.OP_SQ: lambda a: a * a, ca.OP_NEG: lambda a: -a, ca.OP_TWICE: lambda a: 2 * a,
-    ca.OP_SIN: mp.sin, ca.OP_COS: mp.cos,
-}  # fmt: skip
-
-
 def exactly(function, arguments):
     """Results of a ``casadi.Function`` with sixty digits, each as CasADi's array."""
     mp.dps = 60
-    given = [np.asarray(a, float).reshape(function.size_in(k)).T.ravel() for k, a in enumerate(arguments)]
-    results = [[mp.mpf(0)] * function.nnz_out(k) for k in range(function.n_out())]
-    work = {}
-    for k in range(function.n_instructions()):
-        operation, taken, into = (
-            function.instruction_id(k), function.instruction_input(k), function.instruction_output(k),
-        )  # fmt: skip
-        if operation == ca.OP_INPUT:
-            work[into[0]] = mp.mpf(float(given[taken[0]][taken[1]]))
-        elif operation == ca.OP_CONST:
-            work[into[0]] = mp.mpf(function.instruction_constant(k))
-        elif operation == ca.OP_OUTPUT:
-            results[into[0]][into[1]] = work[taken[0]]
-        else:
-            work[into[0]] = OPERATIONS[operation](*(work[each] for each in taken))
+    shaped = [np.asarray(a, float).reshape(function.size_in(k)) for k, a in enumerate(arguments)]
+    entries = Graph(function).run([[mp.mpf(x) for x in each.T.ravel()] for each in shaped], mp.mpf, DIGITS)
     shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
-    return [np.array(each, object).reshape(shape).T for each, shape in zip(results, shapes, strict=True)]
+    return [np.array(each, object).reshape(shape).T for each, shape in zip(entries, shapes, strict=True)]
 
 
 @pytest.mark.parametrize("name", ["hybrid_joint_stiffness", "body_kinematic_stiffness_vjp", "hybrid_jacobian_vjp"])

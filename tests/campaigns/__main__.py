@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""Run a campaign by its name: ``make campaign NAME=soak OPTIONS="--steps 1000"``; without a name, list all campaigns.
+
+A campaign is a search that takes minutes to hours. ``short`` are the options of its form with a fixed seed, which
+tests/campaigns/test_short_forms.py runs in CI; a campaign without them needs a download that CI does not make.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from support.project import ROOT
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A program, its options, and what it does."""
+
+    program: str
+    summary: str
+    short: str | None = None
+    full: str = ""
+
+    def command(self, options: Sequence[str]) -> list[str]:
+        """Return the command line that runs the program from the repository's root."""
+        run = ["-m", "pytest", "-p", "no:cacheprovider"] if self.program.endswith("wrapper.py") else []
+        return [sys.executable, *run, self.program, *options]
+
+
+def _campaign(name: str, summary: str, short: str | None = None, full: str = "") -> Campaign:
+    return Campaign(f"tests/campaigns/{name}.py", summary, short, full)
+
+
+CAMPAIGNS = {
+    "fuzz": _campaign("fuzz_reader", "fuzz the URDF reader for ten minutes", None, "build/fuzz-corpus"),
+    "random-robots": _campaign(
+        "long_run", "compare 100 000 random chains with Pinocchio", "--chains 2 --broken 2 --joints 4"
+    ),
+    "robots": _campaign(
+        "robots_table", "compare real robots with Pinocchio, into docs/robots.md", None, "build/robots docs/robots.md"
+    ),
+    "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level", "1 2 0"),
+    "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),
+    "rounding-errors": _campaign(
+        "rounding_errors", "compare measured rounding errors with their bounds", "--states 400 --width SSE2"
+    ),
+    "float-sines": _campaign(
+        "float_sines", "pass every float through sine and cosine", "--builds 'gcc, SSE2' --every 16"
+    ),
+    "single-precision": Campaign(
+        "benchmarks/single_precision.py",
+        "compare time and errors of float with double",
+        "--states 10000 --width SSE2 --kernels hybrid_jacobian",
+    ),
+    "targets": _campaign(
+        "targets",
+        "count instructions on emulated processors",
+        "--states 16 --machines aarch64 --functions spring_wrench",
+    ),
+    "proofs": _campaign("proofs", "prove whole folders", None),
+    "seeded-faults": _campaign("seeded_faults", "prove folders with seeded faults", None),
+    "soak": _campaign("soak", "run the controller for a million hostile steps", "--steps 12000 --pencils 20"),
+    "settle": _campaign("settle", "let random situations come to rest", "--count 2"),
+    "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
+    "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 120000 --flips 2400"),
+    "fri-fuzz": _campaign(
+        "fuzz_fri", "send the FRI client a million hostile datagrams", "{folder} --version 2.7 -runs=3000 -seed=1"
+    ),
+    "fri-attack": _campaign(
+        "attack_fri", "attack the FRI client in whole sessions", "{folder} --version 2.7 --sessions 20"
+    ),
+    "torch": _campaign("torch_wrapper", "test NAME.torch"),
+    "drake": Campaign("tests/campaigns/drake_conventions.py", "test docs/conventions.md against Drake"),
+}
+
+
+def main(words: Sequence[str]) -> int:
+    """Run the campaign that the first word names."""
+    if not words or words[0] not in CAMPAIGNS:
+        for name, campaign in CAMPAIGNS.items():
+            print(f"  make campaign NAME={name:17} {campaign.summary}")
+        return 2 if words else 0
+    campaign = CAMPAIGNS[words[0]]
+    return subprocess.run(campaign.command(words[1:] or campaign.full.split()), cwd=ROOT, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
