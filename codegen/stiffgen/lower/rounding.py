@@ -31,24 +31,8 @@ from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.symbolic.program import (
-    Array,
-    Gather,
-    Map,
-    Operand,
-    Program,
-    Reduce,
-    SparseSum,
-    Step,
-    StraightLine,
-    Sum,
-    as_operand,
-    evaluate,
-    indices,
-    operand_shape,
-    reads,
-    writes,
-)
+from stiffgen.symbolic.program import Array, Operand, Program, Step, as_operand, evaluate
+from stiffgen.symbolic.steps import Gather, Map, Reduce, SparseSum, StraightLine, Sum
 
 _ENLARGED = 1.0 + 2.0**-46
 """After a few operations on doubles that are not negative, more than these can have lost."""
@@ -505,9 +489,9 @@ def _taken(operand: Operand, arrays: Mapping[str, list[Bound]], i: int, j: int) 
 
 def _map(chain: Chain, step: Map, arrays: dict[str, list[Bound]], precision: Precision) -> None:
     # The operands at i and at j are symbols of their own also where i is j: the printed loop does not know that.
-    body = _Body.of([operand_shape(operand) for operand in step.operands], step.expression)
+    body = _Body.of([operand.shape for operand in step.operands], step.expression)
     written = arrays.setdefault(step.output.array.name, [ZERO] * step.output.array.size)
-    for i, j in indices(chain, step.over):
+    for i, j in step.over.indices(chain):
         inputs = [bound for operand in step.operands for bound in _taken(operand, arrays, i, j)]
         for k, bound in enumerate(body.bounds(inputs, precision)):
             written[step.output.entry(k, i, j)] = bound
@@ -519,9 +503,9 @@ def _linear(chain: Chain, step: Step, arrays: dict[str, list[Bound]], precision:
     """Steps that add and scale what is there: unrolled. Their sums have one order on every vector width."""
     symbols = {
         array.name: [ca.SX.sym("x") if bound != ZERO else ca.SX(0) for bound in arrays[array.name]]
-        for array in reads(step)
+        for array in step.reads
     }
-    shapes = {array.name: array.shape for array in reads(step)}
+    shapes = {array.name: array.shape for array in step.reads}
     result = evaluate(chain, (step,), {name: _shaped(shapes[name], entries) for name, entries in symbols.items()})
     pairs = [
         (symbol, bound)
@@ -529,7 +513,7 @@ def _linear(chain: Chain, step: Step, arrays: dict[str, list[Bound]], precision:
         for symbol, bound in zip(entries, arrays[name], strict=True)
         if bound != ZERO
     ]
-    for array in writes(step):
+    for array in step.writes:
         entries = ca.densify(ca.vertcat(*result[array.name]))
         inputs = ca.vertcat(*(symbol for symbol, _ in pairs)) if pairs else ca.SX(0, 1)
         body = _Body(*build_graph(ca.Function("f", [inputs], [entries])))

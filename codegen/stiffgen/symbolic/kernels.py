@@ -13,14 +13,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from stiffgen.robot.chain import Chain, Tip
-from stiffgen.symbolic import adjoint, arguments, programs
+from stiffgen.symbolic import adjoint, arguments, gradients, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.symbolic.program import ArgumentSlice, Program, Sum, Term
+from stiffgen.symbolic.program import Program
 from stiffgen.symbolic.springs import TRACE, Spring
+from stiffgen.symbolic.steps import ArgumentSlice, Sum, Term
 
 _Steps = Callable[[Chain], Program]
 
@@ -443,12 +444,12 @@ KERNELS: tuple[Kernel, ...] = _serial()
 
 def _cotangent(result: Argument, count: int) -> Argument:
     meaning = f"weights of the entries of {result.name}" + (", both triangles" if result.symmetric else "")
-    name = adjoint.cotangent_name(result.name, count)
+    name = gradients.cotangent_name(result.name, count)
     return Argument(name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", own=True)
 
 
 def _gradient(argument: Argument) -> Argument:
-    name = adjoint.bar_name(argument.name)
+    name = gradients.bar_name(argument.name)
     if argument.name == arguments.BASE_POSE.name:
         meaning = (
             "gradient by the base's motion: covector of the base link's twist (linear, angular) in its own axes; L "

@@ -18,8 +18,9 @@ from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argu
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
-from stiffgen.symbolic.program import Array, Map, Operand, Over, Program, SparseSum, StraightLine, SumJoints, pruned
+from stiffgen.symbolic.program import Array, Operand, Over, Program, pruned
 from stiffgen.symbolic.springs import Spring
+from stiffgen.symbolic.steps import Map, SparseSum, StraightLine, SumJoints
 
 
 def _posture(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
@@ -101,7 +102,7 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
             def derivative(moving: ca.SX, column: ca.SX) -> ca.SX:
                 return kinematics.jacobian_column_derivative(representation, column, moving, by_is_outward=outward)
 
-            side = f"for the joints i {'beyond' if outward else 'before'} joint j" if over != BASE else BASE
+            side = str(over) if over is Over.BASE else f"for the joints i {'beyond' if outward else 'before'} joint j"
             return Map(
                 f"dJ_j/dq_i {side}",
                 over,
@@ -110,15 +111,11 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
                 derivative,
             )
 
-        outer: Over = "i>=j" if diagonal_outward else "i>j"
-        inner: Over = "i<j" if diagonal_outward else "i<=j"
-        return recursion, half(inner, False), half(outer, True), *((half(BASE, False),) if chain.floating else ())
+        outer = Over.LOWER if diagonal_outward else Over.STRICTLY_LOWER
+        inner = Over.STRICTLY_UPPER if diagonal_outward else Over.UPPER
+        return recursion, half(inner, False), half(outer, True), *((half(Over.BASE, False),) if chain.floating else ())
 
     return _over_joints(chain, result, steps)
-
-
-BASE: Over = "i and j of the base"
-"""A floating base moves as one: each of its six joints moves the tip as if it were nearer the base than the others."""
 
 
 def _two_sided(
@@ -133,15 +130,16 @@ def _two_sided(
     """target_ij = J_i . u_j with one covector u_j for the joints j beyond i and one for those before."""
     symbol, left_hand_side, formula = names
     diagonal_outward = stiffness.diagonal_is_outward(representation)
-    beyond: Over = "i<=j" if diagonal_outward else "i<j"
-    before: Over = "i>j" if diagonal_outward else "i>=j"
+    beyond = Over.UPPER if diagonal_outward else Over.STRICTLY_UPPER
+    before = Over.STRICTLY_LOWER if diagonal_outward else Over.LOWER
     maps: list[Map] = []
     for side, over, outward in (("beyond", beyond, True), ("before", before, False)):
         u = Array(f"{symbol}_{side}", J.shape)
         comment = f"{symbol}_j = {formula}, for the joints j {side} joint i"
         expression = partial(covector, representation, outward=outward)
-        maps.append(Map(comment, "j", Operand(u, "j"), (Operand(J, "j"), *operands), expression))
-        overs = (over, BASE) if chain.floating and not outward else (over,)
+        maps.append(Map(comment, Over.JOINTS, Operand(u, "j"), (Operand(J, "j"), *operands), expression))
+        # A floating base moves as one: each of its joints moves the tip as if it were nearer the base than the others.
+        overs = (over, Over.BASE) if chain.floating and not outward else (over,)
         maps += [_pairs(J, u, each, output, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
     return tuple(maps)
 
@@ -168,7 +166,7 @@ def joint_stiffness_uncorrected(
         recursion, J = _columns(chain, representation)
         y = Array("y", J.shape)
         matrix = Operand(task_stiffness.array(chain), "")
-        product = Map("y_j = K J_j", "j", Operand(y, "j"), (matrix, Operand(J, "j")), ca.mtimes)
+        product = Map("y_j = K J_j", Over.JOINTS, Operand(y, "j"), (matrix, Operand(J, "j")), ca.mtimes)
         operands = (Operand(wrench.array(chain), ""), Operand(y, "j"))
         names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F by J_i")
         covector = stiffness.uncorrected_covector
@@ -183,7 +181,7 @@ def _tangent(
     """Target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
     A, u = Array("A", (6, 6)), Array("u", J.shape)
     force = Operand(wrench, "")
-    half: Over = "i<=j" if stiffness.diagonal_is_outward(representation) else "i>=j"
+    half = Over.UPPER if stiffness.diagonal_is_outward(representation) else Over.LOWER
     return (
         SparseSum(
             "A = K + Gamma F, reading the upper triangle of K",
@@ -194,7 +192,7 @@ def _tangent(
         ),
         Map(
             "u_j = A J_j" + (" + gradient of (dJ_i/dq_j) . F by J_i" if representation == "hybrid" else ""),
-            "j",
+            Over.JOINTS,
             Operand(u, "j"),
             (Operand(J, "j"), force, Operand(A, "")),
             partial(stiffness.stiffness_covector, representation),
@@ -321,9 +319,11 @@ def _pairs_on_the_way(
     """A symmetric target_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
     operands = Operand(left, "i"), Operand(right, "j")
     if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
-        return (Map(f"{formula} for i<=j, mirrored", "i<=j", Operand(output, "ij"), operands, body, mirror=True),)
-    nothing = Map("joints of different branches: 0", "i<=j", Operand(output, "ij"), (), lambda: ca.SX(0), mirror=True)
-    over: Over = "i on the way to j"
+        return (Map(f"{formula} for i<=j, mirrored", Over.UPPER, Operand(output, "ij"), operands, body, mirror=True),)
+    nothing = Map(
+        "joints of different branches: 0", Over.UPPER, Operand(output, "ij"), (), lambda: ca.SX(0), mirror=True
+    )
+    over = Over.ON_THE_WAY
     return nothing, Map(f"{formula} for {over}, mirrored", over, Operand(output, "ij"), operands, body, mirror=True)
 
 
@@ -372,7 +372,7 @@ def _gravity_in_base_axes(chain: Chain) -> tuple[Program, Operand]:
         return (), given
     turned = Operand(Array("g_in_base", (3,)), "")
     operands = Operand(BASE_POSE.array(chain), ""), given
-    return (Map("gravity in base axes", "", turned, operands, gravity.in_base_axes),), turned
+    return (Map("gravity in base axes", Over.ONCE, turned, operands, gravity.in_base_axes),), turned
 
 
 def gravity_gradient(chain: Chain, result: Argument) -> Program:
@@ -381,7 +381,7 @@ def gravity_gradient(chain: Chain, result: Argument) -> Program:
     turned, g = _gravity_in_base_axes(chain)
 
     def steps(output: Array) -> Program:
-        rates = Map("dU/dq_j = -g . w_j", "j", Operand(output, "j"), (Operand(C, "j"), g), gravity.moment_rate)
+        rates = Map("dU/dq_j = -g . w_j", Over.JOINTS, Operand(output, "j"), (Operand(C, "j"), g), gravity.moment_rate)
         return recursion, *turned, rates
 
     return _vector_of_joints(chain, result, steps)
@@ -392,7 +392,7 @@ def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
     recursion, C, _ = _gravity_columns(chain)
     turned, g = _gravity_in_base_axes(chain)
     u = Array("u", (3, len(chain.joints)))
-    covectors = Map("u_j = g x w_j", "j", Operand(u, "j"), (Operand(C, "j"), g), gravity.covector)
+    covectors = Map("u_j = g x w_j", Over.JOINTS, Operand(u, "j"), (Operand(C, "j"), g), gravity.covector)
 
     def steps(output: Array) -> Program:
         def pairs(into: Array) -> Program:
@@ -420,7 +420,7 @@ def _with_base_connection(
         return pairs(output)
     m = len(chain.joints)
     serial, tau = Array("S", (m, m)), Array("tau", (m,))
-    force = Map("tau_j: generalised force of joint j", "j", Operand(tau, "j"), operands, generalised_force)
+    force = Map("tau_j: generalised force of joint j", Over.JOINTS, Operand(tau, "j"), operands, generalised_force)
     comment = "moment on the base: from turns one after the other to a turn about one axis"
     connection = SparseSum(comment, output, serial, (tau,), stiffness.base_connection)
     return *pairs(serial), force, connection
@@ -462,7 +462,9 @@ def spring_joint_terms(
             return ca.SX(-ca.dot(column, wrench))
 
         program += _vector_of_joints(
-            chain, torque, lambda output: (Map("torque_j = -J_j . F", "j", Operand(output, "j"), operands, dot),)
+            chain,
+            torque,
+            lambda output: (Map("torque_j = -J_j . F", Over.JOINTS, Operand(output, "j"), operands, dot),),
         )
     if joint_stiffness:
         program += _over_joints(
@@ -480,9 +482,9 @@ def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, re
     output, own = result.array(chain), chain.base_joints
     symbol, formula = {"energy": ("u", "U"), "torque": ("t", "-dU/dq"), "joint_stiffness": ("d", "d2U/dq2")}[part]
     if part == "torque" and not own:
-        return (Map(formula, "coordinate", Operand(output, "j"), operands, body),)
+        return (Map(formula, Over.COORDINATES, Operand(output, "j"), operands, body),)
     of_each = Array(symbol, (chain.dof - own,))
-    of_all = Map(f"{formula}, of each coordinate", "coordinate", Operand(of_each, "j"), operands, body)
+    of_all = Map(f"{formula}, of each coordinate", Over.COORDINATES, Operand(of_each, "j"), operands, body)
 
     def placed(values: ca.SX) -> ca.SX:
         return ca.vertcat(ca.SX.zeros(own), values)
@@ -490,4 +492,4 @@ def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, re
     if part == "joint_stiffness":
         return of_all, SparseSum("diagonal", output, None, (of_each,), lambda values: ca.diag(placed(values)))
     comment, gathered = ("sum", ca.sum1) if part == "energy" else ("nothing of the base", placed)
-    return of_all, Map(comment, "", Operand(output, ""), (Operand(of_each, ""),), gathered)
+    return of_all, Map(comment, Over.ONCE, Operand(output, ""), (Operand(of_each, ""),), gathered)

@@ -142,7 +142,7 @@ class Stages:
         numbers = [entry for own in entries for entry in own]
         functions: list[ca.Function] = []
 
-        def held(written: list[ca.SX]) -> list[ca.SX]:
+        def replaced(written: list[ca.SX]) -> list[ca.SX]:
             new = [k for k, entry in enumerate(written) if not (entry.is_symbolic() or _is_plain(entry))]
             if not new:
                 return written
@@ -155,7 +155,7 @@ class Stages:
             return kept
 
         given = {a.name: as_operand(folded(a.shape), own) for a, own in zip(arrays, entries, strict=True)}
-        found = evaluate(kernel.scope(chain), kernel.steps(chain), given, held)
+        found = evaluate(kernel.scope(chain), kernel.steps(chain), given, replaced)
         places = {number.element_hash(): k for k, number in enumerate(numbers)}
         results = [entry for each in kernel.results for entry in found[each.array(chain).name]]
         return Stages(

@@ -15,8 +15,8 @@ import pytest
 
 from stiffgen import StiffnessModel, Tool, load_chain
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
-from stiffgen.symbolic.program import Map
 from stiffgen.symbolic.programs import MAX_UNROLLED_MASS_JOINTS
+from stiffgen.symbolic.steps import Map
 from support.chain_checks import value
 from support.chains import chain_urdf
 from support.exact_chain import exact_mass_matrix

@@ -24,30 +24,20 @@ from stiffgen.names import c_comment, comment
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.symbolic.program import (
-    Array,
+from stiffgen.symbolic.program import Array, Operand, Over, Program, Step, as_operand
+from stiffgen.symbolic.steps import (
     Gather,
     Map,
-    Operand,
-    Over,
-    Program,
     Reduce,
     Scan,
     Shared,
     SparseSum,
-    Spread,
-    Step,
     StraightLine,
     Sum,
     SumJoints,
     Term,
     Weights,
-    as_operand,
-    indices,
-    operand_shape,
-    reads,
 )
-from stiffgen.symbolic.programs import BASE
 
 
 @dataclass(frozen=True)
@@ -152,8 +142,8 @@ class _VariantPrinter:
         """The internal function of steps that several kernels have in common, printed once."""
         name = scope.prefix + step.name
         if name not in self.shared:
-            printer = _ProgramPrinter(self, scope, step.arguments, (step.result,))
-            columns = frozenset(array.name for array in step.arguments if _is_columns(scope, array))
+            printer = _ProgramPrinter(self, scope, step.parameters, (step.result,))
+            columns = frozenset(array.name for array in step.parameters if _is_columns(scope, array))
             printer.internal(step.steps, columns)
             self.shared[name] = scope, replace(printer.function(name), meaning=step.meaning, columns=columns)
         return self.shared[name][1]
@@ -315,11 +305,11 @@ def _scalars(values: dict[str, ca.SX]) -> list[tuple[str, ca.SX]]:
 
 
 _RANGES = {
-    "i<=j": ("j = i", "j < {size}", "i", "{size}"),
-    "i<j": ("j = i + 1", "j < {size}", "i + 1", "{size}"),
-    "i>=j": ("j = 0", "j <= i", "0", "i + 1"),
-    "i>j": ("j = 0", "j < i", "0", "i"),
-    BASE: ("j = 0", "j < {base}", "0", "{base}"),
+    Over.UPPER: ("j = i", "j < {size}", "i", "{size}"),
+    Over.STRICTLY_UPPER: ("j = i + 1", "j < {size}", "i + 1", "{size}"),
+    Over.LOWER: ("j = 0", "j <= i", "0", "i + 1"),
+    Over.STRICTLY_LOWER: ("j = 0", "j < i", "0", "i"),
+    Over.BASE: ("j = 0", "j < {base}", "0", "{base}"),
 }
 """Loop over j in row i: start, condition, first, one past the last."""
 
@@ -328,7 +318,7 @@ def _is_columns(scope: Scope, array: Array) -> bool:
     return array.shape == (6, len(scope.chain.joints))
 
 
-_ROWS: tuple[Over, ...] = "j", "coordinate"
+_ROWS = Over.JOINTS, Over.COORDINATES
 """What a map over rows in lanes runs over."""
 
 
@@ -395,9 +385,7 @@ class _ProgramPrinter:
         back among the finite ones, so that guarding the sums is enough (put_row).
         """
         maps = self._readers(program)
-        pairs = any(
-            isinstance(step, Gather) or (isinstance(step, Map) and step.over not in ("", *_ROWS)) for step in maps
-        )
+        pairs = any(isinstance(step, Gather) or (isinstance(step, Map) and step.over.is_pairs) for step in maps)
         guarded = self.variant.joint_lanes and not pairs
         read = {
             operand.array.name
@@ -408,7 +396,7 @@ class _ProgramPrinter:
         # Statements that take sines and name frames do so in braces of their own, where there are several.
         blocks = [step for step in program if isinstance(step, StraightLine) and not step.name]
         self.scoped = len(blocks) > 1 and any(array.name == "q" for step in blocks for array in step.arguments)
-        used = {array.name for step in program for array in reads(step)}
+        used = {array.name for step in program for array in step.reads}
         for array in self.inputs:
             if array.name not in used:
                 self.lines.append(f"(void){array.name};")
@@ -458,11 +446,9 @@ class _ProgramPrinter:
         elif isinstance(step, Sum):
             self._sum(step)
         elif isinstance(step, SumJoints):
-            self._sum_joints(step)
+            (self._spread if step.spread else self._sum_joints)(step)
         elif isinstance(step, SparseSum):
             self._sparse_sum(step)
-        elif isinstance(step, Spread):
-            self._spread(step)
         elif isinstance(step, Weights):
             self._weights(step)
         elif isinstance(step, Gather):
@@ -473,7 +459,7 @@ class _ProgramPrinter:
             self._scan(step)
         elif isinstance(step, Shared):
             self._shared(step)
-        else:
+        elif isinstance(step, Map):
             self._map(step)
 
     def _shared(self, step: Shared) -> None:
@@ -481,7 +467,7 @@ class _ProgramPrinter:
         if not self._public(step.output):
             self._declare(step.output, "")
         self.operations = self.operations + function.operations
-        given = ", ".join(array.name for array in (*step.given, step.output))
+        given = ", ".join(array.name for array in (*step.arguments, step.output))
         self.lines += ["", f"{function.name}{self.variant.suffix}({given});"]
 
     def _block(self, step: StraightLine) -> None:
@@ -654,9 +640,11 @@ class _ProgramPrinter:
             wide_outputs=rows or step.over in _ROWS or not self.variant.joint_lanes,
             temporaries=self.temporaries,
         )
-        self.temporaries = self.temporaries if step.over else printed.temporaries
+        self.temporaries = self.temporaries if step.over is not Over.ONCE else printed.temporaries
         self.calls |= printed.calls
-        self.operations = self.operations + printed.operations.times(sum(1 for _ in step.indices(self.scope.chain)))
+        self.operations = self.operations + printed.operations.times(
+            sum(1 for _ in step.over.indices(self.scope.chain))
+        )
         self.lines += ["", f"/* {step.comment} */"] if self.lines else [f"/* {step.comment} */"]
         if not rows and not vector:
             self._store([target.array], self.inputs)
@@ -683,14 +671,16 @@ class _ProgramPrinter:
                 inputs.append((symbol, text))
                 wide |= {text} if is_wide else set()
                 entries.append(symbol)
-            taken.append(as_operand(operand_shape(operand), entries))
+            taken.append(as_operand(operand.shape, entries))
         dense = ca.densify(body(*taken))
         return inputs, wide, [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
 
     def _by_rows(self, step: Map) -> bool:
         """Whether a map over pairs runs over rows i, and over j in lanes."""
         return (
-            self.variant.joint_lanes and step.over not in ("", *_ROWS, "i on the way to j") and step.output.count == 1
+            self.variant.joint_lanes
+            and step.over not in (Over.ONCE, *_ROWS, Over.ON_THE_WAY)
+            and step.output.count == 1
         )
 
     def _is_vector_row(self, step: Map) -> bool:
@@ -730,13 +720,13 @@ class _ProgramPrinter:
 
     def _loops(self, step: Map, printed: Printed) -> list[str]:
         size = self.scope.size
-        if step.over == "":
+        if step.over is Over.ONCE:
             return printed.lines
         if step.over in _ROWS:
             head = f"for (int j = 0; j < {self._blocks(step.over)}; ++j) {{"
             return [*self._rolled, head, *_indented(printed.lines, 1), "}"]
         target, lines = step.output, printed.lines
-        if step.over == "i on the way to j":
+        if step.over is Over.ON_THE_WAY:
             self.calls.add("parent_of")
             mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
             return [
@@ -767,12 +757,12 @@ class _ProgramPrinter:
 
     def _rows_of(self, step: Map) -> str:
         """Number of rows i that a map over pairs runs over."""
-        return str(self.scope.chain.base_joints) if step.over == BASE else self.scope.size
+        return str(self.scope.chain.base_joints) if step.over is Over.BASE else self.scope.size
 
     def _mirrored(self, step: Map) -> list[str]:
         if not step.mirror:
             return []
-        half = {"i<=j": "upper", "i>=j": "lower"}[step.over]
+        half = {Over.UPPER: "upper", Over.LOWER: "lower"}[step.over]
         return [self._called(f"mirror_{half}", step.output.array.name, self.scope.size)]
 
     def _call(self, helper: str, *arguments: object) -> None:
@@ -790,7 +780,7 @@ class _ProgramPrinter:
 
     def _count(self, over: Over) -> str:
         """C text of the number of joints or coordinates that a map runs over."""
-        if over != "coordinate":
+        if over is not Over.COORDINATES:
             return self.scope.size
         return str(self.scope.chain.dof - self.scope.chain.base_joints) if self.scope.chain.floating else "N"
 
@@ -799,7 +789,7 @@ class _ProgramPrinter:
         """What stands before a loop over joints in a batch."""
         return ["ROLLED"] if self.variant.lanes == "configurations" else []
 
-    def _blocks(self, over: Over = "j") -> str:
+    def _blocks(self, over: Over = Over.JOINTS) -> str:
         return self.scope.blocks if self.variant.joint_lanes else self._count(over)
 
     def _pair(self, array: Array, first: str, second: str) -> str:
@@ -845,7 +835,7 @@ class _ProgramPrinter:
             return array.name
         return f"{array.name}[0]" if len(array.shape) == 2 else f"{array.name}[0][0]"
 
-    def _spread(self, step: Spread) -> None:
+    def _spread(self, step: SumJoints) -> None:
         source, target, prefix = step.source, step.output, self.scope.prefix
         m, M = len(self.scope.chain.joints), self.scope.size
         if step.columns:
@@ -866,11 +856,11 @@ class _ProgramPrinter:
         """Weights as rows of lanes, zero outside; or where the source has them, folded if both triangles count."""
         M, m = self.scope.size, len(self.scope.chain.joints)
         depth = step.source.size // (m * m)
-        source, between = self._numbers(step.source), step.over == "i on the way to j"
+        source, between = self._numbers(step.source), step.over is Over.ON_THE_WAY
         if not self.variant.joint_lanes and not step.mirror and not between:
             self.weights |= {step.output.name: (source, False), step.transposed.name: (source, True)}
             return
-        folded = sum(i != j for i, j in indices(self.scope.chain, step.over)) if step.mirror else 0
+        folded = sum(i != j for i, j in step.over.indices(self.scope.chain)) if step.mirror else 0
         self.operations = self.operations + Operations(add=depth * folded)
         self.lines += ["", f"/* {step.output.name}_ij: what the pair {step.over} hands back */"]
         targets = [step.output, step.transposed] if self.variant.joint_lanes else [step.output]
@@ -892,12 +882,12 @@ class _ProgramPrinter:
             self._call("fold_pairs", source, *shape, *into)
             return
         own = self.scope.chain.base_joints
-        if step.over == BASE:
+        if step.over is Over.BASE:
             self._call("weigh_base", source, *shape, own, *into)
             return
-        upper, diagonal = step.over[1] == "<", "=" in step.over
+        upper, diagonal = step.over.upper, step.over.diagonal
         self._call("weigh_triangle", source, *shape, int(upper), int(diagonal), int(step.mirror), *into)
-        if step.but_of_base:
+        if step.without_base:
             self._call("clear_base", *shape[1:], own, *into)
 
     def _weight(self, operand: Operand, k: int) -> str:
@@ -937,8 +927,8 @@ class _ProgramPrinter:
 
     def _gather(self, step: Gather) -> None:
         size, target = self.scope.size, step.output
-        pairs = sum(1 for _ in indices(self.scope.chain, step.over, but_of_base=step.but_of_base))
-        source = self._weighted(step) if self.variant.joint_lanes and step.over != BASE else None
+        pairs = sum(1 for _ in step.over.indices(self.scope.chain, without_base=step.without_base))
+        source = self._weighted(step) if self.variant.joint_lanes and step.over is not Over.BASE else None
         if source is not None:
             rows, padded, blocks = source.shape[0], self.scope.padded, self.scope.blocks
             weights = next(self.weights[operand.array.name][0] for operand in step.operands if operand.at == "ij")
@@ -955,12 +945,13 @@ class _ProgramPrinter:
         self._declare(target, "j")
         opening, printed = self._sums(inputs, wide, results)
         self.operations = self.operations + printed.operations.times(pairs)
-        start, stop = ("0", str(self.scope.chain.base_joints) if step.over == BASE else size)
+        start, stop = ("0", str(self.scope.chain.base_joints) if step.over is Over.BASE else size)
         if not self.variant.joint_lanes:
-            if step.but_of_base or step.over == BASE:
+            if step.without_base or step.over is Over.BASE:
                 raise NotImplementedError("maps over the pairs of a base's own joints go back in lanes of joints only")
             start, stop = {
-                "i<=j": ("0", "j + 1"), "i<j": ("0", "j"), "i>=j": ("j", size), "i>j": ("j + 1", size),
+                Over.UPPER: ("0", "j + 1"), Over.STRICTLY_UPPER: ("0", "j"),
+                Over.LOWER: ("j", size), Over.STRICTLY_LOWER: ("j + 1", size),
             }.get(step.over, (start, stop))  # fmt: skip
         kept = [k for k in range(target.shape[0]) if k not in zeros]
         stores = [f"{target.name}[{k}][j] = sum[{index}];" for index, k in enumerate(kept)]
@@ -990,7 +981,7 @@ class _ProgramPrinter:
         columns = at["i"].array
         if columns.name not in self.lane_arrays or self.zero_rows.get(columns.name):
             return None
-        symbols = {operand: ca.SX.sym("x", *operand_shape(operand)) for operand in step.operands}
+        symbols = {operand: ca.SX.sym("x", *operand.shape) for operand in step.operands}
         weighed = ca.densify(step.expression(*(symbols[operand] for operand in step.operands)))
         sums = ca.densify(symbols[at["i"]] * symbols[at["ij"]])
         return columns if sums.shape == weighed.shape and ca.is_equal(sums, weighed, 1) else None
@@ -998,7 +989,7 @@ class _ProgramPrinter:
     def _reduce(self, step: Reduce) -> None:
         inputs, wide, results = self._run(step.operands, step.expression, rows=True)
         opening, printed = self._sums(inputs, wide, results, whole=True)
-        count = sum(1 for _ in indices(self.scope.chain, step.over))
+        count = sum(1 for _ in step.over.indices(self.scope.chain))
         self.operations = self.operations + printed.operations.times(count)
         lines = [
             *opening,
@@ -1146,13 +1137,13 @@ class _ProgramPrinter:
 
 def _handed_on(step: Step) -> tuple[Array, ...]:
     """Arrays that a step reads as a whole, through a helper or a function, whatever is known of their entries."""
-    if isinstance(step, (SumJoints, Spread, Weights)):
+    if isinstance(step, (SumJoints, Weights)):
         return (step.source,)
     if isinstance(step, Shared):
-        return step.given
+        return step.arguments
     if isinstance(step, StraightLine) and step.name:
         return step.arguments
-    return reads(step) if isinstance(step, Sum) else ()
+    return step.reads if isinstance(step, Sum) else ()
 
 
 def _indented(lines: list[str], depth: int) -> list[str]:

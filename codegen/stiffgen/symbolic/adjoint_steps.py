@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: MIT
+"""Reverse rules of the steps: each appends to the gradients what its step hands back (:mod:`.adjoint`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic import kinematics
+from stiffgen.symbolic.arguments import BASE_POSE, Q
+from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.gradients import Gradients, bar_name, column, extents, shown, symbols
+from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.program import Array, Operand, Over, Step, pruned
+from stiffgen.symbolic.steps import Gather, Map, Reduce, Scan, Shared, SparseSum, StraightLine, SumJoints, Weights
+
+
+def _any_map(run: Gradients, step: Map) -> None:
+    (_pairs if step.over.is_pairs else _map)(run, step)
+
+
+def _sum_joints(run: Gradients, step: SumJoints) -> None:
+    """Spread the gradient over the joints."""
+    output = run.new(step.source)
+    run.steps.append(SumJoints(run.only(step.output), output, step.columns, spread=True))
+
+
+def _any_straight_line(run: Gradients, step: StraightLine) -> None:
+    if step.moves:
+        _moving(run, step)
+    else:
+        _straight_line(run, step, step.arguments)
+
+
+def _sparse_sum(run: Gradients, step: SparseSum) -> None:
+    """As a map; a start that is symmetric anyway gets what the sum gets, both triangles."""
+    if step.start is None or step.start.name not in run.mirrored:
+        _map(run, step.whole())
+        return
+    run.bars.setdefault(step.start.name, []).extend(run.bars[step.output.name])
+    operands = tuple(Operand(each, "") for each in step.operands)
+    _map(run, Map(step.comment, Over.ONCE, Operand(step.output, ""), operands, step.expression))
+
+
+def _map(run: Gradients, step: Map) -> None:
+    """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
+    bars = tuple(Operand(bar, step.output.at) for bar in run.bars[step.output.array.name])
+    whole: dict[str, tuple[Array, ca.SX]] = {}
+    values = [symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
+    seeds = [symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
+    given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
+    seed = sum((column(each) for each in seeds), ca.SX(0))
+    loss = ca.dot(column(step.expression(*run.known(step, values))), seed)
+    for operand, value in zip(step.operands, values, strict=True):
+        gradient = ca.densify(ca.gradient(loss, value))
+        if gradient.is_zero():
+            continue
+        if operand.at == "j" or step.over is Over.ONCE:
+            alike = len(bars) == 1 and bars[0].array.shape == operand.array.shape
+            alone = alike and operand.array.name in run.written and gradient.numel() == seed.numel()
+            if alone and ca.is_equal(column(gradient), seed, 1):
+                run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # handed on as it is
+                continue
+            _append_map(run, step, operand, gradient, given)
+            continue
+        for array, part in _through_sums(run, operand.array, gradient):
+            before = whole.get(array.name, (array, ca.SX.zeros(array.size)))[1]
+            whole[array.name] = array, before + part
+    if whole:
+        sums = tuple(run.new(array) for array, _ in whole.values())
+        operands, body = pruned(given, ca.vertcat(*(part for _, part in whole.values())))
+        comment = ", ".join(f"gradient by {shown(array)}" for array, _ in whole.values())
+        of = "coordinates" if step.over is Over.COORDINATES else "joints"
+        run.steps.append(Reduce(f"sums over the {of}: {comment}", sums, operands, body, step.over))
+
+
+def _append_map(
+    run: Gradients, step: Map, operand: Operand, gradient: ca.SX, given: tuple[tuple[Operand, ca.SX], ...]
+) -> None:
+    comment = f"gradient by {shown(operand.array)}, through {shown(step.output.array)}"
+    total = column(gradient)
+    if operand.at == "j" and operand.array.name in run.written and operand.array.name in run.bars:
+        # What other steps hand back is added here: one array, not one each.
+        others = [Operand(each, "j") for each in run.bars.pop(operand.array.name)]
+        seeds = [symbols(each, f"b{k}_") for k, each in enumerate(others)]
+        given = (*given, *zip(others, seeds, strict=True))
+        total = sum(seeds, total)
+        comment += ", and what others hand back"
+    operands, body = pruned(given, total)
+    output = Operand(run.new(operand.array), operand.at)
+    run.steps.append(Map(comment, step.over, output, operands, body))
+
+
+def _through_sums(run: Gradients, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
+    """Gradients (columns) by what a sparse sum reads, or by the array itself if it is no sparse sum's."""
+    step = run.sparse.get(array.name)
+    if step is None:
+        return [(array, column(gradient))]
+    symbols = [ca.SX.sym(each.name, *extents(each.shape)) for each in step.reads]
+    loss = ca.dot(column(step.whole().expression(*symbols)), column(gradient))
+    parts = []
+    for each, symbol in zip(step.reads, symbols, strict=True):
+        parts.append((each, column(ca.densify(ca.gradient(loss, symbol)))))
+    return parts
+
+
+def _pairs(run: Gradients, step: Map) -> None:
+    """Over pairs: for either joint the sum over the other one, weighted with what the pair hands back."""
+    if not step.operands:
+        return
+    bar = run.only(step.output.array)
+    without_base = step.output.array.name in run.of_base
+    if step.over is Over.BASE:
+        run.of_base.add(step.output.array.name)
+    m = len(run.chain.joints)
+    shape = (m, m, *step.output.array.shape[2:])
+    weights, transposed = (run.local(name, shape) for name in ("W", "WT"))
+    run.steps.append(Weights(bar, weights, transposed, step.over, step.mirror, without_base))
+    values = [symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
+    pair = Operand(weights, "ij")
+    seed = symbols(pair, "c_")
+    loss = ca.dot(column(step.expression(*run.known(step, values))), column(seed))
+    for operand, value in zip(step.operands, values, strict=True):
+        if operand.at not in ("i", "j"):
+            raise NotImplementedError("a map over pairs has operands of its joints only")
+        flip = operand.at == "i"
+        all_operands = [each.flipped if flip else each for each in step.operands]
+        weighted = Operand(transposed if flip else weights, "ij")
+        given = tuple(zip((*all_operands, weighted), (*values, seed), strict=True))
+        gradient = ca.densify(ca.gradient(loss, value))
+        if gradient.is_zero():
+            continue
+        operands, body = pruned(given, gradient)
+        over = step.over.flipped if flip else step.over
+        summed = "j" if flip else "i"
+        comment = f"gradient by {shown(operand.array)}_{operand.at}: sum over the joints {summed} of its pairs"
+        run.steps.append(Gather(comment, over, run.new(operand.array), operands, body, without_base))
+
+
+def _straight_line(run: Gradients, step: StraightLine, by: tuple[Array, ...]) -> None:
+    """CasADi's reverse mode of the statements; that of columns which several kernels share is shared, too."""
+    outputs = tuple(run.new(array) for array in by)
+    bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
+    shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
+    if not shared:
+        run.steps.append(_statements(step, by, bars, outputs))
+        return
+    (columns,), (result,) = step.outputs[: step.columns], outputs
+    bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)
+    meaning = f"Gradient by q of what depends on the columns {shown(columns)}, {bar.name} its gradient by them"
+    steps = (_statements(step, by, [(columns, bar)], (q_bar,)),)
+    given = (*step.arguments, run.one(columns))
+    arguments = (*step.arguments, bar)
+    run.steps.append(Shared(f"{step.name}_vjp", meaning, arguments, q_bar, steps, given, result))
+
+
+def _moving(run: Gradients, step: StraightLine) -> None:
+    """Columns and pose: closed forms of their derivatives by q; a tool's pose by the statements."""
+    assert step.moves is not None
+    others = tuple(each for each in step.arguments if each.name not in (BASE_POSE.name, Q.name))
+    J, m = step.outputs[0], len(run.chain.joints)
+    covectors = [_covector(run, pose) for pose in step.outputs[1:] if pose.name in run.bars]
+    if run.chain.floating:
+        output = run.local("motion_bar", (run.chain.dof,))
+        run.motions.append(output)
+    else:
+        (q,) = (each for each in step.arguments if each.name == Q.name)
+        output = run.new(q)
+    of_joints = run.local("q_bar_of_joints", (m,)) if run.chain.coupled else output
+    if J.name in run.bars:
+        _columns(run, step.moves, J, covectors, of_joints)
+    else:
+        operands = tuple(Operand(each, "") for each in covectors)
+        run.steps.append(_dots(J, operands, of_joints, based=run.chain.floating))
+    if run.chain.coupled:
+        run.steps.append(SumJoints(of_joints, output))
+    if others:
+        _straight_line(run, step, others)
+
+
+def _columns(run: Gradients, moves: Representation, J: Array, covectors: list[Array], output: Array) -> None:
+    """What depends on columns, and on the pose where there is a covector: the same steps in every kernel."""
+    columns, bar = Array("J", J.shape), Array("J_bar", J.shape)
+    forces = tuple(Array(f"f{k}", each.shape) for k, each in enumerate(covectors))
+    q_bar = Array(bar_name(Q.name), output.shape)
+    steps, sums = _column_sums(moves, columns, bar, run.chain.base_joints)
+    operands = (*(Operand(each, "j") for each in sums), *(Operand(each, "") for each in forces))
+    steps.append(_dots(columns, operands, q_bar, based=run.chain.floating))
+    name = f"{moves}_columns_{'and_pose_' if forces else ''}vjp"
+    meaning = "Gradient by q of what depends on Jacobian columns J, J_bar its gradient by them" + (
+        ", and on the pose, f0 the covector of its gradient by that" if forces else ""
+    ) + f"; {moves} representation"  # fmt: skip
+    arguments = (columns, bar, *forces)
+    given = (J, run.one(J), *covectors)
+    run.steps.append(Shared(name, meaning, arguments, q_bar, tuple(steps), given, output))
+
+
+def _covector(run: Gradients, pose: Array) -> Array:
+    """(p_bar, sum of R_c x R_bar_c): the hybrid wrench of the pose's gradient."""
+    bars = run.bars[pose.name]
+    covector = run.local("f", (6,))
+    operands = (Operand(pose, ""), *(Operand(bar, "") for bar in bars))
+
+    def body(value: ca.SX, *gradients: ca.SX) -> ca.SX:
+        bar = sum(gradients, ca.SX.zeros(4, 4))
+        return ca.densify(ca.vertcat(bar[:3, 3], turn(value[:3, :3], bar[:3, :3])))
+
+    run.steps.append(Map("covector of the pose's gradient", Over.ONCE, Operand(covector, ""), operands, body))
+    return covector
+
+
+def turn(rotation: ca.SX, gradient: ca.SX) -> ca.SX:
+    """Gradient by a small turn w of a rotation R, R + [w] R, from that by its entries."""
+    return sum((ca.cross(rotation[:, c], gradient[:, c]) for c in range(3)), ca.SX.zeros(3))
+
+
+def _dots(J: Array, covectors: tuple[Operand, ...], output: Array, *, based: bool) -> Map:
+    """The rates that covectors have along the columns."""
+
+    def dot(column: ca.SX, *values: ca.SX) -> ca.SX:
+        return ca.SX(ca.dot(column, sum(values, ca.SX(0))))
+
+    comment = "gradient by q: q_bar_j = J_j . sums" + ("; the base's twist first" if based else "")
+    return Map(comment, Over.JOINTS, Operand(output, "j"), (Operand(J, "j"), *covectors), dot)
+
+
+def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tuple[list[Step], list[Array]]:
+    """For every joint j the sums of y_i, dJ_i/dq_j . J_bar_i = J_j . y_i: the steps, and the arrays of sums."""
+    column, by, seed = ca.SX.sym("column", 6), ca.SX.sym("by", 6), ca.SX.sym("c", 6)
+    given = (Operand(J, "j"), column), (Operand(bar, "j"), seed)
+    steps: list[Step] = []
+    sums = []
+    for outward, side in ((True, "beyond"), (False, "before")):
+        rate = kinematics.jacobian_column_derivative(moves, column, by, by_is_outward=outward)
+        gradient = ca.densify(ca.gradient(ca.dot(rate, seed), by))
+        if gradient.is_zero():
+            continue
+        y, total = Array(f"y_{side}", J.shape), Array(f"sum_{side}", J.shape)
+        operands, body = pruned(given, gradient)
+        comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j by J_j, for the joints j {side} joint i"
+        steps.append(Map(comment, Over.JOINTS, Operand(y, "j"), operands, body))
+        comment = "sums of y_i over i" + (" <= j" if outward else " > j")
+        steps.append(Scan(comment, y, total, beyond=not outward, base=base))
+        sums.append(total)
+    return steps, sums
+
+
+def _statements(
+    step: StraightLine, by: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], outputs: tuple[Array, ...]
+) -> StraightLine:
+    """CasADi's reverse mode of a block's statements: gradients by some arguments; ``bars``: outputs and their own."""
+    differentiated = [argument in by for argument in step.arguments]
+    given = len(step.arguments)
+
+    def expressions(chain: Chain, *values: ca.SX) -> Expressions:
+        symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
+        forward = step.expressions(chain, *symbols)
+        sums = {output.name: ca.SX.zeros(output.size) for output in step.outputs}
+        for (output, _), value in zip(bars, values[given:], strict=True):
+            sums[output.name] += column(value)
+        seed = ca.vertcat(*(sums[output.name] for output in step.outputs))
+        of = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, differentiated, strict=True) if wanted))
+        gradient = ca.densify(ca.jtimes(column(forward.result), of, seed, True))
+        entries = []
+        start = 0
+        for symbol, wanted in zip(symbols, differentiated, strict=True):
+            if wanted:
+                size = symbol.numel()
+                entries.append(column(ca.reshape(gradient[start : start + size], *symbol.shape)))
+                start += size
+        place = ca.vertcat(*map(ca.vec, symbols))
+        at = ca.vertcat(*map(ca.vec, values[:given]))
+        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), place, at)), ())
+
+    heading = "gradients by " + ", ".join(shown(array) for array in by)
+    arguments = (*step.arguments, *(bar for _, bar in bars))
+    return StraightLine(outputs, expressions, arguments, heading=heading)
+
+
+RULES: dict[type[Step], Callable[[Gradients, Any], None]] = {
+    Map: _any_map,
+    SparseSum: _sparse_sum,
+    SumJoints: _sum_joints,
+    StraightLine: _any_straight_line,
+}
+"""Reverse rule of each kind of step. The steps that occur only in reverse programs have none."""

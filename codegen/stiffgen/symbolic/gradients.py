@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: MIT
+"""Gradients collected on the way backwards through a program, for :mod:`stiffgen.symbolic.adjoint`."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import BASE_POSE
+from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
+from stiffgen.symbolic.steps import Gather, Map, SparseSum
+
+
+def cotangent_name(result: str, count: int) -> str:
+    """Name of the cotangent of a result, of a function with so many results."""
+    return "cotangent" if count == 1 else f"{result}_cotangent"
+
+
+def bar_name(argument: str) -> str:
+    """Name of the gradient by an argument."""
+    return f"{argument}_bar"
+
+
+def gradient_shape(argument: Array) -> tuple[int, ...]:
+    """Shape of the gradient by an argument: its own, but of a floating base's pose that of a twist."""
+    return (6,) if argument.name == BASE_POSE.name else argument.shape
+
+
+class Gradients:
+    """Gradients of one pass backwards. ``bars``: for each array the arrays whose sum is the gradient."""
+
+    def __init__(self, chain: Chain, program: Program, names: dict[str, str]) -> None:
+        self.chain = chain
+        self.written = {array.name for step in program for array in step.writes}
+        self.names = names
+        self.final: dict[str, str] = {}
+        self.bars: dict[str, list[Array]] = {}
+        self.steps: list[Step] = []
+        self.count = 0
+        self.zeros: dict[str, set[int]] = {}  # entries of columns of joints that are always zero
+        for step in program:
+            if isinstance(step, Map) and step.over is Over.JOINTS:
+                self.zeros[step.output.array.name] = _zeros(step, self.zeros)
+        self.sparse = {step.output.name: step for step in program if isinstance(step, SparseSum)}
+        self.mirrored = {step.output.array.name for step in program if isinstance(step, Map) and step.mirror}
+        self.of_base: set[str] = set()  # arrays whose pairs of the base's joints a later map has overwritten
+        self.motions: list[Array] = []  # covectors of a floating base's twist and the joints' rates
+
+    def new(self, of: Array) -> Array:
+        """A further contribution to the gradient by an array."""
+        self.count += 1
+        name = f"bar{self.count}_{of.name}"
+        array = Array(self.names.get(name, name), of.shape)
+        self.bars.setdefault(of.name, []).append(array)
+        self.final[name] = name
+        return array
+
+    def only(self, array: Array) -> Array:
+        """Return the gradient with respect to an array that has exactly one contribution."""
+        (bar,) = self.bars[array.name]
+        return bar
+
+    def local(self, name: str, shape: tuple[int, ...]) -> Array:
+        """Return an array with a name of its own."""
+        self.count += 1
+        return Array(f"{name}{self.count}", shape)
+
+    def one(self, columns: Array) -> Array:
+        """The gradient by columns of joints as one array of such columns."""
+        bars = self.bars[columns.name]
+        made = {array.name for step in self.steps if isinstance(step, (Map, Gather)) for array in step.writes}
+        if len(bars) == 1 and bars[0].name in made:
+            return bars[0]
+        total = self.local(bar_name(columns.name), columns.shape)
+        operands = tuple(Operand(bar, "j") for bar in bars)
+        comment = f"gradient by {shown(columns)}"
+        self.steps.append(
+            Map(comment, Over.JOINTS, Operand(total, "j"), operands, lambda *values: sum(values, ca.SX(0)))
+        )
+        return total
+
+    def known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
+        """The same with zeros where an operand is always zero: nothing flows through these."""
+        return [_cleared(value, self.zeros.get(o.array.name)) for o, value in zip(step.operands, values, strict=True)]
+
+
+def _sum(*values: ca.SX) -> ca.SX:
+    return sum(values, ca.SX(0))
+
+
+def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
+    """Entries of a map's output that are zero whatever it reads."""
+    values = [
+        _cleared(symbols(operand, f"x{k}_"), before.get(operand.array.name) if operand.at else None)
+        for k, operand in enumerate(step.operands)
+    ]
+    result = column(step.expression(*values))
+    return {k for k in range(result.numel()) if result[k].is_zero()}
+
+
+def _cleared(value: ca.SX, zeros: set[int] | None) -> ca.SX:
+    if not zeros:
+        return value
+    return ca.vertcat(*(ca.SX(0) if k in zeros else value[k] for k in range(value.numel())))
+
+
+def shown(array: Array) -> str:
+    """An array in comments."""
+    return array.symbol or array.name
+
+
+def extents(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """A shape as CasADi takes it."""
+    return shape if len(shape) == 2 else (Array("", shape).size,)
+
+
+def symbols(operand: Operand, name: str) -> ca.SX:
+    """Return symbols in the shape of an operand."""
+    return ca.SX.sym(name, *extents(operand.shape))
+
+
+def column(value: ca.SX) -> ca.SX:
+    """Entries row by row, below each other."""
+    return ca.vec(ca.densify(value).T)

@@ -1,0 +1,412 @@
+# SPDX-License-Identifier: MIT
+"""Steps: the records of which programs consist."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.program import Array, Operand, Over, Program, Step, Unrolling, as_operand, entries_of, evaluate
+from stiffgen.symbolic.stiffness import symmetric_from_upper
+
+
+class _OnOperands(Step):
+    """A step whose expression reads operands."""
+
+    operands: tuple[Operand, ...]
+
+    @property
+    def reads(self) -> tuple[Array, ...]:
+        """The arrays of the operands."""
+        return tuple(operand.array for operand in self.operands)
+
+
+class _OnSource(Step):
+    """A step that reads one array."""
+
+    source: Array
+
+    @property
+    def reads(self) -> tuple[Array, ...]:
+        """The source."""
+        return (self.source,)
+
+
+@dataclass(frozen=True)
+class StraightLine(Step):
+    """Straight-line code: the rows of ``expressions(chain, *arguments)`` fill the ``outputs`` one after the other.
+
+    The arguments are those of the kernel or arrays that earlier steps wrote. The first ``columns`` outputs have the
+    shape (6, m): one column per joint. A step that several kernels use has a ``name``, under which C code holds it as a
+    function (its arguments are then those of the kernel); without a name it is part of its kernel. ``heading`` is the
+    comment over the statements that fill the outputs, ``meaning`` the one over the function. ``moves`` says that the
+    outputs are Jacobian columns of this representation, the tip's pose, or both: how they change with q is then known
+    from the columns.
+    """
+
+    outputs: tuple[Array, ...]
+    expressions: Callable[..., Expressions]
+    arguments: tuple[Array, ...]
+    name: str = ""
+    heading: str = "result"
+    meaning: str = ""
+    columns: int = 0
+    moves: Representation | None = None
+
+    @property
+    def reads(self) -> tuple[Array, ...]:
+        """The arguments."""
+        return self.arguments
+
+    @property
+    def writes(self) -> tuple[Array, ...]:
+        """The outputs."""
+        return self.outputs
+
+    @property
+    def reads_whole(self) -> tuple[Array, ...]:
+        """The arrays that a helper or a function reads."""
+        return self.arguments if self.name else ()
+
+    def _evaluate(self, run: Unrolling) -> None:
+        arguments = [as_operand(a.shape, run.entries[a.name]) for a in self.arguments]
+        entries = entries_of(self.expressions(run.chain, *arguments).result)
+        for output in self.outputs:
+            run.entries[output.name], entries = entries[: output.size], entries[output.size :]
+
+    def without_unread(self, needed: set[str]) -> Step:
+        """Return the step without outputs that nothing reads; a step with a name is shared as it is."""
+        if self.name or all(output.name in needed for output in self.outputs):
+            return self
+        outputs: list[Array] = []
+        rows: list[int] = []
+        start = 0
+        for output in self.outputs:
+            if output.name in needed:
+                outputs.append(output)
+                rows += range(start, start + output.size)
+            start += output.size
+
+        def expressions(chain: Chain, *values: ca.SX) -> Expressions:
+            whole = self.expressions(chain, *values)
+            return Expressions(ca.vertcat(*entries_of(whole.result))[rows], whole.sections)
+
+        columns = sum(output in outputs for output in self.outputs[: self.columns])
+        return replace(self, outputs=tuple(outputs), expressions=expressions, columns=columns)
+
+
+@dataclass(frozen=True)
+class Map(_OnOperands):
+    """``output = expression(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
+
+    comment: str
+    over: Over
+    output: Operand
+    operands: tuple[Operand, ...]
+    expression: Callable[..., ca.SX]
+    mirror: bool = False
+
+    @property
+    def writes(self) -> tuple[Array, ...]:
+        """The array of the output."""
+        return (self.output.array,)
+
+    def _evaluate(self, run: Unrolling) -> None:
+        written = run.entries.setdefault(self.output.array.name, [ca.SX(0)] * self.output.array.size)
+        for i, j in self.over.indices(run.chain):
+            for k, value in enumerate(run.apply(self.expression, self.operands, i, j)):
+                written[self.output.entry(k, i, j)] = value
+                if self.mirror:
+                    written[self.output.entry(k, j, i)] = value
+
+
+@dataclass(frozen=True)
+class SparseSum(Step):
+    """``output = start + expression(*operands)``, square, where most entries of the expression are always zero.
+
+    The upper triangle of ``start`` is read and taken for both; None is zero. C code stores the entries that change, and
+    reads the others from the start, unless the output is a result. Without a start, neighbouring zeros share a
+    statement.
+    """
+
+    comment: str
+    output: Array
+    start: Array | None
+    operands: tuple[Array, ...]
+    expression: Callable[..., ca.SX]
+
+    @property
+    def reads(self) -> tuple[Array, ...]:
+        """The start, if there is one, and the operands."""
+        return (*((self.start,) if self.start else ()), *self.operands)
+
+    def whole(self) -> Map:
+        """Return the same as a map that writes every entry."""
+
+        def total(*values: ca.SX) -> ca.SX:
+            if self.start is None:
+                return self.expression(*values)
+            return symmetric_from_upper(values[0]) + self.expression(*values[1:])
+
+        operands = tuple(Operand(array, "") for array in self.reads)
+        return Map(self.comment, Over.ONCE, Operand(self.output, ""), operands, total)
+
+    def _evaluate(self, run: Unrolling) -> None:
+        self.whole()._evaluate(run)
+
+
+@dataclass(frozen=True)
+class SumJoints(_OnSource):
+    """Sums of joints into coordinates: joint k counts ``multiplier`` times for its coordinate, in every joint index.
+
+    The source is (m), (6, m) (``columns``), (m, m) or (m, m, depth); with ``mirror``, the upper triangle of the (n, n)
+    result is copied to the lower one, since sums in another order need not agree to the last bit. With ``spread`` the
+    step is the transpose: what belongs to a coordinate is given to its joints, times ``multiplier``.
+    """
+
+    source: Array
+    output: Array
+    columns: bool = False
+    mirror: bool = False
+    spread: bool = False
+
+    @property
+    def reads_whole(self) -> tuple[Array, ...]:
+        """The arrays that a helper or a function reads."""
+        return (self.source,)
+
+    @property
+    def of_pairs(self) -> bool:
+        """Whether two indices of the arrays run over joints."""
+        return not self.columns and len(self.source.shape) > 1
+
+    def _evaluate(self, run: Unrolling) -> None:
+        m, n, joints = len(run.chain.joints), run.chain.dof, run.chain.joints
+        source, output = run.entries[self.source.name], [ca.SX(0)] * self.output.size
+        counted = n if self.spread else m
+        if not self.of_pairs:
+            for row, (a, joint) in itertools.product(range(len(source) // counted), enumerate(joints)):
+                of_joint, of_coordinate = row * m + a, row * n + joint.coordinate
+                to, from_ = (of_joint, of_coordinate) if self.spread else (of_coordinate, of_joint)
+                output[to] += joint.multiplier * source[from_]
+            run.entries[self.output.name] = output
+            return
+        depth = len(source) // (counted * counted)
+        for (a, outer), (b, inner), k in itertools.product(enumerate(joints), enumerate(joints), range(depth)):
+            of_joints, of_coordinates = (a * m + b) * depth + k, (outer.coordinate * n + inner.coordinate) * depth + k
+            to, from_ = (of_joints, of_coordinates) if self.spread else (of_coordinates, of_joints)
+            output[to] += outer.multiplier * inner.multiplier * source[from_]
+        if self.mirror:
+            for i, j in itertools.combinations(range(n), 2):
+                output[j * n + i] = output[i * n + j]
+        run.entries[self.output.name] = output
+
+
+@dataclass(frozen=True)
+class Weights(_OnSource):
+    """Gradients by the results of a map over pairs: ``output[i, j] = source[i, j]`` over ``over``, else 0.
+
+    With ``mirror``, source[j, i] is added where i is not j. ``transposed`` has the same at [j, i]. With
+    ``without_base``, pairs of a floating base's joints give nothing: a later map has overwritten them. The step stands
+    apart from the :class:`Gather` that reads it: two of these share one, and one of them may turn out to be unread.
+    """
+
+    source: Array
+    output: Array
+    transposed: Array
+    over: Over
+    mirror: bool
+    without_base: bool = False
+
+    @property
+    def writes(self) -> tuple[Array, ...]:
+        """The weights and their transpose."""
+        return (self.output, self.transposed)
+
+    @property
+    def reads_whole(self) -> tuple[Array, ...]:
+        """The arrays that a helper or a function reads."""
+        return (self.source,)
+
+    def _evaluate(self, run: Unrolling) -> None:
+        source, m = run.entries[self.source.name], len(run.chain.joints)
+        depth = self.source.size // (m * m)
+        output, transposed = [ca.SX(0)] * self.output.size, [ca.SX(0)] * self.output.size
+        for i, j in self.over.indices(run.chain, without_base=self.without_base):
+            for k in range(depth):
+                here, there = (m * i + j) * depth + k, (m * j + i) * depth + k
+                output[here] = transposed[there] = source[here] + (source[there] if self.mirror and i != j else 0)
+        run.entries[self.output.name], run.entries[self.transposed.name] = output, transposed
+
+
+@dataclass(frozen=True)
+class Gather(_OnOperands):
+    """``output[:, j]`` = sum of ``expression(*operands)`` over all joints i with (i, j) in ``over``.
+
+    What is read at "ij" is an array of :class:`Weights`, zero outside of ``over``, and ``without_base`` as there.
+    """
+
+    comment: str
+    over: Over
+    output: Array
+    operands: tuple[Operand, ...]
+    expression: Callable[..., ca.SX]
+    without_base: bool = False
+
+    def _evaluate(self, run: Unrolling) -> None:
+        written, m = [ca.SX(0)] * self.output.size, len(run.chain.joints)
+        for i, j in self.over.indices(run.chain, without_base=self.without_base):
+            for k, value in enumerate(run.apply(self.expression, self.operands, i, j)):
+                written[m * k + j] += value
+        run.entries[self.output.name] = written
+
+
+@dataclass(frozen=True)
+class Reduce(_OnOperands):
+    """``outputs`` = sums of ``expression(*operands)`` over joints or coordinates j: their entries below each other."""
+
+    comment: str
+    outputs: tuple[Array, ...]
+    operands: tuple[Operand, ...]
+    expression: Callable[..., ca.SX]
+    over: Over = Over.JOINTS
+
+    @property
+    def writes(self) -> tuple[Array, ...]:
+        """The outputs."""
+        return self.outputs
+
+    def _evaluate(self, run: Unrolling) -> None:
+        total = [ca.SX(0)] * sum(output.size for output in self.outputs)
+        for _, j in self.over.indices(run.chain):
+            values = run.apply(self.expression, self.operands, 0, j)
+            total = [a + b for a, b in zip(total, values, strict=True)]
+        for output in self.outputs:
+            run.entries[output.name], total = total[: output.size], total[output.size :]
+
+
+@dataclass(frozen=True)
+class Scan(_OnSource):
+    """Running sums of columns: ``output[:, j]`` = sum of ``source[:, i]`` over i <= j, or (``beyond``) over i > j.
+
+    The first ``base`` joints are those of a floating base, which moves as one, all columns with it: its joints get the
+    sum over all i, or (not ``beyond``) nothing.
+    """
+
+    comment: str
+    source: Array
+    output: Array
+    beyond: bool
+    base: int = 0
+
+    def _evaluate(self, run: Unrolling) -> None:
+        m, output = self.source.shape[1], []
+        source = run.entries[self.source.name]
+        for row in (source[start : start + m] for start in range(0, len(source), m)):
+            ranges = [row[j + 1 :] if self.beyond else row[: j + 1] for j in range(m)]
+            ranges[: self.base] = self.base * [row if self.beyond else []]
+            output += [sum(reversed(each) if self.beyond else each, ca.SX(0)) for each in ranges]
+        run.entries[self.output.name] = output
+
+
+@dataclass(frozen=True)
+class ArgumentSlice:
+    """Entries of an argument that belong to tip ``index``, or (None) the whole argument; zeros without an array."""
+
+    array: Array | None
+    index: int | None = None
+
+
+@dataclass(frozen=True)
+class Term:
+    """A kernel of another chain (a branch), its program, and the slices of the arguments that it takes, by name."""
+
+    function: str
+    chain: Chain
+    program: Program
+    arguments: tuple[tuple[Array, ArgumentSlice], ...]
+
+
+@dataclass(frozen=True)
+class Sum(Step):
+    """``outputs`` = sums of the arrays ``results`` that other kernels give, each with its slices of the arguments.
+
+    The outputs named in ``apart`` are not summed: each term fills its slice of them.
+    """
+
+    outputs: tuple[Array, ...]
+    results: tuple[str, ...]
+    terms: tuple[Term, ...]
+    apart: frozenset[str] = frozenset()
+
+    @property
+    def reads(self) -> tuple[Array, ...]:
+        """The arguments of the terms."""
+        return tuple(part.array for term in self.terms for _, part in term.arguments if part.array)
+
+    @property
+    def writes(self) -> tuple[Array, ...]:
+        """The outputs."""
+        return self.outputs
+
+    @property
+    def reads_whole(self) -> tuple[Array, ...]:
+        """The arrays that a helper or a function reads."""
+        return self.reads
+
+    def _evaluate(self, run: Unrolling) -> None:
+        totals = {o.name: [] if o.name in self.apart else [ca.SX(0)] * o.size for o in self.outputs}
+        for term in self.terms:
+            arguments = {}
+            for array, part in term.arguments:
+                start = 0 if part.index is None else part.index * array.size
+                entries = array.size * [ca.SX(0)]
+                if part.array:
+                    entries = run.entries[part.array.name][start : start + array.size]
+                arguments[array.name] = as_operand(array.shape, entries)
+            results = evaluate(term.chain, term.program, arguments, run.replace)
+            for output, name in zip(self.outputs, self.results, strict=True):
+                if output.name in self.apart:
+                    totals[output.name] += results[name]
+                else:
+                    totals[output.name] = [a + b for a, b in zip(totals[output.name], results[name], strict=True)]
+        run.entries.update(totals)
+
+
+@dataclass(frozen=True)
+class Shared(Step):
+    """Steps that several kernels have in common: C code holds them as a function, ``name``.
+
+    The steps read the ``parameters`` and write the ``result``. A kernel passes ``arguments`` of the same shapes and
+    gets the ``output``. Parameters of the shape (6, m) are columns of joints. ``meaning`` is the comment over the
+    function.
+    """
+
+    name: str
+    meaning: str
+    parameters: tuple[Array, ...]
+    result: Array
+    steps: Program
+    arguments: tuple[Array, ...]
+    output: Array
+
+    @property
+    def reads(self) -> tuple[Array, ...]:
+        """The arguments."""
+        return self.arguments
+
+    @property
+    def reads_whole(self) -> tuple[Array, ...]:
+        """The arrays that a helper or a function reads."""
+        return self.arguments
+
+    def _evaluate(self, run: Unrolling) -> None:
+        pairs = zip(self.parameters, self.arguments, strict=True)
+        values = {inner.name: as_operand(inner.shape, run.entries[outer.name]) for inner, outer in pairs}
+        run.entries[self.output.name] = evaluate(run.chain, self.steps, values, run.replace)[self.result.name]
