@@ -37,6 +37,7 @@ static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its l
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
+static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 /* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
@@ -53,11 +54,13 @@ typedef struct {
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
+    int timed;     /* the sample's counter tells which calls are missing */
     double budget; /* [J] the tank's share for what costs energy */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
+    double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
 } step_t;
 
 /* ---- robot: kernels at the tip ---- */
@@ -753,6 +756,7 @@ static void start_memory(const config_t *c, state_t *state)
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->tank = c->tank_initial;
+    m->calls = c->missed_limit;
     m->ready = READY;
 }
 
@@ -894,10 +898,10 @@ static void book_reference(step_t *s, double p)
     pay_into_tank(s, fmax(-p, 0.0));
 }
 
-/* Return the torque that acted in the interval that ends now. */
-static const double *find_acting_torque(const memory_t *m, const double *last)
+/* Return the torque that acted in the interval that ends now; zero where its work is booked already. */
+static const double *find_acting_torque(const step_t *s)
 {
-    return m->delay == 0 ? last : m->older + (m->delay - 1) * N;
+    return s->m->delay == 0 ? s->transit : s->m->older + (s->m->delay - 1) * N;
 }
 
 /* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
@@ -931,18 +935,18 @@ static double worst_feed_work(const memory_t *m, const double *feed, int interva
 
 /*
  * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and one of missed_limit calls is made. The
- * torque is held for missed_limit such calls without a sample, and, in a fault, for one.
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and one of `calls` calls is made. The
+ * torque is held for `calls` such calls without a sample, and, in a fault, for one.
  * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
  */
-static double compute_reserve(const step_t *s, const double *last, const double *torque, double *parts)
+static double compute_reserve(const step_t *s, int calls, const double *torque, double *parts)
 {
     const memory_t *const m = s->m;
-    const double calls = s->c->missed_limit, hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
+    const double hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
     parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
-        parts[0] += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
+        parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
         parts[1] += far * calls * hold * size;
         parts[2] += far * calls * 0.5 * size * (size / m->rate[i]);
     }
@@ -985,13 +989,28 @@ static void adopt_limits(step_t *s, const double *q)
 }
 
 /*
+ * Adopt the configured missed_limit. A larger one lets the torque act for longer: it waits until the available energy
+ * covers that, and never comes into force in a fault.
+ */
+static void adopt_missed_limit(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    double parts[3];
+    const int covered = compute_reserve(s, s->c->missed_limit, last, parts) <= available_energy(m);
+    if (s->c->missed_limit <= m->calls || (m->fault == ID(FAULT_NONE) && covered)) {
+        m->calls = s->c->missed_limit;
+    }
+}
+
+/*
  * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last torque
  * over the whole motion and, for every change of torque, the change over the motion that can have happened before it;
  * gap_most, every torque over the farthest motion in its own intervals.
  */
-static void bridge_gap(memory_t *m, const double *last, int periods)
+static void bridge_gap(step_t *s, int periods)
 {
-    const double *const torque = find_acting_torque(m, last);
+    memory_t *const m = s->m;
+    const double *const torque = find_acting_torque(s);
     if (m->gap == 0) {
         m->gap_work = m->gap_most = 0.0;
         memcpy(m->gap_torque, torque, N * sizeof(double));
@@ -1005,11 +1024,64 @@ static void bridge_gap(memory_t *m, const double *last, int periods)
 }
 
 /*
+ * Note a call whose sample does not tell the time: for how many periods the torque of the call before it was held shows
+ * only later. Kept for that are the torques in transit at the last timed call, and sum and maximum of those held since.
+ */
+static void note_untimed_call(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    if (m->gap_calls == 0) {
+        m->gap_base = m->gap > 0 ? m->gap_most : 0.0;
+        for (int i = 0; i < N; ++i) {
+            m->gap_transit[i] = (m->delay > 0 ? fabs(m->older[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[N + i]) : 0.0);
+            m->gap_sum[i] = m->gap_largest[i] = 0.0;
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        m->gap_sum[i] += fabs(last[i]);
+        m->gap_largest[i] = fmax(m->gap_largest[i], fabs(last[i]));
+    }
+    m->gap_calls = clamp_count(m->gap_calls + 1, 1000000);
+}
+
+/*
+ * Bridge calls that were left out between two samples. If every call since the last timed one had a sample, the torque of
+ * the last call was held. Else it is open which torque was held for how long: book the most that all of them can do,
+ * those in transit once, and the others either for the calls that can be missing each, or, if that is less, the largest
+ * for the whole gap. No work is left to book of torques that are still in transit then.
+ */
+static void bridge_missing_calls(step_t *s, const double *last, int missing)
+{
+    memory_t *const m = s->m;
+    const double none[N] = {0.0};
+    if (m->gap_calls == 0) {
+        for (int k = 0; k < missing && k < 3; ++k) {
+            bridge_gap(s, 1);
+            shift_history(m, s->transit, m->feed);
+        }
+        bridge_gap(s, clamp_count(missing - 3, 1000000));
+        return;
+    }
+    note_untimed_call(s, last);
+    const double each = fmin(1.0 + missing, m->calls), all = (double)m->gap_calls + missing;
+    double most = m->gap_base;
+    for (int i = 0; i < N; ++i) {
+        most += farthest_motion(m, i) * (m->gap_transit[i] + fmin(each * m->gap_sum[i], all * m->gap_largest[i]));
+    }
+    memcpy(s->transit, none, sizeof none);
+    memset(m->older, 0, sizeof m->older);
+    memset(m->feed, 0, sizeof m->feed);
+    bridge_gap(s, missing);
+    m->gap_work = HUGE_VAL;
+    m->gap_most = most;
+}
+
+/*
  * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
  * work of its share for the reference, feed = B dr, over the arm's motion is the reference's. The account begins, or
  * begins anew, at a position with no known motion to it.
  */
-static void book_interval(step_t *s, const double *last, const double *q)
+static void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
     double work = 0.0, feed = 0.0, motion[N];
@@ -1026,10 +1098,10 @@ static void book_interval(step_t *s, const double *last, const double *q)
     memcpy(motion, q, sizeof motion);
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
-        bridge_gap(m, last, 1);
+        bridge_gap(s, 1);
         work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
-        work = dot(N, find_acting_torque(m, last), motion);
+        work = dot(N, find_acting_torque(s), motion);
         feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
     m->port_total += work;
@@ -1049,7 +1121,7 @@ enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 static void count_missing(step_t *s, int periods, int reason)
 {
     memory_t *const m = s->m;
-    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->c->missed_limit;
+    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->m->calls;
     m->absent = clamp_count(count, limit);
     if (count >= limit && m->known) {
         latch_fault(m, reason);
@@ -1091,17 +1163,11 @@ static int check_counter(step_t *s, const double *last)
     }
     if (ahead > 0) {
         s->status |= ID(STATUS_MISSED);
-        if (m->gap > 0) { /* between which of the calls without a sample is not known */
-            m->gap_work = HUGE_VAL;
-            m->gap_most *= fmin(1.0 + ahead, s->c->missed_limit);
-        }
-        for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
-            bridge_gap(m, last, 1);
-            shift_history(m, last, m->feed);
-        }
-        bridge_gap(m, last, clamp_count(ahead - 3, 1000000));
+        bridge_missing_calls(s, last, ahead);
         count_missing(s, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
     }
+    s->timed = ahead >= 0;
+    m->gap_calls = ahead >= 0 ? 0 : m->gap_calls;
     return ID(REASON_NONE);
 }
 
@@ -1409,16 +1475,53 @@ static int update_velocities(step_t *s, int by_posture)
     return moving;
 }
 
-/* Start a new engagement if the command differs from the last one. */
-static void renew_engagement(step_t *s)
+/* Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and poses. */
+static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
+                             const double *goal_pose)
 {
-    memory_t *const m = s->m;
-    const int same = memcmp(s->input->q0, m->wanted_posture, N * sizeof(double)) == 0 &&
-                     (s->input->command == ID(COMMAND_POSITION) ||
-                      memcmp(s->input->equilibrium, m->wanted_equilibrium, sizeof m->wanted_equilibrium) == 0);
-    if (s->commanded && !same) {
-        m->engagement = s->c->engagement_limit;
+    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
+    double away[N], twist[6];
+    for (int i = 0; i < N; ++i) {
+        away[i] = goal[i] - posture[i];
     }
+    double travel = relative_size(N, 1, away, c->reference_velocity_limit);
+    for (int t = 0; goal_pose != NULL && t < TIPS; ++t) {
+        pose_difference(equilibrium + 16 * t, goal_pose + 16 * t, twist);
+        travel = fmax(travel, relative_size(6, 3, twist, tip_limits));
+    }
+    return travel;
+}
+
+/*
+ * Let a moving command bring in reference work, by the distance that it moves: an engagement limit per TRAVEL_TIME of the
+ * equilibrium's travel. What the command moved is paid out no faster than the equilibrium can travel, and no further than
+ * the equilibrium is away from the command.
+ */
+static void pay_for_travel(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double *const q0 = s->input->q0, *pose = s->input->equilibrium;
+    const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
+    double there[16 * TIPS];
+    if (!s->commanded) {
+        return;
+    }
+    if (by_pose && !m->by_pose) {
+        robot_poses(m->wanted_posture, m->tool_pose, m->wanted_equilibrium);
+    }
+    if (!by_pose && (m->by_pose || !m->joined)) {
+        robot_poses(q0, m->tool_pose, there);
+        pose = there;
+    }
+    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, by_pose || m->by_pose ? pose : NULL);
+    const double away = travel_between(c, m->posture, q0, m->equilibrium, by_pose || !m->joined ? pose : NULL);
+    m->travel = fmin(m->travel + moved, away);
+    const double paid = fmin(m->travel, c->sample_time);
+    const double work = m->engagement + c->engagement_limit * (paid / TRAVEL_TIME);
+    m->travel -= paid;
+    m->engagement = fmax(m->engagement, fmin(work, c->engagement_limit));
+    m->by_pose = by_pose;
 }
 
 /*
@@ -1431,7 +1534,7 @@ static double find_share(step_t *s, int by_posture, double *posture, double *equ
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, c->missed_limit), 0.0);
+    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->calls), 0.0);
     const double allowed = fmin(fmax(c->energy_limit - m->elastic_energy, 0.0), left);
     double share = 1.0;
     int reached = 0;
@@ -1459,7 +1562,7 @@ static void move_equilibrium(step_t *s)
 {
     memory_t *const m = s->m;
     double posture[N], equilibrium[16 * TIPS], rise = 0.0;
-    renew_engagement(s);
+    pay_for_travel(s);
     const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
     const int moving = update_velocities(s, by_posture);
     const double share = find_share(s, by_posture, posture, equilibrium, &rise);
@@ -1501,6 +1604,7 @@ static void accept_command(step_t *s)
     if (robot_tool(s->input) != NULL) {
         memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
     }
+    m->by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     m->commanded = 1;
 }
 
@@ -1511,10 +1615,10 @@ static void start_engagement(step_t *s)
     memory_t *const m = s->m;
     m->engaged = 1;
     m->scale = 1.0;
-    if (m->tank < c->tank_initial - c->engagement_limit) {
-        /* it lacks more than an engagement brings in: the account ends here, and begins anew */
+    if (available_energy(m) < 0.0) {
+        /* more was put out than there was: the account ends here, and begins anew */
         m->unaccounted += 1u;
-        m->tank = c->tank_initial - c->engagement_limit > 0.0 ? m->tank : 0.0;
+        m->tank -= available_energy(m);
     }
     const double lack = clamp(c->tank_initial - m->tank, 0.0, c->engagement_limit);
     m->tank += lack;
@@ -1530,7 +1634,7 @@ static void settle_springs(step_t *s)
     memset(m->posture_velocity, 0, sizeof m->posture_velocity);
     memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
     memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
-    m->scale = m->elastic_energy = 0.0;
+    m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
     if (s->commanded) {
         accept_command(s);
@@ -1604,7 +1708,7 @@ static void vary_stiffness(step_t *s)
  * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort limits
  * and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
  */
-static void vary_scale(step_t *s, const double *last, const double *pull, double energy, double cap)
+static void vary_scale(step_t *s, const double *pull, double energy, double cap)
 {
     memory_t *const m = s->m;
     const config_t *const c = s->c;
@@ -1618,7 +1722,7 @@ static void vary_scale(step_t *s, const double *last, const double *pull, double
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    compute_reserve(s, last, pull, parts);
+    compute_reserve(s, m->calls, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
@@ -1864,7 +1968,7 @@ static int try_torque(step_t *s, const double *last, double share)
         }
     }
     limit_torque(s, last);
-    s->m->reserve = compute_reserve(s, last, out->torque, parts);
+    s->m->reserve = compute_reserve(s, s->m->calls, out->torque, parts);
     return s->m->reserve <= available_energy(s->m);
 }
 
@@ -1974,7 +2078,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         latch_fault(m, ID(REASON_PAPER_BOUND));
     }
     if (m->engaged) {
-        vary_scale(s, last, pull, energy, cap);
+        vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);
     compute_reference_velocity(s, moved, by_pose, follow);
@@ -1988,7 +2092,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         out->spring_wrench[k] *= m->scale;
     }
     multiply_vector(out->damping, out->reference_velocity, feed);
-    if (worst_feed_work(m, feed, c->missed_limit) > m->engagement) {
+    if (worst_feed_work(m, feed, m->calls) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
         add_scaled(N, -1.0, feed, out->damping_torque);
@@ -1998,7 +2102,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     if (!try_torque(s, last, 2.0) && !paper) {
         reduce_torque(s, last, feed);
     }
-    shift_history(m, last, feed);
+    shift_history(m, s->transit, feed);
 }
 
 /*
@@ -2066,12 +2170,13 @@ static void step_with_sample(step_t *s, const double *last)
     if (!m->known) {
         adopt_limits(s, s->input->q);
     }
-    book_interval(s, last, s->input->q);
+    book_interval(s, s->input->q);
     remember_sample(s);
     s->commanded = s->believed && is_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;
+    adopt_missed_limit(s, last);
     if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(s, s->input->q);
     } else if (m->engaged && m->scale == 0.0) {
@@ -2096,7 +2201,10 @@ static void step_without_sample(step_t *s, const double *last)
     memory_t *const m = s->m;
     const double none[N] = {0.0};
     m->missed += m->missed < 1000000 ? 1 : 0;
-    bridge_gap(m, last, 1);
+    if (!s->timed) {
+        note_untimed_call(s, last);
+    }
+    bridge_gap(s, 1);
     if (m->known && m->fault == ID(FAULT_NONE)) {
         memcpy(s->out->torque, last, N * sizeof(double));
         limit_torque(s, last);
@@ -2106,7 +2214,7 @@ static void step_without_sample(step_t *s, const double *last)
         m->elastic_energy = m->scale = m->good_time = 0.0;
         step_towards_zero(last, m->rate, s->out->torque);
     }
-    shift_history(m, last, none);
+    shift_history(m, s->transit, none);
 }
 
 /* Take what the configuration says of time and limits, and observe the sample. */
@@ -2168,6 +2276,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     vote(state->torque, last);
     vote(state->rate, rate);
+    memcpy(s.transit, last, sizeof last);
     if (state->checksum != compute_checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
             step_towards_zero(last, rate, output->torque);

@@ -207,8 +207,8 @@ typedef struct {
     double ramp_time;
     /* [J] elastic energy that moving the equilibrium may store. Must lie between 1e-06 and 10000. Default: 5.0. */
     double energy_limit;
-    /* [J] reference work that an engagement (start, reset) or a new command may cost. Must lie between 1e-06
-     * and 100000. Default: 20.0. */
+    /* [J] work that moving the equilibrium may cost after a start or a reset, and per second of a command's
+     * travel at the governor's velocity limits. Must lie between 1e-06 and 100000. Default: 20.0. */
     double engagement_limit;
     /* [N m or N] of the torque. Every entry must lie between 1e-06 and 100000. Default: effort[i]. */
     double effort_limit[7];
@@ -350,6 +350,9 @@ typedef struct {
     double older[14];
     double feed[21];
     double gap_torque[7];
+    double gap_transit[7];
+    double gap_sum[7];
+    double gap_largest[7];
     double rate[7];
     double velocity_limit[7];
     double avoidance[28];
@@ -380,6 +383,8 @@ typedef struct {
     double engagement;
     double gap_work;
     double gap_most;
+    double gap_base;
+    double travel;
     double sample_time;
     double port_total;
     double sampling_total;
@@ -407,7 +412,9 @@ typedef struct {
     uint32_t seen_counter;
     int32_t absent;
     int32_t delay;
-    int32_t spare;
+    int32_t gap_calls;
+    int32_t calls;
+    int32_t by_pose;
 } iiwa14_impedance_memory;
 
 typedef struct {

@@ -2535,7 +2535,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "7c5369faeb46d9b7") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "522238ef1dd94b45") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Adversarial schedules against the controller's energy bound, hill-climbed.
+"""Search for schedules that break the controller's energy bound, by hill climbing.
 
     python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200]
 
-A schedule is what an environment and a planner do to the robot in a second: loads and held pushes, an arm that is moved
-whatever it does, stiffness and equilibrium that change, missed samples, calls left out, sensor faults, resets. What the
-robot puts out at its port is summed from the exact positions and the torque that really acted, and held against
+A schedule says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm that is moved
+whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
+jitter, missed samples, calls left out, velocities that lie, resets. Configurations vary in delay, missed_limit, rate
+limits, limit zones, damping, tank and engagement. The work that the robot puts out at its port is summed from the exact
+positions and the torque that acted, and compared with
 
-    U_0 + T_0 + engagement limit x (returns from a fault, and one if the start is not where the arm is wanted)
+    start + tank_initial + engagement_limit (returns from a fault + 1 if the start is not where the arm is wanted)
 
-with the wanted equilibrium constant (the elastic energy and the tank at the start); a moving one may add the positive
-work of the equilibrium's motion, computed here from the springs' energy. A climb starts at a random schedule and keeps
-each change that brings the output nearer to the bound or beyond. Schedules in which control is lost at the start count
-for nothing: a controller that does nothing keeps any bound.
+if the wanted equilibrium is constant (start: energy of the limit avoidance at the first sample). A moving equilibrium
+adds the smaller of two: the positive work of its motion, computed here from the springs' energy, and engagement_limit
+per second of its travel. A climb starts at a random schedule and keeps each change that brings the output nearer to the
+bound or beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
 """
 
 from __future__ import annotations
@@ -39,12 +41,13 @@ SAMPLES = 2000
 TOLERANCE = 1e-9
 """[J] by which the bound may be passed."""
 
-LONGEST_SKIP = 2
-"""[samples] that the controller is not called in a row, for as long as it may be: what nobody calls bounds nothing."""
 LIVE = 20
 """[samples] under control without which a schedule shows nothing."""
-CLIMBED = ("damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit")
-"""Fields of the configuration that a climb changes; tank and engagement limit are its own."""
+CLIMBED = (
+    "damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit",
+    "torque_rate_limit", "limit_zone", "limit_stiffness", "delay_samples", "missed_limit",
+)  # fmt: skip
+"""Fields of the configuration that a climb changes; tank and engagement limit stay."""
 
 Random = np.random.Generator
 
@@ -60,10 +63,11 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Measured:
-    """Of one run: how far the output passed the bound [J], what a climb takes that for, and the episode's summary."""
+    """Result of a run: output less bound [J], its value for a climb, output over bound, the episode's summary."""
 
     excess: float
     interest: float
+    ratio: float
     summary: Any
 
 
@@ -91,7 +95,7 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
         "q_offset": np.zeros(N),
         "dq_offset": np.zeros(N),
     }
-    kind = random.integers(0, 9)
+    kind = random.integers(0, 10)
     if kind == 0:
         made["load"] = random.normal(size=6) * [30, 30, 30, 5, 5, 5]
     elif kind == 1:
@@ -112,26 +116,38 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
             "hand_target": Q0 + random.uniform(-0.7, 0.7, N),
         }
     elif kind == 6:
-        made |= {"missed": int(random.random() < 0.7), "skip": LONGEST_SKIP * int(random.random() < 0.3)}
+        made |= {"missed": int(random.random() < 0.7), "skip": int(random.integers(0, 6))}
     elif kind == 7:
         made |= {"q_stuck": int(random.integers(0, 3)), "q_mask": int(random.integers(0, 128))}
         made |= {"dq_stuck": int(random.integers(0, 3)), "dq_mask": int(random.integers(0, 128))}
     elif kind == 8:
         made["q_offset"] = random.normal(size=N) * (random.random(N) < 0.3) * 10 ** random.uniform(-4, 0)
         made["dq_offset"] = random.normal(size=N) * (random.random(N) < 0.3) * 10 ** random.uniform(-2, 1)
+    elif kind == 9:
+        made |= {"driven": 2, "driven_to": _at_limits(random, loop), "missed": int(random.random() < 0.5)}
+        made |= {"driven_at": loop.velocity * random.uniform(0.02, 0.99), "driven_by": np.full(N, 100.0)}
     if random.random() < 0.4:
         made |= _springs(random, 1, 0.1)
     if moving and random.random() < 0.5:
         made["wanted"] = Q0 + random.uniform(-0.8, 0.8, N)
         made["pose"] = int(random.random() < 0.3)
         made["posture"] = Q0 + random.uniform(-0.8, 0.8, N)
+        made["wanted_rate"] = random.normal(size=N) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.4)
+        made["jitter"] = 10 ** random.uniform(-13, -1) * (random.random() < 0.4)
     return made
 
 
-def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = False) -> Schedule:
-    """Draw one. Small tank and engagement limit: then little is hidden below the bound.
+def _at_limits(random: Random, loop: Loop) -> np.ndarray:
+    """Return a posture with some joints at their limits, up to 0.095 rad beyond them or 0.8 rad inside."""
+    limit = np.where(random.random(N) < 0.5, loop.lower, loop.upper)
+    inside = np.sign(limit) * random.uniform(-0.095, 0.8, N)
+    return np.where(random.random(N) < 0.6, limit - inside, Q0)
 
-    sensors: whether sensor faults and encoder quanta may come in; the bound is for positions that are right.
+
+def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = False) -> Schedule:
+    """Draw a schedule with a small tank and engagement limit, so that little is hidden below the bound.
+
+    sensors: whether measured positions may be wrong, for which there is no bound.
     """
     delay = int(random.integers(0, 3))
     motor = np.exp(random.uniform(np.log(0.02), np.log(0.3), N))
@@ -152,12 +168,16 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "stiffness_time": float(10 ** random.uniform(-3, -1)),
             "ramp_time": float(10 ** random.uniform(-3, -0.5)),
             "position_quantum": 1e-4 if sensors else 0.0,
+            "missed_limit": int(random.integers(1, 7)),
+            "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),
+            "limit_zone": float(10 ** random.uniform(-2, -0.1)),
+            "limit_stiffness": loop.effort * 10 ** random.uniform(-1.5, 1),
         },
         {
             "delay": delay,
             "motor": motor,
             "differences": int(random.random() < 0.5),
-            "q": Q0.copy() if random.random() < 0.5 else Q0 + random.uniform(-0.6, 0.6, N),
+            "q": _first_posture(random, loop),
             "v": np.zeros(N),
         },
         [{"wanted": Q0} | _springs(random, 1, 0.1)],
@@ -169,9 +189,16 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
     return _ordered(made)
 
 
+def _first_posture(random: Random, loop: Loop) -> np.ndarray:
+    kind = random.random()
+    if kind < 0.5:
+        return Q0.copy()
+    return Q0 + random.uniform(-0.6, 0.6, N) if kind < 0.8 else _at_limits(random, loop)
+
+
 def _lies(one: dict[str, Any]) -> bool:
-    """Whether the positions that are measured are wrong."""
-    return bool(one.get("q_stuck") or one.get("dq_stuck") or np.any(one.get("q_offset", 0)))
+    """Return whether measured positions are wrong; velocities may be."""
+    return bool(one.get("q_stuck") or np.any(one.get("q_offset", 0)))
 
 
 def _ordered(made: Schedule) -> Schedule:
@@ -241,7 +268,47 @@ def shaking(random: Random, loop: Loop) -> Schedule:
     return _ordered(made)
 
 
-PATTERNS = (laps, pumping, shaking)
+def zones(random: Random, loop: Loop) -> Schedule:
+    """Draw laps: control is lost, the arm is carried into the limit zones, a reset, and the arm is led out slowly."""
+    made, lap = _base(random, loop), int(random.integers(500, 1000))
+    for start in range(5, SAMPLES - lap + 1, lap):
+        inside = _at_limits(random, loop)
+        made.parts += [
+            _drive(random, loop, start, inside, missed=1, reset=0),
+            _drive(random, loop, start + 0.4 * lap, inside, missed=0, reset=0),
+            _drive(random, loop, start + 0.45 * lap, inside, missed=0, reset=1),
+            _drive(random, loop, start + 0.5 * lap, Q0, missed=0, reset=0)
+            | {"driven_at": loop.velocity * random.uniform(0.02, 0.5)},
+        ]
+    return _ordered(made)
+
+
+def gaps(random: Random, loop: Loop) -> Schedule:
+    """Draw shaking at almost the velocity limit while calls are left out and some calls have no sample."""
+    made = shaking(random, loop)
+    longest = made.config["missed_limit"] - 1
+    made.parts[0]["skip"] = skip = int(random.integers(0, longest + 1))
+    every, step = int(random.integers(2, 6)), skip + 1
+    for count, start in enumerate(range(step, SAMPLES, step)):
+        before = max((one for one in made.parts if one["start"] <= start), key=lambda one: one["start"], default=None)
+        if before is not None and len(made.parts) < 900:
+            made.parts.append({**before, "start": start, "missed": int(count % every == 0)})
+            made.parts.sort(key=lambda one: one.get("start", 0))
+    return _ordered(made)
+
+
+def streams(random: Random, loop: Loop) -> Schedule:
+    """Draw targets that are streamed with jitter while a load hangs at the tip or the arm is moved."""
+    made = _base(random, loop)
+    made.parts[0]["jitter"] = 10 ** random.uniform(-13, -0.5)
+    made.parts[0]["wanted_rate"] = random.normal(size=N) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.5)
+    made.parts[0]["load"] = random.normal(size=6) * [30, 30, 60, 5, 5, 5]
+    made.parts += [part(random, loop, True) for _ in range(random.integers(0, 4))]
+    made.parts = [one for one in made.parts if not _lies(one)]
+    return _ordered(made)
+
+
+PATTERNS = (laps, pumping, shaking, zones, gaps, streams)
 
 
 def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bool) -> Schedule:
@@ -267,18 +334,27 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
         elif kind == 5:
             one = later[random.integers(len(later))]
             name = ("reset", "missed", "skip")[random.integers(3)]
-            one[name] = 0 if one.get(name) else LONGEST_SKIP if name == "skip" else 1
+            one[name] = 0 if one.get(name) else int(random.integers(1, 6)) if name == "skip" else 1
         else:
-            name = CLIMBED[random.integers(len(CLIMBED))]
-            new.config[name] *= float(np.exp(random.normal() * 0.5))
+            _change_config(random, new)
     if not sensors:
         new.parts = [one for one in new.parts if not _lies(one)]
     return _ordered(new)
 
 
+def _change_config(random: Random, new: Schedule) -> None:
+    name = CLIMBED[random.integers(len(CLIMBED))]
+    if name == "delay_samples":
+        new.config[name] = new.episode["delay"] = int(random.integers(0, 3))
+    elif name == "missed_limit":
+        new.config[name] = int(random.integers(1, 7))
+    else:
+        new.config[name] = new.config[name] * float(np.exp(random.normal() * 0.5))
+
+
 def _shake(random: Random, one: dict[str, Any]) -> None:
     size = 10 ** random.uniform(-2, 0)
-    for name in ("load", "push", "driven_to", "driven_at", "hand_target"):
+    for name in ("load", "push", "driven_to", "driven_at", "hand_target", "dq_offset", "wanted_rate", "jitter"):
         if name in one and np.any(one[name]):
             one[name] = one[name] * (1 + size * random.normal(size=np.shape(one[name])))
     if random.random() < 0.3 and one.get("driven"):
@@ -289,16 +365,34 @@ def _shake(random: Random, one: dict[str, Any]) -> None:
 
 
 def measure(loop: Loop, chosen: Schedule) -> Measured:
-    """Run one."""
-    constant = all("wanted" not in part for part in chosen.parts[1:])
-    away = int(bool(np.any(np.asarray(chosen.episode["q"]) != chosen.parts[0]["wanted"])))
-    limit = chosen.config["engagement_limit"]
-    episode = loop.episode(**chosen.episode, engagement=limit, fastest=1.0)
-    summary = loop.run(SAMPLES, loop.segments(*chosen.parts), episode, loop.config(**chosen.config))
-    most = summary.excess if constant else summary.excess_moving
-    held = chosen.config["tank_initial"] + (limit * away if constant else 0.0)
+    """Run a schedule. Calls come at least every missed_limit sample times, and the arm keeps its velocity limits."""
+    parts = [{**one, "skip": min(one.get("skip", 0), chosen.config["missed_limit"] - 1)} for one in chosen.parts]
+    constant = not any("wanted" in one for one in parts[1:]) and not any(
+        np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate")
+    )
+    away = int(bool(np.any(np.asarray(chosen.episode["q"]) != parts[0]["wanted"])))
+    limit, tank = chosen.config["engagement_limit"], chosen.config["tank_initial"]
+    episode, config = loop.episode(**chosen.episode, engagement=limit, fastest=1.0), loop.config(**chosen.config)
+    summary = loop.run(SAMPLES, loop.segments(*parts), episode, config)
+    held = tank + _limit_energy(config, np.asarray(chosen.episode["q"]))
+    if constant:
+        excess = summary.excess - held - limit * away
+    else:
+        excess = max(summary.excess_moving - held, summary.excess_travel - held - limit)
     dead = summary.faults and summary.fault_at < LIVE
-    return Measured(most - held, -np.inf if dead and most <= held else most - held, summary)
+    bound = summary.port_most - excess
+    ratio = summary.port_most / bound if bound > 0 else np.inf
+    return Measured(excess, -np.inf if dead and excess <= 0 else excess, ratio, summary)
+
+
+def _limit_energy(config: Any, q: np.ndarray) -> float:
+    """Return the energy of the limit avoidance at q [J]."""
+    lower, upper, k, most = (np.array(getattr(config, f"{name}")) for name in (
+        "lower_limit", "upper_limit", "limit_stiffness", "effort_limit"))  # fmt: skip
+    depth = np.maximum(q - upper, lower - q) + config.limit_zone
+    depth = np.maximum(depth, 0.0)
+    linear = k * depth > most
+    return float(np.sum(np.where(linear, most * (depth - most / k / 2), k * depth**2 / 2)))
 
 
 def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:
@@ -331,11 +425,11 @@ def _start() -> None:
     shutil.rmtree(_folder)
 
 
-def _climb(task: tuple[int, int, bool]) -> tuple[int, bool, float, float, int]:
+def _climb(task: tuple[int, int, bool]) -> tuple[int, bool, float, float, int, float]:
     seed, steps, moving = task
     assert _loop is not None
     got = climb(np.random.default_rng(seed), _loop, steps, moving)[1]
-    return seed, moving, got.excess, got.summary.port_most, got.summary.reason
+    return seed, moving, got.excess, got.summary.port_most, got.summary.reason, got.ratio
 
 
 def main() -> int:
@@ -348,15 +442,17 @@ def main() -> int:
     start, climbs = time.monotonic(), -(-options.count // options.climb)
     tasks = [(options.seed + k, options.climb, k % 2 == 1) for k in range(climbs)]
     found: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
+    worst = 0.0
     with multiprocessing.Pool(options.workers, _start) as pool:
-        for done, (seed, moving, excess, port, reason) in enumerate(pool.imap_unordered(_climb, tasks), 1):
+        for done, (seed, moving, excess, port, reason, ratio) in enumerate(pool.imap_unordered(_climb, tasks), 1):
             found[moving].append((excess, port))
+            worst = max(worst, ratio)
             if excess > TOLERANCE:
                 print(f"seed {seed}{', moving' * moving}: {excess:.2e} J beyond, reason {reason}", flush=True)
             if done % 20 == 0 or done == climbs:
                 beyond = sum(x > TOLERANCE for x, _ in found[False] + found[True])
                 print(f"{done * options.climb} schedules, {beyond} climbs beyond the bound, "
-                      f"{time.monotonic() - start:.0f} s", flush=True)  # fmt: skip
+                      f"worst ratio {worst:.6f}, {time.monotonic() - start:.0f} s", flush=True)  # fmt: skip
     print("| wanted equilibrium | schedules | climbs beyond | most of output less bound [J] | most put out [J] |")
     print("|---|---|---|---|---|")
     for moving, rows in found.items():

@@ -157,7 +157,8 @@ CONFIG: tuple[Field, ...] = (
         "engagement_limit",
         _SCALAR,
         "J",
-        "reference work that an engagement (start, reset) or a new command may cost",
+        "work that moving the equilibrium may cost after a start or a reset, and per second of a command's travel at "
+        "the governor's velocity limits",
         "20.0",
         1e-6,
         1e5,

@@ -96,6 +96,9 @@ INVARIANT: tuple[tuple[str, int, int], ...] = (
     ("regular", 0, 3),
     ("absent", 0, 2000),
     ("delay", 0, 2),
+    ("gap_calls", 0, 1_000_000),
+    ("calls", 0, 1000),
+    ("by_pose", 0, 1),
 )
 """Integers of the controller's state and what they lie between, before and after every call."""
 

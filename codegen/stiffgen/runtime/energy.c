@@ -87,10 +87,10 @@ void book_reference(step_t *s, double p)
     pay_into_tank(s, fmax(-p, 0.0));
 }
 
-/* Return the torque that acted in the interval that ends now. */
-static const double *find_acting_torque(const memory_t *m, const double *last)
+/* Return the torque that acted in the interval that ends now; zero where its work is booked already. */
+static const double *find_acting_torque(const step_t *s)
 {
-    return m->delay == 0 ? last : m->older + (m->delay - 1) * N;
+    return s->m->delay == 0 ? s->transit : s->m->older + (s->m->delay - 1) * N;
 }
 
 /* Start another interval: `last` is in transit now; feed is the reference's share of the torque that follows it. */
@@ -124,18 +124,18 @@ double worst_feed_work(const memory_t *m, const double *feed, int intervals)
 
 /*
  * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and one of missed_limit calls is made. The
- * torque is held for missed_limit such calls without a sample, and, in a fault, for one.
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and one of `calls` calls is made. The
+ * torque is held for `calls` such calls without a sample, and, in a fault, for one.
  * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
  */
-double compute_reserve(const step_t *s, const double *last, const double *torque, double *parts)
+double compute_reserve(const step_t *s, int calls, const double *torque, double *parts)
 {
     const memory_t *const m = s->m;
-    const double calls = s->c->missed_limit, hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
+    const double hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
     parts[0] = parts[1] = parts[2] = 0.0;
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
-        parts[0] += far * ((m->delay > 0 ? fabs(last[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
+        parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
         parts[1] += far * calls * hold * size;
         parts[2] += far * calls * 0.5 * size * (size / m->rate[i]);
     }
@@ -178,13 +178,28 @@ void adopt_limits(step_t *s, const double *q)
 }
 
 /*
+ * Adopt the configured missed_limit. A larger one lets the torque act for longer: it waits until the available energy
+ * covers that, and never comes into force in a fault.
+ */
+void adopt_missed_limit(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    double parts[3];
+    const int covered = compute_reserve(s, s->c->missed_limit, last, parts) <= available_energy(m);
+    if (s->c->missed_limit <= m->calls || (m->fault == ID(FAULT_NONE) && covered)) {
+        m->calls = s->c->missed_limit;
+    }
+}
+
+/*
  * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last torque
  * over the whole motion and, for every change of torque, the change over the motion that can have happened before it;
  * gap_most, every torque over the farthest motion in its own intervals.
  */
-void bridge_gap(memory_t *m, const double *last, int periods)
+void bridge_gap(step_t *s, int periods)
 {
-    const double *const torque = find_acting_torque(m, last);
+    memory_t *const m = s->m;
+    const double *const torque = find_acting_torque(s);
     if (m->gap == 0) {
         m->gap_work = m->gap_most = 0.0;
         memcpy(m->gap_torque, torque, N * sizeof(double));
@@ -198,11 +213,64 @@ void bridge_gap(memory_t *m, const double *last, int periods)
 }
 
 /*
+ * Note a call whose sample does not tell the time: for how many periods the torque of the call before it was held shows
+ * only later. Kept for that are the torques in transit at the last timed call, and sum and maximum of those held since.
+ */
+void note_untimed_call(step_t *s, const double *last)
+{
+    memory_t *const m = s->m;
+    if (m->gap_calls == 0) {
+        m->gap_base = m->gap > 0 ? m->gap_most : 0.0;
+        for (int i = 0; i < N; ++i) {
+            m->gap_transit[i] = (m->delay > 0 ? fabs(m->older[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[N + i]) : 0.0);
+            m->gap_sum[i] = m->gap_largest[i] = 0.0;
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        m->gap_sum[i] += fabs(last[i]);
+        m->gap_largest[i] = fmax(m->gap_largest[i], fabs(last[i]));
+    }
+    m->gap_calls = clamp_count(m->gap_calls + 1, 1000000);
+}
+
+/*
+ * Bridge calls that were left out between two samples. If every call since the last timed one had a sample, the torque of
+ * the last call was held. Else it is open which torque was held for how long: book the most that all of them can do,
+ * those in transit once, and the others either for the calls that can be missing each, or, if that is less, the largest
+ * for the whole gap. No work is left to book of torques that are still in transit then.
+ */
+void bridge_missing_calls(step_t *s, const double *last, int missing)
+{
+    memory_t *const m = s->m;
+    const double none[N] = {0.0};
+    if (m->gap_calls == 0) {
+        for (int k = 0; k < missing && k < 3; ++k) {
+            bridge_gap(s, 1);
+            shift_history(m, s->transit, m->feed);
+        }
+        bridge_gap(s, clamp_count(missing - 3, 1000000));
+        return;
+    }
+    note_untimed_call(s, last);
+    const double each = fmin(1.0 + missing, m->calls), all = (double)m->gap_calls + missing;
+    double most = m->gap_base;
+    for (int i = 0; i < N; ++i) {
+        most += farthest_motion(m, i) * (m->gap_transit[i] + fmin(each * m->gap_sum[i], all * m->gap_largest[i]));
+    }
+    memcpy(s->transit, none, sizeof none);
+    memset(m->older, 0, sizeof m->older);
+    memset(m->feed, 0, sizeof m->feed);
+    bridge_gap(s, missing);
+    m->gap_work = HUGE_VAL;
+    m->gap_most = most;
+}
+
+/*
  * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
  * work of its share for the reference, feed = B dr, over the arm's motion is the reference's. The account begins, or
  * begins anew, at a position with no known motion to it.
  */
-void book_interval(step_t *s, const double *last, const double *q)
+void book_interval(step_t *s, const double *q)
 {
     memory_t *const m = s->m;
     double work = 0.0, feed = 0.0, motion[N];
@@ -219,10 +287,10 @@ void book_interval(step_t *s, const double *last, const double *q)
     memcpy(motion, q, sizeof motion);
     add_scaled(N, -1.0, m->q, motion);
     if (m->gap > 0) {
-        bridge_gap(m, last, 1);
+        bridge_gap(s, 1);
         work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
-        work = dot(N, find_acting_torque(m, last), motion);
+        work = dot(N, find_acting_torque(s), motion);
         feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
     m->port_total += work;

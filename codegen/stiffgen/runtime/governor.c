@@ -159,16 +159,53 @@ static int update_velocities(step_t *s, int by_posture)
     return moving;
 }
 
-/* Start a new engagement if the command differs from the last one. */
-static void renew_engagement(step_t *s)
+/* Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and poses. */
+static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
+                             const double *goal_pose)
 {
-    memory_t *const m = s->m;
-    const int same = memcmp(s->input->q0, m->wanted_posture, N * sizeof(double)) == 0 &&
-                     (s->input->command == ID(COMMAND_POSITION) ||
-                      memcmp(s->input->equilibrium, m->wanted_equilibrium, sizeof m->wanted_equilibrium) == 0);
-    if (s->commanded && !same) {
-        m->engagement = s->c->engagement_limit;
+    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
+    double away[N], twist[6];
+    for (int i = 0; i < N; ++i) {
+        away[i] = goal[i] - posture[i];
     }
+    double travel = relative_size(N, 1, away, c->reference_velocity_limit);
+    for (int t = 0; goal_pose != NULL && t < TIPS; ++t) {
+        pose_difference(equilibrium + 16 * t, goal_pose + 16 * t, twist);
+        travel = fmax(travel, relative_size(6, 3, twist, tip_limits));
+    }
+    return travel;
+}
+
+/*
+ * Let a moving command bring in reference work, by the distance that it moves: an engagement limit per TRAVEL_TIME of the
+ * equilibrium's travel. What the command moved is paid out no faster than the equilibrium can travel, and no further than
+ * the equilibrium is away from the command.
+ */
+static void pay_for_travel(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double *const q0 = s->input->q0, *pose = s->input->equilibrium;
+    const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
+    double there[16 * TIPS];
+    if (!s->commanded) {
+        return;
+    }
+    if (by_pose && !m->by_pose) {
+        robot_poses(m->wanted_posture, m->tool_pose, m->wanted_equilibrium);
+    }
+    if (!by_pose && (m->by_pose || !m->joined)) {
+        robot_poses(q0, m->tool_pose, there);
+        pose = there;
+    }
+    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, by_pose || m->by_pose ? pose : NULL);
+    const double away = travel_between(c, m->posture, q0, m->equilibrium, by_pose || !m->joined ? pose : NULL);
+    m->travel = fmin(m->travel + moved, away);
+    const double paid = fmin(m->travel, c->sample_time);
+    const double work = m->engagement + c->engagement_limit * (paid / TRAVEL_TIME);
+    m->travel -= paid;
+    m->engagement = fmax(m->engagement, fmin(work, c->engagement_limit));
+    m->by_pose = by_pose;
 }
 
 /*
@@ -181,7 +218,7 @@ static double find_share(step_t *s, int by_posture, double *posture, double *equ
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, c->missed_limit), 0.0);
+    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->calls), 0.0);
     const double allowed = fmin(fmax(c->energy_limit - m->elastic_energy, 0.0), left);
     double share = 1.0;
     int reached = 0;
@@ -209,7 +246,7 @@ void move_equilibrium(step_t *s)
 {
     memory_t *const m = s->m;
     double posture[N], equilibrium[16 * TIPS], rise = 0.0;
-    renew_engagement(s);
+    pay_for_travel(s);
     const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
     const int moving = update_velocities(s, by_posture);
     const double share = find_share(s, by_posture, posture, equilibrium, &rise);
@@ -251,6 +288,7 @@ static void accept_command(step_t *s)
     if (robot_tool(s->input) != NULL) {
         memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
     }
+    m->by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     m->commanded = 1;
 }
 
@@ -261,10 +299,10 @@ static void start_engagement(step_t *s)
     memory_t *const m = s->m;
     m->engaged = 1;
     m->scale = 1.0;
-    if (m->tank < c->tank_initial - c->engagement_limit) {
-        /* it lacks more than an engagement brings in: the account ends here, and begins anew */
+    if (available_energy(m) < 0.0) {
+        /* more was put out than there was: the account ends here, and begins anew */
         m->unaccounted += 1u;
-        m->tank = c->tank_initial - c->engagement_limit > 0.0 ? m->tank : 0.0;
+        m->tank -= available_energy(m);
     }
     const double lack = clamp(c->tank_initial - m->tank, 0.0, c->engagement_limit);
     m->tank += lack;
@@ -280,7 +318,7 @@ void settle_springs(step_t *s)
     memset(m->posture_velocity, 0, sizeof m->posture_velocity);
     memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
     memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
-    m->scale = m->elastic_energy = 0.0;
+    m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
     if (s->commanded) {
         accept_command(s);

@@ -28,6 +28,7 @@ static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its l
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
+static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 /* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
@@ -44,11 +45,13 @@ typedef struct {
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
+    int timed;     /* the sample's counter tells which calls are missing */
     double budget; /* [J] the tank's share for what costs energy */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
+    double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
 } step_t;
 
 /* ---- functions, by file ---- */
@@ -116,11 +119,14 @@ void book_reference(step_t *s, double p);
 void shift_history(memory_t *m, const double *last, const double *feed);
 double farthest_motion(const memory_t *m, int i);
 double worst_feed_work(const memory_t *m, const double *feed, int intervals);
-double compute_reserve(const step_t *s, const double *last, const double *torque, double *parts);
+double compute_reserve(const step_t *s, int calls, const double *torque, double *parts);
 double available_energy(const memory_t *m);
 void adopt_limits(step_t *s, const double *q);
-void bridge_gap(memory_t *m, const double *last, int periods);
-void book_interval(step_t *s, const double *last, const double *q);
+void adopt_missed_limit(step_t *s, const double *last);
+void bridge_gap(step_t *s, int periods);
+void note_untimed_call(step_t *s, const double *last);
+void bridge_missing_calls(step_t *s, const double *last, int missing);
+void book_interval(step_t *s, const double *q);
 
 /* sample.c */
 void observe_sample(step_t *s, const double *last);
@@ -134,7 +140,7 @@ void settle_springs(step_t *s);
 
 /* stiffness.c */
 void vary_stiffness(step_t *s);
-void vary_scale(step_t *s, const double *last, const double *pull, double energy, double cap);
+void vary_scale(step_t *s, const double *pull, double energy, double cap);
 
 /* damping.c */
 double design_damping(step_t *s, double *follow);

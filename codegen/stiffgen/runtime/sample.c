@@ -10,7 +10,7 @@ enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 static void count_missing(step_t *s, int periods, int reason)
 {
     memory_t *const m = s->m;
-    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->c->missed_limit;
+    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->m->calls;
     m->absent = clamp_count(count, limit);
     if (count >= limit && m->known) {
         latch_fault(m, reason);
@@ -52,17 +52,11 @@ static int check_counter(step_t *s, const double *last)
     }
     if (ahead > 0) {
         s->status |= ID(STATUS_MISSED);
-        if (m->gap > 0) { /* between which of the calls without a sample is not known */
-            m->gap_work = HUGE_VAL;
-            m->gap_most *= fmin(1.0 + ahead, s->c->missed_limit);
-        }
-        for (int k = 0; k < ahead && k < 3; ++k) { /* the torque of the last call was held */
-            bridge_gap(m, last, 1);
-            shift_history(m, last, m->feed);
-        }
-        bridge_gap(m, last, clamp_count(ahead - 3, 1000000));
+        bridge_missing_calls(s, last, ahead);
         count_missing(s, ahead < 1000 ? ahead : 1000, ID(REASON_SKIPPED));
     }
+    s->timed = ahead >= 0;
+    m->gap_calls = ahead >= 0 ? 0 : m->gap_calls;
     return ID(REASON_NONE);
 }
 

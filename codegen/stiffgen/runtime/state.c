@@ -88,6 +88,7 @@ void start_memory(const config_t *c, state_t *state)
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->tank = c->tank_initial;
+    m->calls = c->missed_limit;
     m->ready = READY;
 }
 

@@ -64,12 +64,13 @@ static void step_with_sample(step_t *s, const double *last)
     if (!m->known) {
         adopt_limits(s, s->input->q);
     }
-    book_interval(s, last, s->input->q);
+    book_interval(s, s->input->q);
     remember_sample(s);
     s->commanded = s->believed && is_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;
+    adopt_missed_limit(s, last);
     if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(s, s->input->q);
     } else if (m->engaged && m->scale == 0.0) {
@@ -94,7 +95,10 @@ static void step_without_sample(step_t *s, const double *last)
     memory_t *const m = s->m;
     const double none[N] = {0.0};
     m->missed += m->missed < 1000000 ? 1 : 0;
-    bridge_gap(m, last, 1);
+    if (!s->timed) {
+        note_untimed_call(s, last);
+    }
+    bridge_gap(s, 1);
     if (m->known && m->fault == ID(FAULT_NONE)) {
         memcpy(s->out->torque, last, N * sizeof(double));
         limit_torque(s, last);
@@ -104,7 +108,7 @@ static void step_without_sample(step_t *s, const double *last)
         m->elastic_energy = m->scale = m->good_time = 0.0;
         step_towards_zero(last, m->rate, s->out->torque);
     }
-    shift_history(m, last, none);
+    shift_history(m, s->transit, none);
 }
 
 /* Take what the configuration says of time and limits, and observe the sample. */
@@ -166,6 +170,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     vote(state->torque, last);
     vote(state->rate, rate);
+    memcpy(s.transit, last, sizeof last);
     if (state->checksum != compute_checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
             step_towards_zero(last, rate, output->torque);

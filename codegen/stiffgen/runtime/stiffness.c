@@ -62,7 +62,7 @@ void vary_stiffness(step_t *s)
  * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort limits
  * and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
  */
-void vary_scale(step_t *s, const double *last, const double *pull, double energy, double cap)
+void vary_scale(step_t *s, const double *pull, double energy, double cap)
 {
     memory_t *const m = s->m;
     const config_t *const c = s->c;
@@ -76,7 +76,7 @@ void vary_scale(step_t *s, const double *last, const double *pull, double energy
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    compute_reserve(s, last, pull, parts);
+    compute_reserve(s, m->calls, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));

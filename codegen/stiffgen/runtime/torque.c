@@ -44,7 +44,7 @@ static int try_torque(step_t *s, const double *last, double share)
         }
     }
     limit_torque(s, last);
-    s->m->reserve = compute_reserve(s, last, out->torque, parts);
+    s->m->reserve = compute_reserve(s, s->m->calls, out->torque, parts);
     return s->m->reserve <= available_energy(s->m);
 }
 
@@ -154,7 +154,7 @@ void compute_torque(step_t *s, const double *last, int moved)
         latch_fault(m, ID(REASON_PAPER_BOUND));
     }
     if (m->engaged) {
-        vary_scale(s, last, pull, energy, cap);
+        vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);
     compute_reference_velocity(s, moved, by_pose, follow);
@@ -168,7 +168,7 @@ void compute_torque(step_t *s, const double *last, int moved)
         out->spring_wrench[k] *= m->scale;
     }
     multiply_vector(out->damping, out->reference_velocity, feed);
-    if (worst_feed_work(m, feed, c->missed_limit) > m->engagement) {
+    if (worst_feed_work(m, feed, m->calls) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
         add_scaled(N, -1.0, feed, out->damping_torque);
@@ -178,5 +178,5 @@ void compute_torque(step_t *s, const double *last, int moved)
     if (!try_torque(s, last, 2.0) && !paper) {
         reduce_torque(s, last, feed);
     }
-    shift_history(m, last, feed);
+    shift_history(m, s->transit, feed);
 }

@@ -44,7 +44,7 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
         sensors->held_dq[i] = dq;
         sample->q[i] = q;
         sample->dq[i] = dq;
-        sample->wanted[i] = s->wanted[i] + t * s->wanted_rate[i];
+        sample->wanted[i] = s->wanted[i] + t * s->wanted_rate[i] + (sensors->counter & 1u ? s->jitter : 0.0);
         sample->wanted_rate[i] = s->wanted_rate[i];
     }
     sensors->seen = 1;
@@ -80,6 +80,29 @@ static double spring_energy(const double *q, const command_t *springs, const com
         energy += 0.5 * springs->joint[i] * (q[i] - at->reference[i]) * (q[i] - at->reference[i]);
     }
     return springs->scale * energy;
+}
+
+/* Time [s] that the governor, with its default velocity limits, needs for what the command moved. */
+static double travel(const episode_t *e, const sample_t *sample, const sample_t *last)
+{
+    const double *const to = sample->pose ? sample->posture : sample->wanted;
+    const double *const from = last->pose ? last->posture : last->wanted;
+    double most = 0.0, H[16], E[16], away = 0.0, trace = -1.0;
+    for (int i = 0; i < N; ++i) {
+        most = fmax(most, fabs(to[i] - from[i]) / (0.8 * 0.5 * e->velocity_limit[i]));
+    }
+    if (!sample->pose && !last->pose) {
+        return most;
+    }
+    iiwa14_forward_kinematics(sample->wanted, H);
+    iiwa14_forward_kinematics(last->wanted, E);
+    for (int i = 0; i < 3; ++i) {
+        away += (H[4 * i + 3] - E[4 * i + 3]) * (H[4 * i + 3] - E[4 * i + 3]);
+        for (int k = 0; k < 3; ++k) {
+            trace += H[4 * i + k] * E[4 * i + k];
+        }
+    }
+    return fmax(most, fmax(sqrt(away) / (0.8 * 0.5), acos(fmax(fmin(trace / 2.0, 1.0), -1.0)) / (0.8 * 1.5)));
 }
 
 static void drive(const segment_t *s, motion_t *motion, double T)
@@ -119,7 +142,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
     motion_t motion = {{0}, {0}, 0.0, 0.0}, before;
     forces_t forces;
     sensors_t sensors;
-    sample_t sample;
+    sample_t sample, last;
     command_t command, previous;
     double pipe[MOST_DELAY + 1][N] = {{0}}, pipe_feed[MOST_DELAY + 1][N] = {{0}};
     double commanded[N] = {0}, last_reference[N] = {0}, last_tip[3] = {0}, least[N] = {0}, most[N] = {0};
@@ -169,6 +192,11 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             initialised = 1;
         }
         skipped = skipped < s->skip ? skipped + 1 : 0;
+        if (skipped == 0 && sample.valid) {
+            summary->travel += initialised > 1 ? travel(e, &sample, &last) : 0.0;
+            initialised = 2;
+            last = sample;
+        }
         if (skipped == 0) {
             previous = command;
             law_step(configs[s->config], state, &sample, output, &command);
@@ -239,6 +267,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         summary->reference_work += fmax(fed, 0.0);
         const double moving = summary->port - summary->reference_work - summary->resets * e->engagement;
         summary->excess_moving = k == 0 ? moving : fmax(summary->excess_moving, moving);
+        const double paid = e->engagement * (summary->resets + fmin(summary->travel, (k + 1) * e->sample_time));
+        summary->excess_travel = k == 0 ? summary->port - paid : fmax(summary->excess_travel, summary->port - paid);
         summary->port_most = fmax(summary->port_most, summary->port);
         summary->excess = k == 0 ? summary->port - summary->resets * e->engagement
                                  : fmax(summary->excess, summary->port - summary->resets * e->engagement);

@@ -30,6 +30,7 @@ typedef struct {
     double driven_by[N];         /* [rad/s^2] at most at these accelerations */
     double posture[N];           /* [rad] */
     double wanted_rate[N];       /* [rad/s] moves `wanted` from the segment's start on */
+    double jitter;               /* [rad] added to every joint of `wanted` with alternating sign */
     double translation[9], rotation[9];
     double load[6], push[N];
     double hand_target[N], hand_stiffness, hand_damping;
@@ -65,6 +66,8 @@ typedef struct {
     double excess;               /* [J] most of port - engagement x resets at any time */
     double reference_work;       /* [J] positive work of the moving equilibrium, from the springs' energy here */
     double excess_moving;        /* [J] most of port - reference_work - engagement x resets at any time */
+    double travel;               /* [s] that the default velocity limits of the governor need for what `wanted` moved */
+    double excess_travel;        /* [J] most of port - engagement x (resets + travel, at most the time) at any time */
     double start_energy;         /* [J] of the springs at the first sample */
     double kinetic;              /* [J] at the end */
     double energy_error;         /* [J] of the integration: change of kinetic energy less all work */

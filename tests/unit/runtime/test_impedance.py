@@ -712,11 +712,6 @@ def test_names_and_libraries(robot_folder: Path, objects: Path) -> None:
         assert header.name.startswith("iiwa14")
 
 
-def test_lines_of_the_controller() -> None:
-    runtime = ROOT / "codegen" / "stiffgen" / "runtime"
-    assert {path.name for path in runtime.iterdir() if path.is_file()} == {"matrix.c", "controller.c"}
-
-
 def test_stack_of_the_call_path(objects: Path) -> None:
     """The sum over ALL functions, more than any path, with the deepest kernel twice, stays below 32 KiB."""
     total, kernels = 0, [0]
