@@ -16,8 +16,9 @@ from stiffgen.errors import (
     StiffgenError,
 )
 from stiffgen.generate import generate
+from stiffgen.loading import load_chain
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.robot.chain import Chain, Tool, load_chain
+from stiffgen.robot.chain import Chain, Tool
 from stiffgen.symbolic.model import StiffnessModel
 from stiffgen.symbolic.moving import move_stiffness
 from stiffgen.symbolic.potentials import SpringOptions

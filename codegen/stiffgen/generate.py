@@ -11,10 +11,11 @@ from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest,
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError, OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
+from stiffgen.loading import read_chain
 from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.names import checked_identifier, identifier
-from stiffgen.robot.chain import Chain, ChainOptions, Tool, read_chain
+from stiffgen.robot.chain import Chain, ChainOptions, Tool
 from stiffgen.symbolic.arguments import posture
 from stiffgen.symbolic.potentials import SpringOptions
 

@@ -62,7 +62,8 @@ void iiwa14_forward_kinematics(const double q[7], double pose[16]);
 /*
  * Joint-space mass matrix.
  * M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * mass_matrix (7 x 7) [kg m^2]: symmetric, positive definite where every joint moves a mass
@@ -73,8 +74,9 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49]);
 /*
  * Bias forces: Coriolis, centrifugal and gravity's.
  * C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)
- * With gravity zero: Coriolis and centrifugal forces alone. Links beyond the chain move with it, their own
- * joints held at zero; rotor inertias are not in a URDF.
+ * With gravity zero: Coriolis and centrifugal forces alone. Links beyond the chain move with it. Their own
+ * joints stand at zero, but joints that mimic a coordinate of q follow it. Rotor inertias are not in a
+ * URDF.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * velocity (7) [rad/s or m/s]: rates of the joint positions
@@ -88,7 +90,8 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
 /*
  * Potential energy of gravity.
  * U = -g . sum of m_k c_k
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
@@ -101,7 +104,8 @@ void iiwa14_gravity_energy(const double q[7], const double gravity[3], double en
 /*
  * Gravity torque: gradient of the potential energy.
  * dU/dq_j = -g . w_j
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
@@ -113,7 +117,8 @@ void iiwa14_gravity_gradient(const double q[7], const double gravity[3], double 
 /*
  * Joint stiffness of gravity: Hessian of the potential energy.
  * d2U/dq_i dq_j = a_i . (g x w_j)
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up

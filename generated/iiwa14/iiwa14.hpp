@@ -228,7 +228,8 @@ inline void forward_kinematics(Input<7> q, Output<4, 4> pose) noexcept
  * @brief Joint-space mass matrix.
  *
  * M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[out] mass_matrix (7 x 7) [kg m^2]: symmetric, positive definite where every joint moves a mass
@@ -263,8 +264,9 @@ inline void mass_matrix_packed_batch(std::size_t count, const double *q, std::pt
  * @brief Bias forces: Coriolis, centrifugal and gravity's.
  *
  * C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)
- * With gravity zero: Coriolis and centrifugal forces alone. Links beyond the chain move with it, their own
- * joints held at zero; rotor inertias are not in a URDF.
+ * With gravity zero: Coriolis and centrifugal forces alone. Links beyond the chain move with it. Their own
+ * joints stand at zero, but joints that mimic a coordinate of q follow it. Rotor inertias are not in a
+ * URDF.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] velocity (7) [rad/s or m/s]: rates of the joint positions
@@ -298,7 +300,8 @@ namespace gravity {
  * @brief Potential energy of gravity.
  *
  * U = -g . sum of m_k c_k
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
@@ -329,7 +332,8 @@ inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  * @brief Gravity torque: gradient of the potential energy.
  *
  * dU/dq_j = -g . w_j
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
@@ -359,7 +363,8 @@ inline void gradient_batch(std::size_t count, const double *q, std::ptrdiff_t q_
  * @brief Joint stiffness of gravity: Hessian of the potential energy.
  *
  * d2U/dq_i dq_j = a_i . (g x w_j)
- * Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.
+ * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
+ * of q follow it. Rotor inertias are not in a URDF.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up

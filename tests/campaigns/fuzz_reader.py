@@ -23,7 +23,8 @@ with atheris.instrument_imports(
         "yourdfpy",
     ]
 ):
-    from stiffgen.robot.chain import ChainOptions, chain_between
+    from stiffgen.loading import chain_between
+    from stiffgen.robot.chain import ChainOptions
     from stiffgen.robot.reader import read_description
 
 from stiffgen.errors import DescriptionError, StiffgenError

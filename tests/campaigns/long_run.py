@@ -22,8 +22,9 @@ from types import FrameType
 import numpy as np
 
 from stiffgen.errors import StiffgenError
+from stiffgen.loading import chain_between
 from stiffgen.names import identifier
-from stiffgen.robot.chain import ChainOptions, chain_between
+from stiffgen.robot.chain import ChainOptions
 from stiffgen.robot.reader import read_description
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain

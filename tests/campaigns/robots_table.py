@@ -23,7 +23,8 @@ import numpy as np
 from lxml import etree
 
 from stiffgen.errors import ChainError, StiffgenError
-from stiffgen.robot.chain import Chain, ChainOptions, chain_between
+from stiffgen.loading import chain_between
+from stiffgen.robot.chain import Chain, ChainOptions
 from stiffgen.robot.description import Description
 from stiffgen.robot.reader import read_description
 from support.chain_checks import disagreements

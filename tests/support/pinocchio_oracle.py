@@ -2,7 +2,8 @@
 """A chain of a URDF by Pinocchio, read apart from stiffgen: tree, mimic relations and order of q by ElementTree.
 
 Pinocchio ignores ``<mimic>`` here (its default): every joint is free, and the follower's relation to its master comes
-in through the coupling matrix, positions = C q + offset. Joints off the chain stand at their offsets.
+in through the coupling matrix, positions = C q + offset. Joints off the chain stand at their offsets, but those that
+follow a coordinate of the chain move with it.
 """
 
 from __future__ import annotations
@@ -77,10 +78,12 @@ class PinocchioChain:
             self._prune(path, masses)
             self.model = self._model()
         self.data = self.model.createData()
-        moving = [joint.get("name", "") for joint in reversed(path) if joint.get("type") in MOVING]
-        relations = {name: self._relation(name) for name in moving}
-        self.moving = [name for name in moving if relations[name][1] != 0]
-        self.coordinates = list(dict.fromkeys(relations[name][0] for name in self.moving))
+        on_path = [joint.get("name", "") for joint in reversed(path) if joint.get("type") in MOVING]
+        others = [name for name, joint in self.joints.items() if joint.get("type") in MOVING and name not in on_path]
+        others = [name for name in others if masses and self.model.existJointName(name)]
+        relations = {name: self._relation(name) for name in (*on_path, *others)}
+        self.coordinates = list(dict.fromkeys(relations[name][0] for name in on_path if relations[name][1] != 0))
+        self.moving = [name for name, (master, rate, _) in relations.items() if rate and master in self.coordinates]
         self.coupling = np.zeros((len(self.moving), len(self.coordinates)))
         for row, name in enumerate(self.moving):
             master, multiplier, _ = relations[name]
@@ -88,7 +91,7 @@ class PinocchioChain:
         self.columns = [self._column(name) for name in self.moving]
         self.offsets = np.zeros(self.model.nv)
         for name, joint in self.joints.items():
-            if joint.get("type") in MOVING and self.model.existJointName(name) and (masses or name in moving):
+            if joint.get("type") in MOVING and self.model.existJointName(name) and (masses or name in on_path):
                 self.offsets[self._column(name)] = self._relation(name)[2]
 
     def _model(self) -> pin.Model:

@@ -84,7 +84,7 @@ def random_robot(source: Source, most_moving: int) -> Robot:
     names = [source.pick(("l{}", "Link {}", "gelenk_ä{}", "a/b:{}")).format(k) for k in range(len(kinds) + 1)]
     robot = Robot(base=names[before], tip=names[after])
     robot.links = [_link(source, name) for name in names]
-    robot.joints = _joints(source, kinds, parents, names)
+    robot.joints = _joints(source, kinds, parents, names, before)
     for elements in (robot.links, robot.joints):
         if source.integer(0, 1):
             elements.reverse()
@@ -98,7 +98,7 @@ def random_robot(source: Source, most_moving: int) -> Robot:
     return robot
 
 
-def _joints(source: Source, kinds: list[str], parents: list[int], names: list[str]) -> list[str]:
+def _joints(source: Source, kinds: list[str], parents: list[int], names: list[str], before: int) -> list[str]:
     moving = [k for k, kind in enumerate(kinds) if kind in ("revolute", "continuous", "prismatic")]
     order = moving if source.integer(0, 1) else moving[::-1]  # a follower's master comes earlier in this order
     joints = []
@@ -114,7 +114,8 @@ def _joints(source: Source, kinds: list[str], parents: list[int], names: list[st
             parts.append(source.pick((
                 "", '<limit effort="1" velocity="2"/>', '<limit lower="-1" upper="2" effort="0" velocity="1e300"/>',
             )))  # fmt: skip
-            earlier = order[: order.index(k)]
+            # A joint before the base that shares a coordinate with one beyond it is refused.
+            earlier = [other for other in order[: order.index(k)] if (other < before) == (k < before)]
             if earlier and source.integer(0, 5) == 0:
                 master, multiplier = source.pick(earlier), source.pick((1, -1, 0.5, -2.25))
                 parts.append(

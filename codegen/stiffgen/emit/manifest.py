@@ -63,7 +63,7 @@ def manifest_text(
         "springs": options.to_manifest(),
         **({"scalar": scalar.name} if scalar != DOUBLE else {}),
         **({"derivatives": True} if options.derivatives else {}),
-        "chain": _finite(asdict(chain)),
+        "chain": _finite({k: v for k, v in asdict(chain).items() if k != "ignored" or v}),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 

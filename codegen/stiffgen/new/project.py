@@ -12,10 +12,11 @@ from stiffgen.emit.controller import has_controller
 from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
 from stiffgen.folder import swapped_in
 from stiffgen.generate import generate
+from stiffgen.loading import load_chain
 from stiffgen.names import c_string, checked_identifier, comment, identifier
 from stiffgen.new.questions import Answers, Ask, Given, decide
 from stiffgen.rendering import environment
-from stiffgen.robot.chain import Chain, Coordinate, Tool, load_chain
+from stiffgen.robot.chain import Chain, Coordinate, Tool
 from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import spring

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
@@ -23,7 +23,7 @@ from stiffgen.robot.geometry import physical_inertia
 MAX_JOINTS = 5_000
 
 _MOST_FAULTS = 10  # of one element that are said
-_REPEATED: dict[str, Affects] = {"axis": "motion", "limit": "bounds"}
+_REPEATED: dict[str, Affects] = {"axis": "motion", "limit": "bounds", "mimic": "coupling"}
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _WORD = re.compile(r"[^ \t\r\n]+")
@@ -32,15 +32,15 @@ _WORD = re.compile(r"[^ \t\r\n]+")
 class Checker:
     """Walks the XML once, yields the problems, and keeps what reading needs afterwards."""
 
-    def __init__(self, robot: etree._Element) -> None:
+    def __init__(self, robot: etree._Element, ignored: Collection[str] = ()) -> None:
         self.robot = robot
+        self.ignored = ignored
         self.links: dict[str, etree._Element] = {}
         self.joints: dict[str, etree._Element] = {}
         self.parents: dict[str, str] = {}  # child link -> joint
         self.numbers: dict[tuple[etree._Element, str], tuple[float, ...]] = {}
         self.broken_mimics: set[str] = set()
         self.sound_mimics: set[str] = set()
-        self.standing_mimics: set[str] = set()  # broken ones, whose joints stand at zero whatever was meant
 
     def run(self) -> Iterator[Problem]:
         """Yield every problem of the file."""
@@ -55,7 +55,7 @@ class Checker:
             return
         if not self.robot.get("name", "").strip():
             yield Problem("file", '<robot> has no name; add name="..."')
-        for fault in islice(urdf_format.misspelt_in_robot(self.robot), _MOST_FAULTS):
+        for fault in islice(urdf_format.misspelt_in_robot(self.robot, self.ignored), _MOST_FAULTS):
             yield Problem("file", fault)
         yield from self._named("link", self.links)
         yield from self._named("joint", self.joints)
@@ -86,7 +86,7 @@ class Checker:
         kind = element.get("type")
         if kind not in JOINT_TYPES:
             said = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
-            yield Problem(this, f"{title} {said}; valid types: {', '.join(JOINT_TYPES)}", self._unless_at_zero(name))
+            yield Problem(this, f"{title} {said}; valid types: {', '.join(JOINT_TYPES)}", self._of_type(name))
         yield from self._spelling(this, element)
         ends = {}
         for tag in ("parent", "child"):
@@ -122,12 +122,19 @@ class Checker:
             yield from self._mimic(this, name, element)
 
     def _spelling(self, this: str, element: etree._Element) -> Iterator[Problem]:
-        """Of the element itself; those in it are checked where they are read."""
+        """Yield the faults and notes of an element's own names; its children are checked where they are read."""
         still = element.tag == "joint" and element.get("type") not in MOVING_TYPES
-        for fault in islice(urdf_format.faults(element), _MOST_FAULTS):
-            if fault.repeated in ("parent", "child") or (still and fault.repeated in ("axis", "limit", "mimic")):
+        left = {True: _MOST_FAULTS, False: _MOST_FAULTS}
+        for fault in urdf_format.faults(element, self.ignored):
+            if fault.repeats and (
+                fault.concerns in ("parent", "child") or (still and fault.concerns in ("axis", "limit", "mimic"))
+            ):
                 continue  # said where the tree is checked; read by nobody
-            yield Problem(this, f"{_title(this)}: {fault.text}", _REPEATED.get(fault.repeated, "place"))
+            left[fault.note] -= 1
+            if left[fault.note] >= 0:
+                yield Problem(this, f"{_title(this)}: {fault.text}", _affects(fault))
+            elif not fault.note:
+                return
 
     def _limit(self, this: str, element: etree._Element, *, bounded: bool) -> Iterator[Problem]:
         limit = element.find("limit")
@@ -181,15 +188,8 @@ class Checker:
             elif self.joints[master].get("type") not in (*MOVING_TYPES, "fixed"):
                 wrong = f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
             if wrong:
-                if master in self.broken_mimics:
-                    standing = master in self.standing_mimics
-                else:
-                    standing = master in followed or self._at_zero(master)
-                if standing and all(map(self._has_no_offset, followed)):
-                    self.standing_mimics.update(followed)
                 self.broken_mimics.update(followed)
-                affects: Affects = "motion" if name in self.standing_mimics else "place"
-                yield Problem(this, f"joint '{printable(last)}' {wrong}", affects)
+                yield Problem(this, f"joint '{printable(last)}' {wrong}", "coupling")
                 return
             if master in self.sound_mimics:
                 break
@@ -215,7 +215,10 @@ class Checker:
         offset = "0" if mimic is None else mimic.get("offset", "0").strip()
         return bool(_NUMBER.match(offset)) and float(offset) == 0
 
-    def _unless_at_zero(self, joint: str) -> Affects:
+    def _of_type(self, joint: str) -> Affects:
+        """Return what a wrong type affects: a joint with a <mimic> might move, one at zero is where it belongs."""
+        if self.joints[joint].find("mimic") is not None:
+            return "coupling"
         return "motion" if self._at_zero(joint) else "place"
 
     def _link(self, name: str, element: etree._Element) -> Iterator[Problem]:
@@ -319,6 +322,14 @@ class Checker:
                 on_path.add(link)
                 link = parent_of.get(link)
             done.update(path)
+
+
+def _affects(fault: urdf_format.Fault) -> Affects:
+    if fault.note:
+        return "nothing"
+    if fault.repeats:
+        return _REPEATED.get(fault.concerns, "place")
+    return "coupling" if fault.concerns == "mimic" else "place"
 
 
 def _title(this: str) -> str:

@@ -11,7 +11,7 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 Vector = tuple[float, float, float]
-Affects = Literal["place", "motion", "bounds"]
+Affects = Literal["place", "motion", "bounds", "coupling", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,9 @@ class Problem:
     refuses every chain, one of a joint or link only the chains whose result it can change.
 
     ``affects`` says how: "place" wherever the element is on the chain or rides on it, "motion" (axis, type) where the
-    joint does not stand at zero, "bounds" (position, velocity, effort limit) where it is a coordinate.
+    joint does not stand at zero, "bounds" (position, velocity, effort limit) where it is a coordinate, "coupling"
+    (mimic relation) wherever the joint's mass counts if it moves with a coordinate, "nothing" where a vendor's own
+    element is ignored.
     """
 
     element: str
@@ -72,7 +74,8 @@ class Problem:
 @dataclass(frozen=True)
 class Description:
     """The checked content of a URDF file. ``joints`` is keyed by joint name, ``inertials`` by link name (None:
-    the link has no ``<inertial>``); ``digest`` is the SHA-256 of the file's bytes.
+    the link has no ``<inertial>``); ``digest`` is the SHA-256 of the file's bytes. ``notes`` tell of a vendor's own
+    elements, which are ignored.
     """
 
     file: str
@@ -81,6 +84,7 @@ class Description:
     inertials: dict[str, Inertial | None]
     joints: dict[str, JointElement]
     problems: tuple[Problem, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def links(self) -> tuple[str, ...]:

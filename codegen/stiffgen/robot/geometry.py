@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Rigid placements in high precision, rounded once.
+"""Rigid poses in high precision, rounded once.
 
 URDF gives orientations as decimal roll-pitch-yaw. The generated code holds rotation matrices, and its bytes
 must not depend on the machine's libm: matrices are made and multiplied with 50 digits (mpmath, pure integer
@@ -43,19 +43,19 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
-class Placement:
+class Pose:
     """Pose of one frame in another with high-precision entries (mpmath numbers): x_outer = R x_inner + p."""
 
     rotation: tuple[tuple[Real, ...], ...]
     translation: tuple[Real, ...]
 
     @staticmethod
-    def identity() -> Placement:
+    def identity() -> Pose:
         """The frame itself."""
-        return Placement(_exact(IDENTITY), (mpf(0), mpf(0), mpf(0)))
+        return Pose(_exact(IDENTITY), (mpf(0), mpf(0), mpf(0)))
 
     @staticmethod
-    def from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> Placement:
+    def from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> Pose:
         """URDF's ``<origin>``: translation [m] and fixed-axis roll, pitch, yaw [rad], R = Rz(y) Ry(p) Rx(r)."""
         (cr, sr), (cp, sp), (cy, sy) = (_cos_sin(angle) for angle in rpy)
         rotation = (
@@ -63,10 +63,10 @@ class Placement:
             (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
             (-sp, cp * sr, cp * cr),
         )
-        return Placement(rotation, tuple(exact(v) for v in xyz))
+        return Pose(rotation, tuple(exact(v) for v in xyz))
 
     @staticmethod
-    def rotation_about(axis: Sequence[float], angle: float) -> Placement:
+    def rotation_about(axis: Sequence[float], angle: float) -> Pose:
         """Rotation by ``angle`` [rad] about a unit axis through the origin (Rodrigues)."""
         c, s = _cos_sin(angle)
         x, y, z = (mpf(v) for v in axis)
@@ -76,27 +76,27 @@ class Placement:
             (t * x * y + s * z, t * y * y + c, t * y * z - s * x),
             (t * x * z - s * y, t * y * z + s * x, t * z * z + c),
         )
-        return Placement(rotation, (mpf(0), mpf(0), mpf(0)))
+        return Pose(rotation, (mpf(0), mpf(0), mpf(0)))
 
     @staticmethod
-    def translated(by: Sequence[float | Real]) -> Placement:
+    def translated(by: Sequence[float | Real]) -> Pose:
         """A frame with the same axes whose origin is at ``by`` [m]."""
-        return Placement(_exact(IDENTITY), tuple(exact(v) for v in by))
+        return Pose(_exact(IDENTITY), tuple(exact(v) for v in by))
 
     @staticmethod
-    def turned(rotation: Matrix) -> Placement:
+    def turned(rotation: Matrix) -> Pose:
         """A frame with the same origin and other axes."""
-        return Placement(_exact(rotation), (mpf(0),) * 3)
+        return Pose(_exact(rotation), (mpf(0),) * 3)
 
-    def __matmul__(self, inner: Placement) -> Placement:
+    def __matmul__(self, inner: Pose) -> Pose:
         rotation = multiply(self.rotation, inner.rotation)
         turned = apply(self.rotation, inner.translation)
-        return Placement(rotation, tuple(a + b for a, b in zip(turned, self.translation, strict=True)))
+        return Pose(rotation, tuple(a + b for a, b in zip(turned, self.translation, strict=True)))
 
-    def inverse(self) -> Placement:
+    def inverse(self) -> Pose:
         """The outer frame in the inner one."""
         back = tuple(zip(*self.rotation, strict=True))
-        return Placement(back, tuple(-v for v in apply(back, self.translation)))
+        return Pose(back, tuple(-v for v in apply(back, self.translation)))
 
     def rounded(self) -> tuple[Matrix, Vector]:
         """Rotation and translation as doubles, each entry correctly rounded."""
@@ -131,7 +131,7 @@ def aligning_rotation(axis: Vector) -> Matrix:
     k = 1 / (1 + z)
     shortest_turn = ((1 - k * x * x, -k * x * y, x), (-k * x * y, 1 - k * y * y, y), (-x, -y, z))
     half_turn = _exact(((1.0, 0.0, 0.0), (0.0, float(sign), 0.0), (0.0, 0.0, float(sign))))
-    return Placement(multiply(shortest_turn, half_turn), (mpf(0),) * 3).rounded()[0]
+    return Pose(multiply(shortest_turn, half_turn), (mpf(0),) * 3).rounded()[0]
 
 
 @dataclass(frozen=True)
@@ -150,12 +150,12 @@ class Inertia:
         return Inertia(mpf(0), (mpf(0),) * 3, ((mpf(0),) * 3,) * 3)
 
     @staticmethod
-    def of_body(mass: float, tensor: Sequence[float], frame: Placement) -> Inertia:
+    def of_body(mass: float, tensor: Sequence[float], frame: Pose) -> Inertia:
         """A body whose (ixx, ixy, ixz, iyy, iyz, izz) is about its centre of mass, the origin of ``frame``."""
         xx, xy, xz, yy, yz, zz = (exact(v) for v in tensor)
         return Inertia(exact(mass), (mpf(0),) * 3, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))).seen_from(frame)
 
-    def seen_from(self, frame: Placement) -> Inertia:
+    def seen_from(self, frame: Pose) -> Inertia:
         """The same body in the frame in which ``frame`` places the one that it is given in."""
         r, d, m = frame.rotation, frame.translation, self.mass
         before = apply(r, self.moment)

@@ -17,6 +17,7 @@ import math
 import os
 import re
 import select
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -50,8 +51,8 @@ _LOGGED = 100  # libxml2's errors that lxml keeps; more may hide behind them
 _OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "MJCF", "COLLADA": "COLLADA", "openrave": "OpenRAVE"}
 
 
-def read_description(path: str | Path) -> Description:
-    """Read a URDF file.
+def read_description(path: str | Path, ignored: Collection[str] = ()) -> Description:
+    """Read a URDF file; elements named in ``ignored`` are no faults.
 
     Problems of single joints and links are left in ``problems``; see :func:`stiffgen.load_chain` for which of
     them refuse a chain.
@@ -64,7 +65,7 @@ def read_description(path: str | Path) -> Description:
     path = Path(path)
     data = _read_bytes(path)
     robot = _parse_xml(path.name, data)
-    checker = Checker(robot)
+    checker = Checker(robot, ignored)
     problems = tuple(checker.run())
     if any(p.element == "file" for p in problems):
         # Those of the file first: the message shows a few only.
@@ -76,7 +77,8 @@ def read_description(path: str | Path) -> Description:
         robot=model.name,
         inertials={link.name: _inertial(link, checker) for link in model.links},
         joints={joint.name: _joint(joint, checker) for joint in model.joints},
-        problems=problems,
+        problems=tuple(problem for problem in problems if problem.affects != "nothing"),
+        notes=tuple(problem.text for problem in problems if problem.affects == "nothing"),
     )
 
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from stiffgen.errors import DescriptionError, StiffgenError, listed
-from stiffgen.robot.chain import ChainOptions, Selection, carried_links, select
+from stiffgen.robot.chain import ChainOptions
 from stiffgen.robot.description import MOVING_TYPES, Description, JointElement
+from stiffgen.robot.selection import Selection, carried_links, select
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,9 @@ def _joints_above(description: Description, link: str) -> list[JointElement]:
 def _left_out(description: Description, selection: Selection) -> list[tuple[str, tuple[str, ...]]]:
     before = _joints_above(description, selection.base)
     floating = selection.base if selection.floating else None
-    carried = carried_links(description, selection.moving, floating).values()
+    carried = carried_links(description, (*selection.moving, *selection.side), floating).values()
     riding = {above.name for links in carried for _, above in links if above}
-    own = {joint.name for joint in (*selection.moving, *before)} | set(selection.masters)
+    own = {joint.name for joint in (*selection.moving, *selection.side, *before)} | set(selection.masters)
     others = [
         joint.name
         for joint in description.joints.values()

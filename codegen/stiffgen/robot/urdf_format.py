@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Which elements and attributes a URDF has, and which name was meant by one that it has not.
+"""Names of the URDF format, and the search for misspelt ones.
 
-Readers of URDF ignore what they do not know, so that a misspelt ``<orgin>`` leaves a joint at its parent, without a
-word. Here the elements that stiffgen reads, and what stands directly in a joint or link, are held to the format. What
-simulators and tools have added to it, found in the robots of docs/robots.md and beyond, passes, and so does everything
-with a prefix (``drake:acceleration``).
+Readers of URDF ignore unknown names: a misspelt ``<orgin>`` leaves a joint at its parent, without a word. Here every
+name in a joint, a link and the elements that stiffgen reads is compared with the format:
+
+* names that simulators and tools have added, and names with a prefix (``drake:acceleration``), pass;
+* an unknown element of a joint or link that resembles no known name is a vendor's own: it passes with a note;
+* all other unknown names are faults, unless the user says to ignore them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from difflib import SequenceMatcher
 
 from lxml import etree
 
@@ -20,7 +21,7 @@ from stiffgen.errors import printable
 
 @dataclass(frozen=True)
 class ElementFormat:
-    """Names that an element may hold: those of the format, and those that others have added."""
+    """Names that an element may hold: those of the format, and those added by simulators and tools."""
 
     elements: tuple[str, ...] = ()
     attributes: tuple[str, ...] = ()
@@ -70,64 +71,93 @@ FORMAT = {
 }
 
 _IN_A_ROBOT = ("link", "joint")
+_WITH_VENDOR_ELEMENTS = ("joint", "link")
+_MOST_EDITS = 3
 
 
 @dataclass(frozen=True)
 class Fault:
-    """``text`` is a sentence without a full stop; ``repeated`` names what stands twice, if it is that."""
+    """Fault of an element's content; ``text`` is a sentence without a full stop.
+
+    ``concerns`` is the element of the format that is misspelt or (``repeats``) stands twice, if there is one. A
+    ``note`` tells of a vendor's own element, which changes nothing.
+    """
 
     text: str
-    repeated: str = ""
+    concerns: str = ""
+    repeats: bool = False
+    note: bool = False
 
 
-def faults(element: etree._Element) -> Iterator[Fault]:
-    """What is misspelt in an element of ``FORMAT``, or stands twice in it though one alone is read."""
+def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[Fault]:
+    """Yield what is misspelt in an element of ``FORMAT``, and what stands twice in it though one alone is read."""
     tag = str(element.tag)
     known = FORMAT[tag]
     seen: dict[str, etree._Element] = {}
     for child in element:
         name = str(child.tag)
-        if _prefixed(name) or name in known.added_elements:
+        if _prefixed(name) or name in known.added_elements or name in ignored:
             continue
         if name not in known.elements:
-            meant = _meant(name, [f"<{each}>" for each in known.elements])
-            yield Fault(f"<{printable(name)}> is no element of <{tag}>; {meant}")
+            yield _unknown(tag, name, known.elements)
         elif name in FORMAT and _says(child) != _says(seen.setdefault(name, child)):
-            yield Fault(f"<{name}> stands twice in it, and not the same; keep the one that is meant", name)
+            yield Fault(
+                f"<{name}> stands twice in it, and not the same; keep the one that is meant", name, repeats=True
+            )
     for name in map(str, element.attrib):
         if not _prefixed(name) and name not in known.attributes + known.added_attributes:
-            meant = _meant(name, [f"'{each}'" for each in known.attributes])
-            yield Fault(f"<{tag}> has no attribute '{printable(name)}'; {meant}")
+            meant = _meant(name, known.attributes)
+            remedy = f"did you mean '{meant}'?" if meant else _remedy([f"'{each}'" for each in known.attributes])
+            yield Fault(f"<{tag}> has no attribute '{printable(name)}'; {remedy}")
 
 
-def misspelt_in_robot(robot: etree._Element) -> Iterator[str]:
-    """Elements of the robot itself that look like a link or joint and are none."""
+def _unknown(tag: str, name: str, elements: Sequence[str]) -> Fault:
+    """Return the fault, or the note, of an unknown element."""
+    meant = _meant(name, elements)
+    says = f"<{printable(name)}> is no element of <{tag}>"
+    if meant:
+        return Fault(f"{says}; did you mean <{meant}>? (if not: --ignore {printable(name)})", meant)
+    if tag in _WITH_VENDOR_ELEMENTS:
+        return Fault(f"{says} that stiffgen knows; it is ignored", note=True)
+    return Fault(f"{says}; {_remedy([f'<{each}>' for each in elements])}, or --ignore {printable(name)}")
+
+
+def misspelt_in_robot(robot: etree._Element, ignored: Collection[str] = ()) -> Iterator[str]:
+    """Yield the elements of the robot itself that resemble a link or joint and are none."""
     for name in dict.fromkeys(str(child.tag) for child in robot):
-        nearest = max(_IN_A_ROBOT, key=lambda known: _likeness(name, known))
-        if name not in _IN_A_ROBOT and not _prefixed(name) and _likeness(name, nearest) > 0.7:
-            yield f"<{printable(name)}> is no element of <robot>; did you mean <{nearest}>?"
+        meant = "" if name in _IN_A_ROBOT or _prefixed(name) or name in ignored else _meant(name, _IN_A_ROBOT)
+        if meant:
+            shown = printable(name)
+            yield f"<{shown}> is no element of <robot>; did you mean <{meant}>? (if not: --ignore {shown})"
 
 
 def _prefixed(name: str) -> bool:
     return ":" in name or "{" in name
 
 
-def _meant(name: str, valid: list[str]) -> str:
-    if not valid:
-        return "remove it"
-    nearest = max(valid, key=lambda known: _likeness(name, known.strip("<>'")))
-    if _likeness(name, nearest.strip("<>'")) > 0.5:
-        return f"did you mean {nearest}?"
-    return f"correct or remove it; valid: {', '.join(valid)}"
+def _remedy(valid: Sequence[str]) -> str:
+    return f"correct or remove it; valid: {', '.join(valid)}" if valid else "remove it"
 
 
-def _likeness(name: str, known: str) -> float:
-    """1 for the same letters, 0 for none in common; letters that have changed places count as half."""
-    if len(name) > 2 * len(known):
-        return 0.0
-    lower = name.lower()
-    shared = 2 * sum(min(lower.count(c), known.count(c)) for c in set(known)) / (len(lower) + len(known))
-    return (shared + SequenceMatcher(None, lower, known).ratio()) / 2 if shared > 0.5 else shared / 2
+def _meant(name: str, valid: Sequence[str]) -> str:
+    """Return the valid name that a name resembles, else ""."""
+    distances = {known: _distance(name.lower(), known.lower()) for known in valid if abs(len(name) - len(known)) <= 3}
+    nearest = min(distances, key=lambda known: distances[known], default="")
+    return nearest if nearest and distances[nearest] <= min(_MOST_EDITS, (len(nearest) + 1) // 2) else ""
+
+
+def _distance(a: str, b: str) -> int:
+    """Return the number of letters to insert, delete, replace or exchange with a neighbour to get from a to b."""
+    before: list[int] = []
+    row = list(range(len(b) + 1))
+    for i, letter in enumerate(a, start=1):
+        before, last, row = row, before, [i]
+        for j, other in enumerate(b, start=1):
+            best = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != other))
+            if i > 1 and j > 1 and letter == b[j - 2] and a[i - 2] == other:
+                best = min(best, last[j - 2] + 1)
+            row.append(best)
+    return row[-1]
 
 
 def _says(element: etree._Element) -> list[tuple[str, dict[str, str]]]:

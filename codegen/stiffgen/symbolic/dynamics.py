@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from stiffgen.robot.chain import Body, Chain, Joint
-from stiffgen.robot.geometry import Inertia, Placement, aligning_rotation, mpf
+from stiffgen.robot.geometry import Inertia, Pose, aligning_rotation, mpf
 from stiffgen.symbolic.kinematics import Expressions, Posture, Section, constant, cross, joint_position
 
 _ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
@@ -308,13 +308,11 @@ def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
     base link with all that is counted with it.
     """
     joints = chain.joints
-    aligned = [Placement.turned(aligning_rotation(joint.axis)) for joint in joints]
+    aligned = [Pose.turned(aligning_rotation(joint.axis)) for joint in joints]
     places = []
     for joint, own in zip(joints, aligned, strict=True):
-        before = aligned[joint.parent] if joint.parent >= 0 else Placement.identity()
-        places.append(
-            before.inverse() @ Placement.translated(joint.translation) @ Placement.turned(joint.rotation) @ own
-        )
+        before = aligned[joint.parent] if joint.parent >= 0 else Pose.identity()
+        places.append(before.inverse() @ Pose.translated(joint.translation) @ Pose.turned(joint.rotation) @ own)
     bodies = [_inertia(joint.body).seen_from(own.inverse()) for joint, own in zip(joints, aligned, strict=True)]
     links: list[_Link] = []
     base_link = None

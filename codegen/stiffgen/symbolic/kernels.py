@@ -65,6 +65,8 @@ class Kernel:
     """Name of the kernel of the group whose vector-Jacobian product this is, with its arguments and cotangents."""
     by_tips: Callable[[Chain], Program] | None = None
     """Of a sum over the tips that is computed in one pass: the same as a sum, which has a derivative tip by tip."""
+    of_masses: bool = False
+    """Whether the kernel needs all moving joints, also side joints, which move masses and no tip."""
 
     @property
     def qualified_name(self) -> str:
@@ -98,8 +100,16 @@ class Kernel:
         return Batch("_batch", self.results), *((self.packed,) if self.packed else ())
 
     def scope(self, chain: Chain) -> Chain:
-        """The chain that the kernel's program is about: the branch to its tip, or the whole."""
-        return chain.branch(self.tip) if self.tip else chain
+        """Return the chain that the program is about: the branch to the tip, the paths to all tips, or the whole."""
+        if self.of_masses:
+            return chain
+        return chain.branch(self.tip) if self.tip else chain.without_side_joints()
+
+    def scope_name(self, chain: Chain) -> str:
+        """Return the tip's name, "tree" for a whole that has side joints, else ""."""
+        if self.of_masses and len(chain.without_side_joints().joints) < len(chain.joints):
+            return "tree"
+        return self.tip.name if self.tip else ""
 
     def steps(self, chain: Chain) -> Program:
         """The program for a chain, to be run on its :meth:`scope`."""
@@ -354,8 +364,10 @@ _MASS_MATRIX = Kernel(
     "Joint-space mass matrix.",
     "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
     partial(programs.mass_matrix, result=_MASS),
-    "Links beyond the chain move with it, their own joints held at zero; rotor inertias are not in a URDF.",
+    "Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate of q "
+    "follow it. Rotor inertias are not in a URDF.",
     batch=True,
+    of_masses=True,
 )  # fmt: skip
 
 
@@ -373,7 +385,9 @@ def _gravity_kernel(
     given: tuple[Argument, ...], result: Argument, summary: str, equation: str, program: Callable[..., Program]
 ) -> Kernel:
     made = partial(program, result=result)
-    return Kernel(result.name, "gravity", given, (result,), summary, equation, made, _MASS_MATRIX.note, batch=True)
+    return Kernel(
+        result.name, "gravity", given, (result,), summary, equation, made, _MASS_MATRIX.note, batch=True, of_masses=True
+    )
 
 
 def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
@@ -390,6 +404,7 @@ def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
             partial(programs.bias_forces, result=_BIAS),
             f"With gravity zero: Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
             batch=True,
+            of_masses=True,
         ),
         _gravity_kernel(
             falling, _GRAVITY_ENERGY, "Potential energy of gravity.", "U = -g . sum of m_k c_k",

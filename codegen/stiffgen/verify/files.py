@@ -19,9 +19,10 @@ import numpy as np
 from stiffgen.emit.manifest import MANIFEST
 from stiffgen.emit.render import render
 from stiffgen.errors import printable
+from stiffgen.loading import load_chain
 from stiffgen.lower.rounding import Ranges
 from stiffgen.opened import GeneratedRobot
-from stiffgen.robot.chain import Chain, load_chain
+from stiffgen.robot.chain import Chain
 from stiffgen.verify.result import Check, faultless
 
 LIMITS = ("lower", "upper", "velocity", "effort")
@@ -121,6 +122,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         runtime_tool=chain.runtime_tool,
         lock=dict(chain.locked),
         floating_base=chain.floating,
+        ignore=chain.ignored,
     )
     names = [field.name for field in fields(Chain) if field.name not in ("source", "digest")]
     faults = [name for name in names if getattr(fresh, name) != getattr(chain, name)]

@@ -193,7 +193,8 @@ def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[
 
 def product_of_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> ca.SX:
     """Pose (4x4) of the chain's only tip in the base, or the world, by plain 4x4 products."""
-    return joint_poses(chain, q, base_pose)[-1] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
+    (tip,) = chain.tips
+    return joint_poses(chain, q, base_pose)[tip.joint] @ _homogeneous(chain.tip_rotation, chain.tip_translation)
 
 
 def _homogeneous(rotation: Any, translation: Any) -> ca.DM:

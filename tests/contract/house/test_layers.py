@@ -15,6 +15,7 @@ LAYERS = (
     ("names", "folder", "page", "rendering"),
     ("robot",),
     ("symbolic",),
+    ("loading",),
     ("lower",),
     ("emit",),
     ("generate",),

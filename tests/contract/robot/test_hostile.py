@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from stiffgen.errors import DescriptionError, StiffgenError
-from stiffgen.robot.chain import ChainOptions, chain_between
+from stiffgen.loading import chain_between
+from stiffgen.robot.chain import ChainOptions
 from stiffgen.robot.checker import MAX_JOINTS
 from stiffgen.robot.reader import MAX_BYTES, read_description
 from support.chains import ARM

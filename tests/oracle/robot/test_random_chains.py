@@ -13,8 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stiffgen.errors import StiffgenError
-from stiffgen.robot.chain import Chain, ChainOptions, chain_between, select
+from stiffgen.loading import chain_between
+from stiffgen.robot.chain import Chain, ChainOptions
 from stiffgen.robot.reader import read_description
+from stiffgen.robot.selection import select
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.verify.result import as_results
@@ -98,7 +100,9 @@ def test_the_generator_makes_every_kind_of_robot(file):
         seen |= {joint.type for joint in chain.joints}
         seen |= {"mimic"} if chain.coupled else set()
         seen |= (
-            {"master off the chain"} if {c.name for c in chain.coordinates} - {j.name for j in chain.joints} else set()
+            {"master off the chain"}
+            if {c.name for c in chain.coordinates} - {j.name for j in chain.without_side_joints().joints}
+            else set()
         )
         seen |= {"odd axis"} if any(0 < abs(v) < 1 for joint in chain.joints for v in joint.axis) else set()
         description = read_description(file)
@@ -145,4 +149,4 @@ def test_a_fault_refuses_the_chain_or_does_not_change_it(kind, file):
                 continue
             beside += bool(selection.beside)
             assert replace(chain, digest="") == replace(sound, digest=""), (found, text)
-    assert refused and beside
+    assert refused and (beside or kind == "mimic"), "a broken <mimic> might move the mass of any joint"

@@ -118,7 +118,8 @@ def test_mimics_of_mimics_and_of_joints_off_the_chain(tmp_path):
     assert [c.name for c in chain.coordinates] == ["shoulder", "motor"]
     motor = chain.coordinates[1]
     assert (motor.lower, motor.upper, motor.velocity, motor.effort) == (-0.5, 0.7, 8, 9)
-    assert [(j.multiplier, j.offset) for j in chain.joints] == [(1, 0), (-2, 0.1), (-0.2, pytest.approx(0.21))]
+    assert [(j.multiplier, j.offset) for j in chain.joints] == [(1, 0), (-2, 0.1), (-0.2, pytest.approx(0.21)), (1, 0)]
+    assert [(j.name, j.parent) for j in chain.joints[3:]] == [("motor", -1)], "the master moves its own mass"
     assert_agrees(chain, text)
 
 

@@ -13,7 +13,8 @@ import pytest
 
 from stiffgen import load_chain
 from stiffgen.errors import DescriptionError, DescriptionWarning, StiffgenError
-from stiffgen.robot.chain import ChainOptions, chain_between
+from stiffgen.loading import chain_between
+from stiffgen.robot.chain import ChainOptions
 from stiffgen.robot.description import Description
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.urdf_format import FORMAT
@@ -242,21 +243,33 @@ BESIDE = {
     "misspelt limit": [('lower="0" upper="0.04"', 'lowr="0" upper="0.04"')],
     "no type": [('name="grip" type="prismatic"', 'name="grip"')],
     "unknown type": [('name="grip" type="prismatic"', 'name="grip" type="spherical"')],
-    "mimics no joint": [(GRIP_AXIS, f"{GRIP_AXIS}<mimic/>")],
-    "mimics a stranger": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="ghost" multiplier="2" offset="0.0"/>')],
-    "mimics itself": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="grip"/>')],
-    "bad multiplier": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" multiplier="two"/>')],
     "another limb": [
         ("</robot>", f'<link name="head">{INERTIAL.replace("0.03", "0.5")}</link><joint name="neck" type="revolute">'
                      '<orgin xyz="1 0 0"/><parent link="base"/><child link="head"/><axis xyz="0 0 0"/></joint></robot>')
     ],
 }  # fmt: skip
 REFUSED_BESIDE = {
+    "mimics no joint": [(GRIP_AXIS, f"{GRIP_AXIS}<mimic/>")],
+    "mimics a stranger": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="ghost" multiplier="2" offset="0.0"/>')],
+    "mimics itself": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="grip"/>')],
+    "bad multiplier": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" multiplier="two"/>')],
     "origin": [('<origin xyz="0 0.05 0"/>', '<origin xyz="0 0.05"/>')],
     "misspelt origin": [('<origin xyz="0 0.05 0"/>', '<orgin xyz="0 0.05 0"/>')],
     "zero axis off zero": [(GRIP_AXIS, '<axis xyz="0 0 0"/><mimic joint="elbow" offset="0.1"/>')],
-    "mimics a stranger off zero": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="ghost" offset="0.1"/>')],
-    "mimics in a circle off zero": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="grip" offset="0.1"/>')],
+    "mimics a stranger, on another limb": [
+        (
+            "</robot>",
+            '<link name="disc"/><joint name="crank" type="revolute"><parent link="base"/><child link="disc"/>'
+            '<mimic joint="ghost"/></joint></robot>',
+        )
+    ],
+    "misspelt mimic, on another limb": [
+        (
+            "</robot>",
+            '<link name="disc"/><joint name="crank" type="revolute"><parent link="base"/><child link="disc"/>'
+            '<mimik joint="elbow"/></joint></robot>',
+        )
+    ],
     "unreadable offset": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="ghost" offset="0,1"/>')],
     "misspelt offset": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" ofset="0.1"/>')],
     "unknown type off zero": [
@@ -279,7 +292,6 @@ REFUSED_BESIDE = {
             '<mimik joint="elbow" offset="0.1"/></joint></robot>',
         ),
     ],
-    "bad multiplier off zero": [(GRIP_AXIS, f'{GRIP_AXIS}<mimic joint="elbow" multiplier="two" offset="0.1"/>')],
 }
 
 
@@ -340,7 +352,7 @@ MISSPELT = {
     "type": ([('name="wrist" type="fixed"', 'name="wrist" type="fixed" tpye="x"')], "joint 'wrist': <joint>", "'type'"),
     "a quaternion": ([('<origin xyz="0.4 0 0"/>', '<origin xyz="0.4 0 0" quat_xyzw="0 0 0 1"/>')],
                      "joint 'elbow': <origin> has no attribute 'quat_xyzw'", "valid: 'xyz', 'rpy'"),
-    "nothing alike": ([('<axis xyz="0 1 0"/>', "<zzz/>")], "joint 'elbow': <zzz>", "valid: <origin>"),
+    "nothing alike in an inertial": ([("<inertial>", "<inertial><zzz/>")], "link 'upper': <zzz>", "valid: <origin>"),
     "a joint": ([('<joint name="wrist" type="fixed">', '<jiont name="wrist" type="fixed">'),
                  ('<child link="hand"/></joint>', '<child link="hand"/></jiont>')], "<jiont>", "<joint>"),
     "a link": ([('<link name="hand"/>', '<link name="hand"/><lnik name="x"/>')], "<lnik>", "<link>"),
@@ -357,6 +369,32 @@ MISSPELT = {
     "two inertials": ([("<inertial>", '<inertial><mass value="9"/></inertial><inertial>')],
                       "link 'upper': <inertial> stands twice", "meant"),
 }  # fmt: skip
+
+
+VENDORS = (  # of the joints of FR3, of Gen3 and others
+    '<position_based_velocity_limits k="1"><inner/></position_based_velocity_limits>',
+    '<soft_limits/><gear ratio="100"/><friction/>',
+)
+
+
+@pytest.mark.parametrize("added", VENDORS)
+def test_elements_of_a_vendor_pass_with_a_note(read, tmp_path, added):
+    description = read(replaced(('<axis xyz="0 1 0"/>', f'<axis xyz="0 1 0"/>{added}')))
+    assert not description.problems
+    assert len(description.notes) == added.count("><") - ("inner" in added) * 2 + 1
+    with pytest.warns(DescriptionWarning, match="that stiffgen knows; it is ignored"):
+        chain = load_chain(tmp_path / "arm.urdf", tip="hand")
+    assert replace(chain, digest="") == replace(chain_between(read(ARM), HAND), digest="")
+
+
+def test_an_element_that_resembles_a_known_one_is_ignored_by_name(read, tmp_path):
+    read(replaced(('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axles/>')))
+    file = tmp_path / "arm.urdf"
+    with pytest.raises(DescriptionError, match=r"<axles> is no element of <joint>.*<axis>.*--ignore axles"):
+        load_chain(file, tip="hand")
+    chain = load_chain(file, tip="hand", ignore=["axles"])
+    assert chain.ignored == ("axles",)
+    assert replace(chain, digest="", ignored=()) == replace(chain_between(read(ARM), HAND), digest="")
 
 
 @pytest.mark.parametrize("name", MISSPELT)

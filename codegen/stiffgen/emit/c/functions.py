@@ -62,6 +62,8 @@ class Scope:
     chain: Chain
     prefix: str
     scalar: Scalar
+    title: str = ""
+    """Tip link, fit for a comment; "" where the chain is the robot."""
 
     @property
     def size(self) -> str:
@@ -82,11 +84,6 @@ class Scope:
     def padded_size(self) -> int:
         """Numbers in these lanes."""
         return self.scalar.filled(len(self.chain.joints))
-
-    @property
-    def title(self) -> str:
-        """The tip link, fit for a comment; "" where the chain is the robot."""
-        return comment(self.chain.tip) if self.prefix else ""
 
 
 @dataclass(frozen=True)
@@ -127,8 +124,9 @@ class _VariantPrinter:
         return VariantCode(self.variant, tuple(self.scopes.values()), tuple(self.shared.values()), kernels)
 
     def kernel(self, kernel: Kernel) -> CFunction:
-        prefix = f"{kernel.tip.name}_" if kernel.tip else ""
-        scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix, self.variant.scalar))
+        name = kernel.scope_name(self.chain)
+        prefix, title = f"{name}_" if name else "", comment(kernel.tip.link) if kernel.tip else ""
+        scope = self.scopes.setdefault(prefix, Scope(kernel.scope(self.chain), prefix, self.variant.scalar, title))
         program = kernel.steps(self.chain)
         inputs = tuple(argument.array(self.chain) for argument in kernel.arguments)
         results = tuple(result.array(self.chain) for result in kernel.results)
@@ -727,7 +725,7 @@ class _ProgramPrinter:
             return [*self._rolled, head, *_indented(printed.lines, 1), "}"]
         target, lines = step.output, printed.lines
         if step.over is Over.ON_THE_WAY:
-            self.calls.add("parent_of")
+            self.calls.add(f"{self.scope.prefix}parent_of")
             mirrored = [f"{self._pair(target.array, 'j', 'i')} = {self._pair(target.array, 'i', 'j')};"]
             return [
                 f"for (int j = 0; j < {size}; ++j) {{",
@@ -875,7 +873,7 @@ class _ProgramPrinter:
         into = [f"{array.name}[0]" if self.variant.joint_lanes else array.name for array in targets]
         shape = [M, *([depth, self.scope.padded] if self.variant.joint_lanes else [])]
         if between:
-            self.calls.add("parent_of")
+            self.calls.add(f"{self.scope.prefix}parent_of")
             self._call("weigh_branches", source, M, f"{self.scope.prefix}parent_of", *shape[2:], *into)
             return
         if not self.variant.joint_lanes:

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: MIT
+"""Loading of a chain from a robot description file."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from stiffgen.errors import DescriptionWarning
+from stiffgen.names import CPP_NAMES
+from stiffgen.robot.assembly import assemble
+from stiffgen.robot.chain import Chain, ChainOptions, Tool
+from stiffgen.robot.description import Description
+from stiffgen.robot.reader import read_description
+from stiffgen.robot.selection import select
+
+_DEFAULTS = ChainOptions()
+
+
+def load_chain(
+    urdf: str | Path,
+    *,
+    tip: str | Sequence[str] | None = None,
+    base: str | None = None,
+    masses: bool = True,
+    tool: Tool | None = None,
+    runtime_tool: bool = False,
+    lock: Mapping[str, float] | None = None,
+    floating_base: bool = False,
+    ignore: Sequence[str] = (),
+) -> Chain:
+    """Read the chain between two links of a URDF file, or the tree between a base and several tips.
+
+    Args:
+        urdf: path of the URDF file. Meshes are not needed and not opened.
+        tip: link at the end of the chain; its frame is where the wrench acts. May be left out if the robot has
+            a single leaf link. Several links: the chains to all of them, with one vector q.
+        base: link at the start of the chain, an ancestor of the tip; default: the root link.
+        masses: False leaves out all masses, and with them everything that the file says of links and joints
+            beside the chain: for files whose inertias are wrong, if no mass matrix is wanted.
+        tool: tool mounted on the (only) tip link; the tool's frame then takes the tip's place.
+        runtime_tool: the kernels take the tool's pose (4x4, in the tip's frame) as an argument after q.
+        lock: joints to hold at a position [rad or m]; they are no coordinates.
+        floating_base: the base link is free: its pose is an argument, its body twist comes before the joints' rates. A
+            file's own floating joint between base and tips, with nothing that moves before it, has the same effect:
+            the link behind it is the base.
+        ignore: names of unknown elements that resemble a URDF's own and are none.
+
+    Returns:
+        The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry. Joints off
+        the chain that mimic an entry of q move with it, and so do their masses; all others off the chain stand at zero.
+
+    Raises:
+        DescriptionError: the file cannot be used (all problems that can change this chain are named).
+        ChainError: no such link or joint, no moving joint between base and tip, a joint type that has no
+            coordinate, or a tool or lock that cannot be.
+
+    Warns:
+        DescriptionWarning: the file has problems that cannot change this chain.
+
+    """
+    options = ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base, tuple(ignore))
+    return read_chain(urdf, options)
+
+
+def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
+    """Read a chain as :func:`load_chain` does, with all options in one record.
+
+    The warning names the line that called the caller.
+    """
+    description = read_description(urdf, options.ignore)
+    selection = select(description, options)
+    if selection.beside:
+        warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
+    return assemble(description, options, selection, _RESERVED)
+
+
+def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -> Chain:
+    """Return the chain of a description that was read already; problems beside the chain give no warning."""
+    return assemble(description, options, select(description, options), _RESERVED)
+
+
+_RESERVED = (
+    "body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "packed", "mass_matrix", "bias_forces",
+    "tree",
+    *CPP_NAMES,
+)  # fmt: skip
+"""Names in a module, and in the namespace of NAME.hpp, that no tip may have."""

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: MIT
+"""Assembly of a :class:`Chain` from a selection: poses of frames, inertias of bodies, records of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from stiffgen.names import identifier
+from stiffgen.robot.chain import BASE_JOINTS, Body, Chain, ChainOptions, Coordinate, Joint, Tip, Tool
+from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
+from stiffgen.robot.selection import Selection
+
+
+def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Sequence[str]) -> Chain:
+    """Return the chain of a selection; no tip gets a name of ``reserved``."""
+    tree = _Tree(description, selection)
+    slides = tree.slide_origins()
+    tool = options.tool
+    if selection.floating:
+        slides = [Pose.identity(), *slides]
+    inertias = _inertias(description, selection, slides)
+    if tool is not None and options.masses:
+        inertias[tree.tip_joints[0] + selection.floating] += _tool_inertia(tool, tree.tip_poses[0])
+    joints = [_joint(selection, tree, index, each) for index, each in enumerate(inertias[selection.floating :])]
+    if selection.floating:
+        joints = [*_base_joints(selection.base, inertias[0]), *map(_on_base, joints)]
+    on_moving_part = [link for links in selection.carried.values() for link, _ in links]
+    return Chain(
+        robot=description.robot,
+        base=selection.base,
+        tips=_tips(selection, tree, tool, reserved),
+        joints=tuple(joints),
+        coordinates=tuple(_coordinate(description.joints[name]) for name in selection.masters),
+        massless=tuple(link for link in on_moving_part if description.inertials[link] is None),
+        source=description.file,
+        digest=description.digest,
+        masses=options.masses,
+        runtime_tool=options.runtime_tool,
+        tool=tool,
+        locked=tuple(sorted((options.lock or {}).items())),
+        floating=selection.floating,
+        ignored=options.ignore,
+    )
+
+
+def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Sequence[str]) -> tuple[Tip, ...]:
+    first = BASE_JOINTS if selection.floating else 0
+    mounted = Pose.identity() if tool is None else Pose.from_xyz_rpy(tool.xyz, tool.rpy)
+    frames = [(pose @ mounted).rounded() for pose in tree.tip_poses]
+    names = _tip_names(selection.tips, reserved)
+    return tuple(
+        Tip(link, name, joint + first, *frame)
+        for link, name, joint, frame in zip(selection.tips, names, tree.tip_joints, frames, strict=True)
+    )
+
+
+def _tip_names(tips: Sequence[str], reserved: Sequence[str]) -> list[str]:
+    """Return identifiers of several tips, numbered where two links give the same one or a reserved name."""
+    if len(tips) == 1:
+        return [""]
+    names: list[str] = []
+    for tip in tips:
+        name = first = identifier(tip)
+        number = 2
+        while name in names or name in reserved:
+            name, number = f"{first}_{number}", number + 1
+        names.append(name)
+    return names
+
+
+def _base_joints(base: str, inertia: Inertia) -> list[Joint]:
+    """Return the six joints of a floating base, the last of which carries what rides on the base link."""
+    joints = []
+    for index in range(BASE_JOINTS):
+        x, y, z = (float(k == index % 3) for k in range(3))
+        joints.append(
+            Joint(
+                name=f"base, {('along', 'about')[index // 3]} {'xyz'[index % 3]}",
+                type=("prismatic", "revolute")[index // 3],
+                child=base,
+                rotation=IDENTITY,
+                translation=(0.0, 0.0, 0.0),
+                axis=(x, y, z),
+                body=_body(inertia if index == BASE_JOINTS - 1 else Inertia.zero()),
+                parent=index - 1,
+                coordinate=index,
+            )
+        )
+    return joints
+
+
+def _on_base(joint: Joint) -> Joint:
+    """Return a joint renumbered behind those of a floating base."""
+    return replace(joint, parent=joint.parent + BASE_JOINTS, coordinate=joint.coordinate + BASE_JOINTS)
+
+
+def _body(inertia: Inertia) -> Body:
+    mass, moment, ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = inertia.rounded()
+    return Body(mass, moment, (xx, xy, xz, yy, yz, zz))
+
+
+def _joint(selection: Selection, tree: _Tree, index: int, inertia: Inertia) -> Joint:
+    element = tree.moving[index]
+    coupling = selection.couplings[element]
+    rotation, translation = tree.poses[index].rounded()
+    return Joint(
+        name=element.name,
+        type=element.type,
+        child=element.child,
+        rotation=rotation,
+        translation=translation,
+        axis=element.axis,
+        body=_body(inertia),
+        parent=tree.parents[index],
+        coordinate=selection.masters.index(coupling.master.name),
+        multiplier=coupling.multiplier,
+        offset=coupling.offset,
+    )
+
+
+def _coordinate(element: JointElement) -> Coordinate:
+    return Coordinate(
+        name=element.name,
+        type=element.type,
+        lower=element.lower,
+        upper=element.upper,
+        velocity=element.velocity,
+        effort=element.effort,
+    )
+
+
+class _Tree:
+    """Parents and poses of the moving joints, those on the paths first, and frames of the tips."""
+
+    def __init__(self, description: Description, selection: Selection) -> None:
+        self.moving = moving = (*selection.moving, *selection.side)
+        self.on_paths = len(selection.moving)
+        self.parents = [-1] * len(moving)
+        self.poses = [Pose.identity()] * len(moving)  # in the parent joint's frame
+        self.tip_joints: list[int] = []
+        self.tip_poses: list[Pose] = []  # in the frame of the tip's joint
+        self._index_of = {element.name: index for index, element in enumerate(moving)}
+        for path in selection.paths:
+            parent, pose = self._follow(selection, path)
+            self.tip_joints.append(parent)
+            self.tip_poses.append(pose)
+        above = description.parent_joint
+        for element in selection.side:
+            path_to: list[JointElement] = [element]
+            while path_to[-1].parent != selection.base:
+                path_to.append(above[path_to[-1].parent])
+            self._follow(selection, path_to[::-1])
+
+    def _follow(self, selection: Selection, path: Sequence[JointElement]) -> tuple[int, Pose]:
+        """Note parents and poses of the joints of a path; return its last moving joint and its end's pose there."""
+        parent, pose = -1, Pose.identity()
+        for element in path:
+            index = self._index_of.get(element.name)
+            if index is None:
+                pose = pose @ selection.couplings.pose_at_rest(element)
+                continue
+            self.parents[index] = parent
+            self.poses[index] = pose @ Pose.from_xyz_rpy(element.xyz, element.rpy)
+            parent, pose = index, Pose.identity()
+        return parent, pose
+
+    def slide_origins(self) -> list[Pose]:
+        """Move each joint's origin along its axis as far as the next one's offset reaches in that direction.
+
+        Nothing moves physically: a turn about an axis (or a slide along it) commutes with a shift along it. Offsets
+        that only place a frame on its axis vanish, as in the arms whose shoulder, elbow and wrist axes meet. Where a
+        tree branches, the first branch to a tip decides.
+
+        Returns:
+            For each joint its new frame in the old one.
+
+        """
+        slides = [Pose.identity()] * len(self.moving)
+        for index in reversed(range(len(self.moving))):
+            children = [child for child, parent in enumerate(self.parents) if parent == index]
+            tips = [tip for tip, joint in enumerate(self.tip_joints) if joint == index]
+            following = [self.poses[child] for child in children if child < self.on_paths]
+            following += [self.tip_poses[tip] for tip in tips]
+            if not following:
+                continue  # a side joint
+            slide = slides[index] = Pose.translated(_slide(self.moving[index], following[0].translation))
+            self.poses[index] = self.poses[index] @ slide
+            for child in children:
+                self.poses[child] = slide.inverse() @ self.poses[child]
+            for tip in tips:
+                self.tip_poses[tip] = slide.inverse() @ self.tip_poses[tip]
+        return slides
+
+
+def _slide(element: JointElement, offset: Sequence[Real]) -> Sequence[Real]:
+    """Return the part of an offset along a joint's axis; a sliding joint lets all of it pass."""
+    if element.type == "prismatic":
+        return offset
+    axis = tuple(mpf(v) for v in element.axis)
+    along = sum(a * o for a, o in zip(axis, offset, strict=True)) / sum(a * a for a in axis)
+    return tuple(along * a for a in axis)
+
+
+def _tool_inertia(tool: Tool, tip_link: Pose) -> Inertia:
+    return Inertia.of_body(tool.mass, tool.inertia, tip_link @ Pose.translated(tool.com))
+
+
+def _inertias(description: Description, selection: Selection, slides: list[Pose]) -> list[Inertia]:
+    """Return the inertia of everything that each joint carries; ``slides`` are its frames in the URDF's joint frames.
+
+    A floating base stands first.
+    """
+    if not selection.carried:
+        return [Inertia.zero() for _ in slides]
+    inertias = []
+    for links, slide in zip(selection.carried.values(), slides, strict=True):
+        total = Inertia.zero()
+        frames: dict[str, Pose] = {}
+        for link, above in links:
+            before = slide.inverse() if above is None else frames[above.parent]
+            frame = frames[link] = before if above is None else before @ selection.couplings.pose_at_rest(above)
+            inertial = description.inertials[link]
+            if inertial is not None:
+                at_com = frame @ Pose.from_xyz_rpy(inertial.com, inertial.rpy)
+                total = total + Inertia.of_body(inertial.mass, inertial.tensor, at_com)
+        inertias.append(total)
+    return inertias

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: MIT
+"""Mimic relations and locks: the coordinate that moves each joint, and the pose of joints that stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from stiffgen.errors import DescriptionError, printable
+from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement
+from stiffgen.robot.geometry import Pose, exact
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Position of a joint: ``multiplier * q[master] + offset``."""
+
+    master: JointElement
+    multiplier: float
+    offset: float
+
+
+class Couplings:
+    """Couplings of all joints of a description: each ``<mimic>`` is followed to the master at its end, once."""
+
+    def __init__(self, description: Description, locks: Mapping[str, float]) -> None:
+        self.description = description
+        self.locks = locks
+        self._known: dict[str, Coupling] = {}
+
+    def __getitem__(self, element: JointElement) -> Coupling:
+        followers: list[JointElement] = []
+        while element.name not in self._known and element.mimic is not None:
+            followers.append(element)
+            element = self.description.joints[element.mimic.joint]
+        coupling = self._known.setdefault(element.name, Coupling(element, 1.0, 0.0))
+        for follower in reversed(followers):
+            assert follower.mimic is not None
+            coupling = Coupling(
+                coupling.master,
+                follower.mimic.multiplier * coupling.multiplier,
+                follower.mimic.multiplier * coupling.offset + follower.mimic.offset,
+            )
+            if not max(abs(coupling.multiplier), abs(coupling.offset)) <= LARGEST:
+                raise DescriptionError(
+                    self.description.file,
+                    [
+                        f"joint '{printable(follower.name)}': along its chain of <mimic> elements multiplier or offset "
+                        f"grow beyond {LARGEST:g}; correct them"
+                    ],
+                )
+            self._known[follower.name] = coupling
+        return coupling
+
+    def moves(self, element: JointElement) -> bool:
+        """Return whether a joint has or follows a coordinate; one that mimics a fixed or locked joint stands still."""
+        if element.type not in MOVING_TYPES:
+            return False
+        coupling = self[element]
+        master = coupling.master
+        return master.type in MOVING_TYPES and coupling.multiplier != 0 and master.name not in self.locks
+
+    def position_at_rest(self, element: JointElement) -> float:
+        """Return the position of a joint that stands still: as locked, otherwise at its coordinate's zero."""
+        coupling = self[element]
+        return coupling.multiplier * self.locks.get(coupling.master.name, 0.0) + coupling.offset
+
+    def pose_at_rest(self, element: JointElement) -> Pose:
+        """Return the pose of a joint's child in its parent, for a joint that is fixed, locked or not part of q."""
+        pose = Pose.from_xyz_rpy(element.xyz, element.rpy)
+        if element.type not in MOVING_TYPES:
+            return pose
+        position = self.position_at_rest(element)
+        if position == 0:
+            return pose
+        if element.type == "prismatic":
+            return pose @ Pose.translated([exact(position) * exact(v) for v in element.axis])
+        return pose @ Pose.rotation_about(element.axis, position)
+
+    def followed(self, elements: list[JointElement]) -> set[str]:
+        """Return the joints and all that they mimic, directly or through others, as :class:`Problem` names them."""
+        names: set[str] = set()
+        for start in elements:
+            element: JointElement | None = start
+            while element is not None and element.name not in names:
+                names.add(element.name)
+                element = None if element.mimic is None else self.description.joints[element.mimic.joint]
+        return {f"joint {name}" for name in names}

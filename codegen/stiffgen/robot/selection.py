@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: MIT
+"""Selection of a chain in a description: base, tips, the joints between them, and the reasons to refuse a chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from stiffgen.errors import ChainError, DescriptionError, listed, printable
+from stiffgen.robot.chain import MAX_MOVING_JOINTS, ChainOptions, Tool
+from stiffgen.robot.couplings import Couplings
+from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement
+from stiffgen.robot.geometry import physical_inertia
+
+Carried = dict[str, list[tuple[str, JointElement | None]]]
+"""Links that move rigidly with each moving joint, by joint name: parents first, each with the joint that holds it (None
+for the moving joint itself). A floating base stands first, under an empty name."""
+
+_DEFAULTS = ChainOptions()
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Elements of a description that make up a chain.
+
+    ``paths`` are the joints from ``base`` to each of the ``tips``, ``moving`` those of them that move. ``side`` are
+    moving joints off all paths that share a coordinate with a path through ``<mimic>``; there are none if masses are
+    left out. ``masters`` are the joints that are coordinates, ``carried`` the links that ride on each moving joint.
+    ``beside`` are the problems of the file that cannot change this chain; the others refused it.
+    """
+
+    base: str
+    tips: tuple[str, ...]
+    couplings: Couplings
+    paths: tuple[tuple[JointElement, ...], ...]
+    moving: tuple[JointElement, ...]
+    side: tuple[JointElement, ...]
+    masters: tuple[str, ...]
+    carried: Carried
+    beside: tuple[str, ...]
+    floating: bool = False
+
+
+def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selection:
+    """Find the joints of a chain.
+
+    Raises:
+        DescriptionError, ChainError: as :func:`stiffgen.load_chain`.
+
+    """
+    file = description.file
+    tips = _tips(description, options.tip)
+    if options.tool is not None:
+        _check_tool(file, options.tool, tips)
+    base = description.root if options.base is None else options.base
+    if base not in description.inertials:
+        raise ChainError(
+            f"{file}: base link '{printable(base)}' does not exist; valid names: {listed(description.links)}"
+        )
+    base, floating = _free_base(description, base, tips[0], options)
+    couplings = Couplings(description, _checked_locks(description, options.lock or {}))
+    paths = [_path(description, base, link) for link in tips]
+    elements = list({element.name: element for path in paths for element in path}.values())
+    moving = [element for element in elements if couplings.moves(element)]
+    masters = dict.fromkeys(couplings[element].master.name for element in moving)
+    beyond = _joints_beyond(description, base)
+    side = _side_joints(description, couplings, base, beyond, moving) if options.masses else []
+    _check_count(file, base, tips, [*moving, *side])
+    carried = carried_links(description, [*moving, *side], base if floating else None) if options.masses else {}
+    beside = _beside(description, couplings, [*elements, *side], moving, carried, beyond if options.masses else [])
+    _check_tips_move(description, couplings, base, tips, paths)
+    return Selection(
+        base=base,
+        tips=tuple(tips),
+        couplings=couplings,
+        paths=tuple(map(tuple, paths)),
+        moving=tuple(moving),
+        side=tuple(side),
+        masters=tuple(masters),
+        carried=carried,
+        beside=beside,
+        floating=floating,
+    )
+
+
+def carried_links(
+    description: Description, moving: Sequence[JointElement], floating_base: str | None = None
+) -> Carried:
+    """Return the links that ride on each moving joint, and on a floating base.
+
+    Joints that are not among ``moving`` stand at zero (or where they are locked): what they hold is payload.
+    """
+    children = _children(description)
+    names = {element.name for element in moving}
+    carried: Carried = {}
+    starts = {"": floating_base} if floating_base is not None else {}
+    for name, start in (starts | {element.name: element.child for element in moving}).items():
+        links = carried.setdefault(name, [])
+        stack: list[tuple[str, JointElement | None]] = [(start, None)]
+        while stack:
+            link, above = stack.pop()
+            links.append((link, above))
+            stack.extend((below.child, below) for below in reversed(children.get(link, [])) if below.name not in names)
+    return carried
+
+
+def _children(description: Description) -> dict[str, list[JointElement]]:
+    children: dict[str, list[JointElement]] = {}
+    for element in description.joints.values():
+        children.setdefault(element.parent, []).append(element)
+    return children
+
+
+def _joints_beyond(description: Description, base: str) -> list[JointElement]:
+    """Return all joints beyond the base link, parents first."""
+    children = _children(description)
+    beyond: list[JointElement] = []
+    stack = [base]
+    while stack:
+        below = children.get(stack.pop(), [])
+        beyond += below
+        stack += [element.child for element in below]
+    return beyond
+
+
+def _side_joints(
+    description: Description,
+    couplings: Couplings,
+    base: str,
+    beyond: list[JointElement],
+    moving: list[JointElement],
+) -> list[JointElement]:
+    """Return the moving joints off the paths that share a coordinate with a path, parents first."""
+    on_paths = {element.name for element in moving}
+    masters = {couplings[element].master.name for element in moving}
+    side = [
+        element
+        for element in description.joints.values()
+        if element.name not in on_paths and couplings.moves(element) and couplings[element].master.name in masters
+    ]
+    ranks = {element.name: rank for rank, element in enumerate(beyond)}
+    for element in side:
+        if element.name not in ranks:
+            raise ChainError(
+                f"{description.file}: joint '{printable(element.name)}' moves with "
+                f"'{printable(couplings[element].master.name)}' through <mimic> but is not beyond base "
+                f"'{printable(base)}', so that its mass cannot be counted; choose a base nearer the root, or leave "
+                "all masses out (--no-masses)"
+            )
+    return sorted(side, key=lambda element: ranks[element.name])
+
+
+def _check_count(file: str, base: str, tips: list[str], moving: list[JointElement]) -> None:
+    if len(moving) > MAX_MOVING_JOINTS:
+        raise ChainError(
+            f"{file}: {len(moving)} moving joints between '{printable(base)}' and '{printable(tips[0])}', more than "
+            f"{MAX_MOVING_JOINTS}; choose a nearer base"
+        )
+
+
+def _check_tips_move(
+    description: Description, couplings: Couplings, base: str, tips: list[str], paths: list[list[JointElement]]
+) -> None:
+    for tip, path in zip(tips, paths, strict=True):
+        if not any(couplings.moves(element) for element in path):
+            raise ChainError(
+                f"{description.file}: no moving joint between base '{printable(base)}' and tip '{printable(tip)}'; "
+                f"choose another tip, leaf links: {listed(description.leaves)}"
+            )
+
+
+def _beside(
+    description: Description,
+    couplings: Couplings,
+    elements: list[JointElement],
+    moving: list[JointElement],
+    carried: Carried,
+    beyond: list[JointElement],
+) -> tuple[str, ...]:
+    """Refuse the problems that can change the chain; return the texts of the others.
+
+    Args:
+        description: the file's content.
+        couplings: mimic relations and locks.
+        elements: joints on the paths, and side joints.
+        moving: moving joints on the paths.
+        carried: links that ride on moving joints; none if masses are left out.
+        beyond: joints that might be side joints if a broken mimic relation were mended.
+
+    """
+    at_rest = [above for links in carried.values() for _, above in links if above is not None]
+    coordinates = couplings.followed(moving)
+    displaced = {f"joint {element.name}" for element in at_rest if couplings.position_at_rest(element) != 0}
+    used = {
+        "bounds": coordinates,
+        "motion": coordinates | {f"joint {element.name}" for element in elements} | displaced,
+    }
+    # A joint at rest stands where its masters are: a misspelt <mimic> of these would move it.
+    used["place"] = used["motion"] | couplings.followed([*elements, *at_rest])
+    used["place"] |= {f"link {link}" for links in carried.values() for link, _ in links}
+    used["coupling"] = used["place"] | couplings.followed(beyond)
+    refusing = [problem.text for problem in description.problems if problem.element in used[problem.affects]]
+    if refusing:
+        raise DescriptionError(description.file, refusing)
+    counted = [p.text for p in description.problems if carried or not p.element.startswith("link ")]
+    return *counted, *description.notes
+
+
+def _tips(description: Description, tip: str | Sequence[str] | None) -> list[str]:
+    if tip is None or isinstance(tip, str):
+        return [_tip(description, tip)]
+    if not tip:
+        raise ChainError(f"{description.file}: no tip named; leaf links: {listed(description.leaves)}")
+    tips = [_tip(description, each) for each in tip]
+    twice = next((each for each in tips if tips.count(each) > 1), None)
+    if twice is not None:
+        raise ChainError(f"{description.file}: tip '{printable(twice)}' is named twice; name each tip once")
+    return tips
+
+
+def _tip(description: Description, tip: str | None) -> str:
+    leaves = listed(description.leaves)
+    if tip is None:
+        if len(description.leaves) != 1:
+            raise ChainError(f"{description.file}: has several leaf links; choose one with --tip: {leaves}")
+        return description.leaves[0]
+    if tip not in description.inertials:
+        raise ChainError(
+            f"{description.file}: tip link '{printable(tip)}' does not exist; leaf links: {leaves} "
+            "('stiffgen inspect' lists all links)"
+        )
+    return tip
+
+
+def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the locks, or refuse a joint that cannot stand where it is asked to."""
+    for name, position in lock.items():
+        element = description.joints.get(name)
+        moving = [joint.name for joint in description.joints.values() if joint.type in MOVING_TYPES and not joint.mimic]
+        shown = printable(name)
+        if element is None or element.type not in MOVING_TYPES:
+            what = "does not exist" if element is None else f"is {element.type} and cannot be locked"
+            raise ChainError(f"{description.file}: joint '{shown}' {what}; joints to lock: {listed(moving)}")
+        if element.mimic is not None:
+            raise ChainError(
+                f"{description.file}: joint '{shown}' mimics '{printable(element.mimic.joint)}'; lock that one"
+            )
+        if not element.lower <= position <= element.upper:
+            raise ChainError(
+                f"{description.file}: joint '{shown}' cannot be locked at {position:g}; "
+                f"its limits are {element.lower:g} to {element.upper:g}"
+            )
+        if not abs(position) <= LARGEST:
+            raise ChainError(f"{description.file}: joint '{shown}' cannot be locked at {position:g}; give a number")
+    return lock
+
+
+def _check_tool(file: str, tool: Tool, tips: list[str]) -> None:
+    if len(tips) > 1:
+        raise ChainError(
+            f"{file}: a tool was given for {len(tips)} tips; add its link to the URDF, or use --tool runtime"
+        )
+    for option, values in (
+        ("--tool-xyz", tool.xyz),
+        ("--tool-rpy", tool.rpy),
+        ("--tool-mass", (tool.mass,)),
+        ("--tool-com", tool.com),
+        ("--tool-inertia", tool.inertia),
+    ):
+        if not all(abs(value) <= LARGEST for value in values):
+            raise ChainError(f"{file}: {option} holds a number that is not finite or beyond {LARGEST:g}")
+    if tool.mass < 0:
+        raise ChainError(f"{file}: --tool-mass {tool.mass:g} kg is negative")
+    if not physical_inertia(*tool.inertia):
+        raise ChainError(
+            f"{file}: no rigid body has the inertia of --tool-inertia (principal moments must be positive and none "
+            "above the sum of the other two)"
+        )
+    if tool.mass == 0 and any((*tool.com, *tool.inertia)):
+        raise ChainError(f"{file}: --tool-com or --tool-inertia without a mass; add --tool-mass")
+
+
+def _free_base(description: Description, base: str, tip: str, options: ChainOptions) -> tuple[str, bool]:
+    """Return the base link and whether it floats, by option or because a floating joint holds it."""
+    above = description.parent_joint
+    free: JointElement | None = None
+    link = tip
+    while link != base and link in above:
+        element = above[link]
+        if element.type == "floating":
+            free = element
+        elif element.type != "fixed" and free is not None:
+            free = None  # something moves before it
+        link = element.parent
+    if free is not None and link == base:
+        return free.child, True
+    if not options.floating_base:
+        return base, False
+    if base in above and above[base].type != "floating":
+        raise ChainError(
+            f"{description.file}: a floating base takes all of the robot along, but '{printable(base)}' is held by "
+            f"joint '{printable(above[base].name)}'; leave out --base, or take --base {printable(description.root)}"
+        )
+    return base, True
+
+
+def _path(description: Description, base: str, tip: str) -> list[JointElement]:
+    """Return the joints from base to tip; refuse one that has no single coordinate."""
+    above = description.parent_joint
+    path: list[JointElement] = []
+    link = tip
+    while link != base:
+        if link not in above:
+            ancestors = [element.parent for element in reversed(path)]
+            raise ChainError(
+                f"{description.file}: base '{printable(base)}' is no ancestor of tip '{printable(tip)}'; "
+                f"possible bases: {listed(ancestors) or '(none)'}"
+            )
+        path.append(above[link])
+        link = above[link].parent
+    for element in reversed(path):
+        if element.type in ("floating", "planar"):
+            raise ChainError(
+                f"{description.file}: joint '{printable(element.name)}' between '{printable(base)}' and "
+                f"'{printable(tip)}' is {element.type}, which has no single coordinate; "
+                f"choose a base behind it: --base {printable(element.child)}"
+            )
+    return path[::-1]
