@@ -10,14 +10,22 @@ from __future__ import annotations
 import itertools
 import random
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mpmath
 import numpy as np
 
 from support.chains import child_of
-from support.exact_chain import mp, numbers, origin, turn
+
+mp = mpmath.mp.clone()
+mp.dps = 60
+
+
+def numbers(text: str | None, default: str) -> list[mpmath.mpf]:
+    return [mp.mpf(word) for word in (text or default).split()]
+
 
 STEP = mp.mpf(10) ** -12
 MOVING = ("revolute", "continuous", "prismatic")
@@ -57,6 +65,19 @@ def tree_urdf(seed: int, joints: int = 12) -> str:
             f'<limit lower="-2" upper="2" effort="10" velocity="1"/>{mimic}</joint>'
         )
     return f'<robot name="tree">{"".join(parts)}</robot>'
+
+
+def turn(axis: Sequence[Any], angle: Any) -> mpmath.matrix:
+    K = mp.matrix([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return mp.eye(3) + mp.sin(angle) * K + (1 - mp.cos(angle)) * K * K
+
+
+def origin(element: ET.Element) -> tuple[mpmath.matrix, mpmath.matrix]:
+    found = element.find("origin")
+    given = {} if found is None else found.attrib
+    roll, pitch, yaw = numbers(given.get("rpy"), "0 0 0")
+    rotation = turn((0, 0, 1), yaw) * turn((0, 1, 0), pitch) * turn((1, 0, 0), roll)
+    return rotation, mp.matrix(numbers(given.get("xyz"), "0 0 0"))
 
 
 def exponential(w: mpmath.matrix) -> mpmath.matrix:
@@ -165,6 +186,31 @@ class ExactTree:
             mass, _, tensor = self.bodies[link]
             total += mass * J[:3, :].T * J[:3, :] + J[3:, :].T * tensor * J[3:, :]
         return as_array(total)
+
+
+def _chain(text: str, q: np.ndarray) -> tuple[ExactTree, list[mpmath.mpf]]:
+    """A serial chain on a fixed base; joints stand in order in the file."""
+    moving = [joint for joint in ET.fromstring(text).findall("joint") if joint.get("type") in MOVING]
+    names = [joint.attrib["name"] for joint in moving if joint.find("mimic") is None]
+    return ExactTree(text, names), [mp.mpf(float(each)) for each in q]
+
+
+AT_ORIGIN: Pose = (mp.eye(3), mp.zeros(3, 1))
+
+
+def chain_pose(text: str, q: np.ndarray) -> np.ndarray:
+    """Return the pose (4, 4) of a serial chain's last link in its first."""
+    tree, positions = _chain(text, q)
+    rotation, place = tree.poses(AT_ORIGIN, positions)[tree.joints[-1].child]
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = as_array(rotation), as_array(place).ravel()
+    return pose
+
+
+def chain_mass_matrix(text: str, q: np.ndarray) -> np.ndarray:
+    """Return the mass matrix (n, n) of a serial chain."""
+    tree, positions = _chain(text, q)
+    return tree.mass_matrix(AT_ORIGIN, positions, len(q))
 
 
 def differentiated(function: Callable[[list[mpmath.mpf]], mpmath.mpf], size: int) -> tuple[np.ndarray, np.ndarray]:

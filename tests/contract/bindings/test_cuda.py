@@ -270,6 +270,7 @@ def nvcc(*arguments):
     return done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_nvcc(folder, tmp_path):
     """No warning, and the stiffness of the iiwa 14 fits into registers."""
     resources = nvcc("-Xptxas", "-v", "-c", folder / "iiwa14.cu", "-o", tmp_path / "o")

@@ -12,75 +12,58 @@ from stiffgen.verify.verify import verify
 from support.chains import chain_urdf
 
 FLAGS = {
-    "native": "-O3",
-    "AVX2": "-O2 -mno-avx512f",
-    "SSE2": "-O2 -mno-avx",
-    "no vectors": "-O1 -DSTIFFGEN_NO_VECTORS",
+    "native": "-march=native",
+    "AVX2": "-mno-avx512f",
+    "SSE2": "-mno-avx",
+    "no vectors": "-DSTIFFGEN_NO_VECTORS",
 }
 
 
 CHAINS = ("rprmrr", "p", "rrprrrrrr", "rrrpmrrrrrrrrrrrr")
 
 
+DERIVATIVES = stiffgen.SpringOptions(derivatives=True)
+
+
+def check_every_oracle(types, widths, name, tmp_path, monkeypatch, count, **options):
+    """Verify a chain's folder in builds of several widths; the kernels' CasADi functions are made once for all."""
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(chain_urdf(types))
+    for number, width in enumerate(widths):
+        monkeypatch.setenv("CC", f"gcc {FLAGS[width]}")
+        # Each folder has its own name: Python loads an extension module once per process.
+        folder = stiffgen.generate(urdf, output=tmp_path, name=f"{name}_{types}_{number}", **options)
+        assert [check for check in verify(folder, count=count) if not check.passed] == [], width
+
+
 @pytest.mark.usefixtures("unoptimised")
 def test_a_chain_of_one_joint(tmp_path, monkeypatch):
-    check_every_oracle("p", "SSE2", "quick", tmp_path, monkeypatch)
+    check_every_oracle("p", ["SSE2"], "quick", tmp_path, monkeypatch, 11)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("types", CHAINS)
-@pytest.mark.parametrize("flags", FLAGS)
-def test_every_chain(types, flags, tmp_path, monkeypatch):
-    check_every_oracle(types, flags, "chain", tmp_path, monkeypatch)
-
-
-def check_every_oracle(types, flags, name, tmp_path, monkeypatch):
-    monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
-    urdf = tmp_path / "chain.urdf"
-    urdf.write_text(chain_urdf(types))
-    # Names of their own: an extension module is loaded once a process.
-    folder = stiffgen.generate(urdf, output=tmp_path, name=f"{name}_{types}_{list(FLAGS).index(flags)}")
-    assert [check for check in verify(folder, count=11) if not check.passed] == []
-
-
-@pytest.mark.usefixtures("unoptimised")
-@pytest.mark.slow
-@pytest.mark.parametrize("flags", ["no vectors", "SSE2"])
-def test_derivatives_where_lanes_do_not_fill_the_rows(flags, tmp_path, monkeypatch):
-    """Five joints: the rows have places beyond the last block, which nothing writes and no sum may read."""
-    monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
-    urdf = tmp_path / "chain.urdf"
-    urdf.write_text(chain_urdf("rrrrr"))
-    name = f"narrow_{list(FLAGS).index(flags)}"
-    folder = stiffgen.generate(urdf, output=tmp_path, name=name, springs=stiffgen.SpringOptions(derivatives=True))
-    assert [check for check in verify(folder, count=3) if not check.passed] == []
+def test_every_chain(types, tmp_path, monkeypatch):
+    monkeypatch.setenv("CFLAGS", "-O1")
+    check_every_oracle(types, FLAGS, "chain", tmp_path, monkeypatch, 11)
 
 
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("flags", "types"),
-    [("no vectors", "rm"), *((flags, "rpm") for flags in FLAGS)],
+    ("types", "widths", "options"),
+    [
+        # The rows of five joints have places beyond the last vector, which nothing writes and no sum may read.
+        ("rrrrr", ["no vectors", "SSE2"], {}),
+        # Eight or nine joints, six of them the base's own, seven or eight coordinates.
+        ("rm", ["no vectors"], {"floating_base": True}),
+        ("rpm", FLAGS, {"floating_base": True}),
+        # One joint has a zero dJ/dq: what an oracle's rounding leaves of zero is no fault.
+        ("r", ["native"], {"runtime_tool": True}),
+    ],
 )
-def test_derivatives_on_a_floating_base(flags, types, tmp_path, monkeypatch):
-    """Eight or nine joints, six of them the base's own, seven or eight coordinates."""
-    monkeypatch.setenv("CC", f"gcc {FLAGS[flags]}")
-    urdf = tmp_path / "chain.urdf"
-    urdf.write_text(chain_urdf(types))
-    name, options = f"floating_{list(FLAGS).index(flags)}_{types}", stiffgen.SpringOptions(derivatives=True)
-    folder = stiffgen.generate(urdf, output=tmp_path, name=name, springs=options, floating_base=True)
-    assert [check for check in verify(folder, count=3) if not check.passed] == []
-
-
-@pytest.mark.usefixtures("unoptimised")
-@pytest.mark.slow
-def test_one_joint_whose_tool_is_mounted_at_run_time(tmp_path):
-    """Its dJ/dq is zero: what an oracle's rounding leaves of zero is no fault."""
-    urdf = tmp_path / "chain.urdf"
-    urdf.write_text(chain_urdf("r"))
-    options = stiffgen.SpringOptions(derivatives=True)
-    folder = stiffgen.generate(urdf, output=tmp_path, name="tool_of_one", springs=options, runtime_tool=True)
-    assert [check for check in verify(folder, count=3) if not check.passed] == []
+def test_derivatives(types, widths, options, tmp_path, monkeypatch):
+    check_every_oracle(types, widths, "derivatives", tmp_path, monkeypatch, 3, springs=DERIVATIVES, **options)
 
 
 def test_batches_of_every_length(robot, chain):

@@ -33,6 +33,7 @@ def check(seed: int, width: str, folder: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_a_joint_without_a_force_that_shares_its_coordinate(tmp_path: Path) -> None:
     """Its force, which is always zero, is summed with its partner's."""
     check(11, "no vectors", tmp_path)

@@ -8,12 +8,14 @@ import sys
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from support.project import ROOT
 
 PAGE = (ROOT / "docs" / "threads.md").read_text()
 
 
+@pytest.mark.slow
 def test_code_of_the_page(robot, monkeypatch):
     monkeypatch.setitem(sys.modules, "generated", SimpleNamespace(iiwa14=robot))
     code = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))

@@ -249,6 +249,7 @@ controller.step(qq=q)  # ERROR
 """
 
 
+@pytest.mark.slow
 def test_mypy_finds_a_misspelt_name_and_nothing_else(robot_folder, tmp_path):
     """Strict, on a user's script beside the folder; the stubs themselves are clean, too."""
     shutil.copytree(robot_folder, tmp_path / "iiwa14")

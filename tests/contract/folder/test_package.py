@@ -153,6 +153,7 @@ def test_what_is_said_of_a_tool_without_masses_and_at_run_time() -> None:
     assert "0.5 kg" in late and "takes the tip's place" not in late
 
 
+@pytest.mark.slow
 def test_no_tool(robot: ModuleType, plate: ModuleType) -> None:
     assert robot.TOOL is None
     assert plate.TOOL["mass"] == 0.455

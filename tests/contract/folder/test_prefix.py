@@ -72,6 +72,7 @@ def objects(pair: Path) -> dict[str, Path]:
     return compiled
 
 
+@pytest.mark.slow
 def test_two_robots_and_two_versions_in_one_program(pair: Path, objects: dict[str, Path]) -> None:
     run("gcc", *STRICT, f"-I{pair}", *objects.values(), pair / "main.c", "-lm", "-o", pair / "program")
     left, right, good, bad, text = run(pair / "program").split(maxsplit=4)

@@ -102,7 +102,7 @@ def release_time(run: Run, period: int = 5) -> float:
         pytest.param("jitter@0-9:0.3", 5, marks=pytest.mark.slow),
         pytest.param("jitter@0-9:0.9", 5, marks=pytest.mark.slow),
         pytest.param("resolution@0-9:1,jitter@0-9:0.3", 1, marks=pytest.mark.slow),
-        ("resolution@0-9:10", 5),
+        pytest.param("resolution@0-9:10", 5, marks=pytest.mark.slow),
         ("clock@1.5-9:-0.9", 5),
         pytest.param("clock@1.5-9:-0.012", 5, marks=pytest.mark.slow),
         pytest.param("clock@1.5-1.52:7", 5, marks=pytest.mark.slow),

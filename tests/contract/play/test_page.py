@@ -211,6 +211,7 @@ def test_page_is_one_small_file_that_asks_for_nothing(written: Path, tmp_path: P
     subprocess.run([require_program("node", "nodejs"), "--check", tmp_path / "page.mjs"], check=True)
 
 
+@pytest.mark.slow
 def test_page_is_the_same_every_time(scripts: Scripts, written: Path) -> None:
     assert page.page_text(scripts.robot) == written.read_text()
 
@@ -236,6 +237,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     return code, *capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_command(
     capsys: pytest.CaptureFixture[str], scripts: Scripts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -81,15 +81,10 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("provers")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "title",
-    [
-        "a shift beyond the width",
-        *(
-            pytest.param(title, marks=pytest.mark.slow)
-            for title in ("an argument is written", "a rate too many", "an invalid configuration is taken")
-        ),
-    ],
+    ["a shift beyond the width", "an argument is written", "a rate too many", "an invalid configuration is taken"],
 )
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)

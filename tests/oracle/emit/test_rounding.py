@@ -108,6 +108,7 @@ def test_the_reference_has_thirty_digits(robot_folder, chain, tmp_path):
         assert off < 1e-12
 
 
+@pytest.mark.slow
 def test_sine_and_cosine_are_proved():
     assert all(units <= 2 for units in proved_units(SINES))
 

@@ -184,6 +184,7 @@ def test_what_is_not_finite_is_nan_and_leaves_the_others_alone(sine_cosine):
                 assert np.array_equal(found[others], before[others])
 
 
+@pytest.mark.slow
 def test_coefficients_are_the_derived_ones(robot_folder):
     """Every number that benchmarks/sine_cosine.py derives stands in the C code."""
     script = ROOT / "benchmarks" / "sine_cosine.py"

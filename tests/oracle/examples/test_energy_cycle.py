@@ -67,6 +67,7 @@ def test_the_secant_of_one_energy_is_the_gradient_of_another(robot: ModuleType) 
     assert np.abs(-secant(q) - robot.spring.torque(q, *spring)).max() > 5
 
 
+@pytest.mark.slow
 def test_figure_is_that_of_the_page(robot: ModuleType) -> None:
     """Text and colours; coordinates may differ in the last digits from machine to machine."""
     pytest.importorskip("matplotlib")

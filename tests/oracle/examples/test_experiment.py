@@ -163,6 +163,7 @@ def test_report_and_figures(results: Path) -> None:
         assert f"<code>{name}</code>" in page
 
 
+@pytest.mark.slow
 def test_picture_where_there_is_a_renderer(tmp_path: Path) -> None:
     picture = tmp_path / "postures.png"
     reason = render.render(np.stack([START_POSTURE, trajectory.recorded()[0]]), picture)
@@ -182,6 +183,7 @@ def test_a_trial_repeats_bit_for_bit(plate: ModuleType) -> None:
     assert not np.array_equal(first["q"], other["q"])
 
 
+@pytest.mark.slow
 def test_one_millisecond(plate: ModuleType) -> None:
     """Five times as many steps, the same physics: the same motion and contact, in nearly the same place."""
     fast, slow = (trial.run(plate, "corrected", sample_time=time, steps=round(2.5 / time)) for time in (0.001, 0.005))
@@ -225,6 +227,7 @@ def test_stated_geometry(plate: ModuleType) -> None:
     np.testing.assert_allclose(reached, poses, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_the_recording_is_the_measured_geometry(plate: ModuleType) -> None:
     measured = trajectory.compare(plate, trajectory.MEASURED)
     assert measured.position < 0.4e-3

@@ -64,6 +64,7 @@ def test_tangent_is_the_slope_of_the_torque() -> None:
     np.testing.assert_allclose(theory.pendulum_spring(angle)["tangent"], -slope, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_the_page() -> None:
     for name, svg in theory.draw().items():
         assert (ROOT / "docs" / name).read_text() == svg, f"{name}: python -m examples.theory --figures"

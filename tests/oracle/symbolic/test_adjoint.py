@@ -102,6 +102,7 @@ def test_triangle_that_is_not_read_gets_nothing(chain):
     assert np.abs(K_bar - folded_up).max() <= 1e-12 * np.abs(both).max()
 
 
+@pytest.mark.slow
 def test_both_triangles_of_a_cotangent_count(chain):
     model = stiffgen.StiffnessModel(chain, derivatives=True)
     random = np.random.default_rng(4)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The mass matrix: exact to the last digits wherever the base stands and however small the robot is; gravity and bias.
 
-Values by support/exact_chain.py and support/exact_tree.py, which know no composites, no link axes and no Steiner terms,
+Values by support/exact_tree.py, which knows no composites, no link axes and no Steiner terms,
 and by Pinocchio.
 """
 
@@ -19,8 +19,7 @@ from stiffgen.symbolic.programs import MAX_UNROLLED_MASS_JOINTS
 from stiffgen.symbolic.steps import Map
 from support.chain_checks import value
 from support.chains import chain_urdf
-from support.exact_chain import exact_mass_matrix
-from support.exact_tree import ExactTree, differentiated, mp, tree_urdf
+from support.exact_tree import ExactTree, chain_mass_matrix, differentiated, mp, tree_urdf
 from support.pinocchio_oracle import PinocchioChain
 from support.project import URDF, assert_close
 
@@ -57,14 +56,14 @@ def coordinates(types: str) -> np.ndarray:
 def test_the_last_digits(name, tmp_path):
     types = CHAINS[name]
     text, q = chain_urdf(types), coordinates(types)
-    exact = exact_mass_matrix(text, q)
+    exact = chain_mass_matrix(text, q)
     assert np.abs(of_file(tmp_path, text, q) - exact).max() < 5e-15 * np.abs(exact).max()
 
 
 def test_the_last_digits_of_an_arm():
     text = URDF.read_text()
     for q in np.random.default_rng(4).uniform(-3, 3, (3, 7)):
-        exact = exact_mass_matrix(text, q)
+        exact = chain_mass_matrix(text, q)
         error = np.abs(value(load_chain(URDF), MASS, q=q) - exact)
         scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
         assert (error / scale).max() < 2e-14
@@ -101,7 +100,7 @@ def test_robots_as_light_and_small_as_one_likes(name, size, tmp_path):
             scaled(element, key, mass * size**2)
     q[[kind == "p" for kind in types if kind != "m"]] *= size
     text = ET.tostring(robot, encoding="unicode")
-    exact = exact_mass_matrix(text, q)
+    exact = chain_mass_matrix(text, q)
     scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
     assert (np.abs(of_file(tmp_path, text, q) - exact) / scale).max() < 1e-13
 
@@ -150,6 +149,7 @@ def of_tree(tmp_path, **options):
         file, tip=["left", "right"]).coordinates])  # fmt: skip
 
 
+@pytest.mark.slow
 def test_gravity_of_a_tree_with_sixty_digits(tmp_path):
     """Twelve joints with two tips, some slide, one mimics: U, its gradient and Hessian, and M beside them."""
     chain, model, exact = of_tree(tmp_path)
@@ -168,6 +168,7 @@ def test_gravity_of_a_tree_with_sixty_digits(tmp_path):
     assert_close(model.mass_matrix(q), exact.mass_matrix(world, positions, chain.dof, left_out=("pelvis",)))
 
 
+@pytest.mark.slow
 def test_bias_forces_are_the_change_of_the_mass_matrix(tmp_path):
     """C(q, dq) dq from differences of M alone: dM/dt dq - d(dq^T M dq / 2)/dq; a tree, also with a locked joint."""
     for options in ({}, {"lock": {"trunk_j1": 0.7}}):

@@ -212,6 +212,7 @@ def test_masses_left_out_on_request(tmp_path):
     assert "mass_matrix" not in "".join(render(chain, "arm").values())
 
 
+@pytest.mark.slow
 def test_forty_joints_are_generated_in_size(tmp_path):
     robot = None
     for seed in range(1000):

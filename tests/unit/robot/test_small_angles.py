@@ -13,7 +13,7 @@ from stiffgen.robot.geometry import SNAP
 from stiffgen.symbolic.kernels import KERNELS
 from support.chain_checks import value
 from support.chains import chain_urdf
-from support.exact_chain import exact_mass_matrix, exact_pose
+from support.exact_tree import chain_mass_matrix, chain_pose
 
 POSE, MASS = (
     next(kernel for kernel in KERNELS if kernel.name == name) for name in ("forward_kinematics", "mass_matrix")
@@ -27,8 +27,8 @@ def errors(folder: Path, text: str, meant: str) -> tuple[float, float]:
     file = folder / "robot.urdf"
     file.write_text(text)
     chain = load_chain(file)
-    pose = np.abs(value(chain, POSE, q=Q) - exact_pose(meant, Q)).max()
-    return pose, np.abs(value(chain, MASS, q=Q) - exact_mass_matrix(meant, Q)).max()
+    pose = np.abs(value(chain, POSE, q=Q) - chain_pose(meant, Q)).max()
+    return pose, np.abs(value(chain, MASS, q=Q) - chain_mass_matrix(meant, Q)).max()
 
 
 def robot(axis: str, rpy: str = "0.1 0.2 0.3") -> str:
