@@ -240,27 +240,3 @@ def test_built_by_cmake(small, arm, tmp_path):
     q = np.linspace(0.1, 0.5, small.chain.dof)
     each_close([built(q)], [arm.mass_matrix(q)], "mass_matrix")
     assert ctypes.CDLL(str(tmp_path / "arm_jax.so")).arm_jax_mass_matrix
-
-
-@pytest.mark.slow
-def test_derivatives_through_the_pose_of_a_floating_base(tmp_path):
-    """A pose that stays a pose, moved along its twist: the compiled functions against the graphs, by the chain rule."""
-    robot = floating_robot(tmp_path)
-    compiled, graph = wrapper(robot, "casadi"), stiffgen.StiffnessModel(robot.chain)
-    random = np.random.default_rng(4)
-    x = ca.SX.sym("x", 6)
-    turn, moved = ca.skew(x[3:]), ca.SX.eye(4)
-    moved[:3, :3] = ca.SX.eye(3) + turn + turn @ turn / 2  # exact to second order at zero
-    moved[:3, 3] = x[:3]
-    base = np.eye(4)
-    base[:3, :3], base[:3, 3] = np.linalg.qr(random.normal(size=(3, 3)))[0], random.normal(size=3)
-    place = ca.Function("place", [x], [ca.DM(base) @ moved])
-    at = random.uniform(-1, 1, len(robot.chain.coordinates))
-    for path in ("left.hybrid.jacobian", "right.forward_kinematics", "right.spatial.jacobian"):
-        one, other = compiled, graph
-        for part in path.split("."):
-            one, other = getattr(one, part), getattr(other, part)
-        X, Q = ca.MX.sym("x", 6), ca.MX.sym("q", len(at))
-        for each in (ca.jacobian, lambda y, v: ca.jtimes(y, v, ca.DM.ones(y.shape), True)):
-            found, expected = (ca.Function("f", [X, Q], [each(f(place(X), Q), X)]) for f in (one, other))
-            each_close([found(np.zeros(6), at)], [expected(np.zeros(6), at)], path)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import subprocess
 
-import numpy as np
 import pytest
 
 import stiffgen
@@ -144,26 +143,6 @@ def test_no_undefined_behaviour(level, golden, chain, robot_folder, tmp_path):
     calls = [(k.qualified_name, [pool[a.name] for a in k.arguments], sizes[k.qualified_name]) for k in KERNELS]
     flags = [level, "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     assert len(run_kernels(robot_folder, "iiwa14", calls, "gcc", "c99", flags, tmp_path)) == len(KERNELS)
-
-
-def test_bitwise_symmetric(chain, robot):
-    samples = Samples.draw(chain, 2000, seed=7)
-    for rep in ("body", "spatial", "hybrid"):
-        Kq = getattr(robot, rep).joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
-        assert np.array_equal(Kq, Kq.transpose(0, 2, 1))
-    M = robot.mass_matrix(samples.q)
-    assert np.array_equal(M, M.transpose(0, 2, 1))
-    assert (np.linalg.eigvalsh(M) > 0).all()
-
-
-def test_lower_triangle_of_the_task_stiffness_is_not_read(golden, robot):
-    sample = golden[0]
-    spoiled = sample.task_stiffness.copy()
-    spoiled[np.tril_indices(6, -1)] = np.nan
-    for rep in ("body", "spatial", "hybrid"):
-        kernel = getattr(robot, rep).joint_stiffness
-        expected = kernel(sample.q, sample.wrench, sample.task_stiffness)
-        assert np.array_equal(kernel(sample.q, sample.wrench, spoiled), expected)
 
 
 CONSUMER = {

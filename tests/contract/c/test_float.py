@@ -20,7 +20,7 @@ from stiffgen.lower.rounding import PRECISIONS, ErrorBounds, NoBound, Ranges, ro
 from stiffgen.lower.scalar import FLOAT
 from stiffgen.symbolic.kernels import KERNELS, chain_kernels
 from stiffgen.verify.result import as_results
-from stiffgen.verify.verify import Samples, verify
+from stiffgen.verify.verify import verify
 from support.c_program import STRICT, language_flags
 from support.chains import chain_urdf
 from support.float_sines import Sines
@@ -260,16 +260,6 @@ def test_cpp_takes_floats_and_refuses_doubles(folder, tmp_path):
         [*command, str(tmp_path / "double.cpp"), *objects], capture_output=True, text=True, check=False
     )
     assert done.returncode != 0 and "a fixed number of floats one after the other" in done.stderr
-
-
-def test_bitwise_symmetric_and_positive(floats, chain):
-    samples = Samples.draw(chain, 2000, seed=7)
-    for rep in ("body", "spatial", "hybrid"):
-        Kq = getattr(floats, rep).joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
-        assert Kq.dtype == np.float32 and np.array_equal(Kq, Kq.transpose(0, 2, 1))
-    M = floats.mass_matrix(samples.q)
-    assert np.array_equal(M, M.transpose(0, 2, 1))
-    assert (np.linalg.eigvalsh(M) > 0).all()
 
 
 def test_numpy_converts_and_can_refuse_to(floats):

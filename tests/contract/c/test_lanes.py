@@ -66,40 +66,6 @@ def test_derivatives(types, widths, options, tmp_path, monkeypatch):
     check_every_oracle(types, widths, "derivatives", tmp_path, monkeypatch, 3, springs=DERIVATIVES, **options)
 
 
-def test_batches_of_every_length(robot, chain):
-    """Shared and own wrenches, backwards and spread arguments, and nothing written beyond the end."""
-    from stiffgen.verify.verify import Samples
-
-    samples = Samples.draw(chain, 21, seed=3)
-    kernel = robot.hybrid.joint_stiffness
-    everything = kernel(samples.q, samples.wrench, samples.task_stiffness)
-    for count in range(22):
-        out = np.full((count + 1, 7, 7), -1.0)
-        kernel(samples.q[:count], samples.wrench[:count], samples.task_stiffness[:count], out=out[:count])
-        assert (out[count] == -1).all()
-        if count != 1:  # a single call
-            assert np.array_equal(out[:count], everything[:count])
-    shared = kernel(samples.q, samples.wrench[3], samples.task_stiffness)
-    assert np.array_equal(shared[3], everything[3])
-    assert np.array_equal(kernel(samples.q[::-2], samples.wrench[::-2], samples.task_stiffness[::-2]), everything[::-2])
-
-
-def test_a_nan_stays_in_its_configuration(robot, chain):
-    from stiffgen.verify.verify import Samples
-
-    samples = Samples.draw(chain, 19, seed=5)
-    expected = robot.hybrid.joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
-    for array, at in ((samples.q, (4, 2)), (samples.wrench, (4, 1)), (samples.task_stiffness, (4, 0, 3))):
-        for value in (np.nan, np.inf):
-            kept, array[at] = array[at], value
-            with np.errstate(invalid="ignore"):
-                found = robot.hybrid.joint_stiffness(samples.q, samples.wrench, samples.task_stiffness)
-            array[at] = kept
-            assert np.isnan(found[4]).all()
-            others = np.arange(19) != 4
-            assert np.array_equal(found[others], expected[others])
-
-
 def test_ten_thousand_at_once_need_no_memory_but_the_result(robot):
     """Strided arguments go through a buffer of constant size."""
     import tracemalloc

@@ -86,12 +86,6 @@ def commands() -> list[tuple[str, str]]:
     return found
 
 
-def test_the_page_names_the_version_and_needs_five_commands() -> None:
-    first = PAGE.split("## ")[0]
-    assert len(re.findall(r"^\$ ", first, re.MULTILINE)) == 5 and "Five commands" in first
-    assert f"stiffgen-{stiffgen.__version__}-py3-none-any.whl" in first
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_new_user_in_an_empty_folder(version: str, built: Path, tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 import stiffgen
@@ -26,10 +25,6 @@ FILES = {
 
 def listing(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
-
-
-def test_same_bytes_again(chain):
-    assert render(chain, "iiwa14") == render(stiffgen.load_chain(URDF), "iiwa14")
 
 
 def test_same_bytes_in_another_process_and_place(chain, tmp_path):
@@ -277,7 +272,3 @@ def test_an_old_compiled_module_is_not_used(robot_folder, tmp_path):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 1
         assert "ImportError: iiwa14: its C module was compiled from other sources" in done.stderr
-
-
-def test_dtype_and_shape_of_a_call(robot):
-    assert robot.hybrid.joint_stiffness(np.zeros(7), np.zeros(6), np.eye(6)).shape == (7, 7)

@@ -93,15 +93,6 @@ def test_two_robots_in_one_shared_library(pair: Path, objects: dict[str, Path]) 
     assert {name for name in exported if not re.match(r"left_|right_", name)} == set()
 
 
-@pytest.mark.parametrize("part", ["", "_impedance"])
-def test_objects_define_nothing_without_the_prefix(objects: dict[str, Path], part: str) -> None:
-    for name in ("left", "right"):
-        compiled = objects[f"{name}{part}"]
-        defined = [line.split()[-1] for line in run("nm", "-g", "--defined-only", compiled).splitlines()]
-        assert defined
-        assert [symbol for symbol in defined if not symbol.startswith(f"{name}_")] == []
-
-
 @pytest.mark.parametrize("name", ["left", "right"])
 def test_headers_name_nothing_without_the_prefix(pair: Path, name: str) -> None:
     """Macros, enumerators, types and functions of a robot's headers, as the preprocessor and the compiler see them."""
