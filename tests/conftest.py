@@ -32,7 +32,7 @@ from support.project import ROOT, URDF, Compiled, Once, require_compiler
 
 
 def pytest_collection_finish() -> None:
-    """The garbage collector need not look through modules and tests again: a third of the time of an FRI session."""
+    """Spare the garbage collector the modules and tests: a third of the time of an FRI session."""
     gc.collect()
     gc.freeze()
 
@@ -68,7 +68,7 @@ def model(chain: stiffgen.Chain) -> stiffgen.StiffnessModel:
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
-    """``once(name, make)``: a folder of that name, filled by ``make`` in the first worker that asks for it."""
+    """Return ``once(name, make)``: a folder of that name, filled by ``make`` in the first worker that asks."""
     base = tmp_path_factory.getbasetemp()
     root = base if worker_id == "master" else base.parent
 
@@ -87,7 +87,7 @@ def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
 
 @pytest.fixture(scope="session")
 def robot_folder(once: Once) -> Path:
-    """The iiwa 14's folder, generated and compiled once for all workers. Not to be written to."""
+    """Return the iiwa 14's folder, compiled once for all workers. Read only."""
     return once("generated", lambda output: stiffgen.generate(URDF, output=output)) / "iiwa14"
 
 
@@ -98,14 +98,14 @@ def robot(robot_folder: Path) -> ModuleType:
 
 @pytest.fixture
 def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Folders are compiled without optimisation, in a third of the time: for tests that do not look at the compiler."""
+    """Compile folders without optimisation, in a third of the time: for tests that do not look at the compiler."""
     monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
     monkeypatch.setattr(build, "_FAST_TO_COMPILE", ("-O0",))
 
 
 @pytest.fixture(scope="session")
 def compiled(once: Once, robot_folder: Path) -> Compiled:
-    """The iiwa 14's object files, made without a warning, once for all workers."""
+    """Return a function that compiles the iiwa 14 without a warning, once for all workers."""
 
     def made(compiler: str, language: str, level: str) -> Path:
         command = [require_compiler(compiler), *language_flags(language), level, *STRICT, "-fno-stack-protector"]
@@ -118,7 +118,7 @@ def compiled(once: Once, robot_folder: Path) -> Compiled:
 
 @pytest.fixture(scope="session")
 def plate_folder(once: Once) -> Path:
-    """The arm with the bowl-wiping tool, generated and compiled once for all workers.
+    """Return the folder of the arm with the bowl-wiping tool, compiled once for all workers.
 
     Its products and sums are rounded each: other builds of it compute the same bits (support/fri_session.py, EXACT),
     so that it need not take the time of -O3.
@@ -139,6 +139,6 @@ def plate(plate_folder: Path) -> ModuleType:
 
 @pytest.fixture(scope="session")
 def loop(robot_folder: Path, once: Once) -> Loop:
-    """The controller in the loop with a simulated arm, compiled once for all workers."""
+    """Return the controller in the loop with a simulated arm, compiled once for all workers."""
     flags = ("-O2", "-march=native")  # -O3 takes longer to compile than it saves
     return Loop(once("loop", lambda folder: Loop(folder, robot_folder, flags=flags)), robot_folder)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Builds the site with the network cut, and follows every link of what came out.
+"""Build the site without a network, and follow every link of the result.
 
 python docs/site/build.py FOLDER
 """
@@ -22,7 +22,7 @@ _ELSEWHERE = re.compile(r"[a-z]+:|//")
 
 
 def cut_the_network() -> None:
-    """From here on this process reaches nobody."""
+    """Refuse every connection of this process from now on."""
 
     def refuse(*_: Any) -> NoReturn:
         raise OSError("the site is built without a network")
@@ -32,7 +32,7 @@ def cut_the_network() -> None:
 
 
 class Page(HTMLParser):
-    """Anchors of a page, where it leads, and what a browser loads with it."""
+    """A page: its anchors, its links, and what a browser loads with it."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ class Page(HTMLParser):
         self.feed(file.read_text())
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Take down an element's addresses."""
+        """Record an element's addresses."""
         given = {key: value for key, value in attrs if value}
         self.anchors |= {given[key] for key in ("id", "name") if key in given}
         self.links += [given["href"]] if tag == "a" and "href" in given else []
@@ -50,7 +50,7 @@ class Page(HTMLParser):
 
 
 def faults(folder: Path) -> list[str]:
-    """Links of the site that lead nowhere, and what it would load from elsewhere."""
+    """Return links of the site that lead nowhere, and addresses that it would load from a network."""
     pages = {file.resolve(): Page(file) for file in folder.rglob("*.html")}
     found = [
         f"{file.relative_to(folder)} loads {address}"
@@ -74,7 +74,7 @@ def faults(folder: Path) -> list[str]:
 
 
 def main(folder: Path) -> int:
-    """Stage, build, check; 0 if all is well."""
+    """Stage, build and check the site; return 0 if all is well."""
     cut_the_network()
     stage(folder / "pages")
     options = ["--quiet", "--fail-on-warning", "--keep-going", "-E", "-c", str(Path(__file__).parent)]

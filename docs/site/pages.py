@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Stages the site's pages: the repository's own files where they lie, and the reference made from the tables."""
+"""Stage the site's pages: the repository's files at their own paths, and a reference made from the tables."""
 
 from __future__ import annotations
 
@@ -59,18 +59,18 @@ GROUPS = {
 
 
 def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    """A Markdown table; a bar in a cell is escaped."""
+    """Return a Markdown table; bars in cells are escaped."""
     lines = [head, tuple("---" for _ in head), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
 def shape(argument: Argument, chain: Chain) -> str:
-    """``6 x 7``, or ``1`` for a number."""
+    """Return the shape as ``6 x 7``, or ``1`` for a number."""
     return " x ".join(map(str, argument.array(chain).shape)) or "1"
 
 
 def function(kernel: Kernel, chain: Chain) -> str:
-    """A kernel's section: what, from which equation, names in C and Python, arguments and results."""
+    """Return a kernel's section: meaning, equation, names in C and Python, arguments and results."""
     names = ", ".join(argument.name for argument in kernel.arguments)
     path = ".".join(("iiwa14", *kernel.path, kernel.name))
     results = ", ".join(argument.name for argument in kernel.results)
@@ -91,7 +91,7 @@ def function(kernel: Kernel, chain: Chain) -> str:
 
 
 def functions() -> str:
-    """Every function of a robot with all springs, from the kernel table."""
+    """Return the page of functions: the kernel table of a robot with all springs."""
     chain = stiffgen.load_chain(ROOT / "urdf" / "iiwa14.urdf")
     springs = SpringOptions(kinds=KINDS)
     parts = [
@@ -111,12 +111,12 @@ def functions() -> str:
 
 
 def extent(field: Field) -> str:
-    """``tips x 3 x 3``; ``1`` for a number."""
+    """Return the shape as ``tips x 3 x 3``, or ``1`` for a number."""
     return " x ".join(map(str, field.shape)) or "1"
 
 
 def controller() -> str:
-    """Configuration, input and output of a controller's step, from the fields' table."""
+    """Return the page of the controller's fields: configuration, input and output of a step."""
 
     def row(field: Field) -> tuple[str, ...]:
         default = f"; {field.rule}; default `{field.default.format(name='NAME')}`" if field.default else ""
@@ -136,7 +136,7 @@ def controller() -> str:
 
 
 def faults() -> str:
-    """Modes, faults with their reasons, status bits and errors, from the same table."""
+    """Return the page of modes, faults with their reasons, status bits and errors."""
     reasons = [
         (f"`{name}`", cause, dict(fields.FAULTS)[cause], meaning)
         for name, cause, meaning in fields.REASONS
@@ -158,7 +158,7 @@ def faults() -> str:
 
 
 def declarations(text: str) -> Iterator[tuple[str, list[str], str]]:
-    """Of a C++ header: namespace, lines of the comment, and the declaration below it, without its body."""
+    """Yield the declarations of a C++ header: namespace, comment, and declaration without its body."""
     place: list[str] = []
     comment: list[str] = []
     declared, inside = "", False
@@ -186,7 +186,7 @@ def declarations(text: str) -> Iterator[tuple[str, list[str], str]]:
 
 
 def cpp() -> str:
-    """What NAME.hpp declares, read from the header itself: each comment with the declaration that follows it."""
+    """Return the page of NAME.hpp: every comment of the header with the declaration that follows."""
     text = (ROOT / "generated" / "iiwa14" / "iiwa14.hpp").read_text()
     text = re.sub(r"^/// What is behind Input.*?^\} // namespace detail$", "", text, flags=re.MULTILINE | re.DOTALL)
     text = re.sub(r"^private:\n.*?^\};$", "", text, flags=re.MULTILINE | re.DOTALL)
@@ -222,7 +222,7 @@ def python() -> str:
 
 
 def help_of(*command: str) -> str:
-    """What ``stiffgen COMMAND --help`` prints."""
+    """Return the page of the command line: the help of every command."""
     environment = os.environ | {"COLUMNS": "96", "NO_COLOR": "1"}
     run = [sys.executable, "-m", "stiffgen.cli", *command, "--help"]
     return subprocess.run(run, check=True, capture_output=True, text=True, env=environment).stdout
@@ -238,7 +238,7 @@ def command_line() -> str:
 
 
 def index() -> str:
-    """The first page: the README, and the table of contents."""
+    """Return the first page: the README and the table of contents."""
     parts = [(ROOT / "README.md").read_text()]
     for part, pages in CONTENTS.items():
         parts.append(f"```{{toctree}}\n:hidden:\n:caption: {part}\n\n" + "\n".join(pages) + "\n```\n")

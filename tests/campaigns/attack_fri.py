@@ -90,7 +90,7 @@ class Schedule:
 
 
 def parse(text: str) -> Schedule:
-    """A schedule from its printed form, "PERIOD: SEED KIND START LENGTH VALUE ..."."""
+    """Parse a schedule from its printed form, "PERIOD: SEED KIND START LENGTH VALUE ..."."""
     period, _, line = text.partition(":")
     words = line.split()
     events = [Event(k, *map(float, words[i + 1 : i + 4])) for i, k in enumerate(words) if i % 4 == 1]
@@ -98,7 +98,7 @@ def parse(text: str) -> Schedule:
 
 
 def draw_value(rng: np.random.Generator, kind: str) -> float:
-    """A value that such an event may have."""
+    """Draw a value for an event of that kind."""
     choice = KINDS[kind]
     if choice[0] == "share":
         return float(rng.choice([rng.uniform(), 1.0, 0.5]))
@@ -116,7 +116,7 @@ def draw_event(rng: np.random.Generator) -> Event:
 
 
 def mutate(rng: np.random.Generator, schedule: Schedule) -> Schedule:
-    """A schedule near this one."""
+    """Mutate the schedule."""
     events = list(schedule.events)
     for _ in range(int(rng.integers(1, 4))):
         choice = rng.integers(6) if events else 0
@@ -167,7 +167,7 @@ def measures(schedule: Schedule, told: Mapping[str, Any]) -> dict[str, float]:
 
 
 def untrue(schedule: Schedule, told: Mapping[str, Any]) -> list[str]:
-    """What exit code and last line say, and was not so."""
+    """Return what exit code and last line say although it was not so."""
     code, sentence = told["code"], told["sentence"]
     torque = told["state"] == SessionState.COMMANDING_ACTIVE and told["last_torque"] != 0
     wrong = {
@@ -214,7 +214,7 @@ class Attack:
             process.communicate()
 
     def play(self, schedule: Schedule) -> dict[str, Any]:
-        """What the client came to.
+        """Play a schedule and return the result of the client.
 
         Raises
         ------
@@ -244,7 +244,7 @@ class Attack:
         return {name for name, value in measures(schedule, self.play(schedule)).items() if not value <= 1 + 1e-6}
 
     def smaller(self, schedule: Schedule, name: str) -> Schedule:
-        """The schedule with fewer events, as long as it breaks the same."""
+        """Remove events from the schedule as long as it breaks the same bound."""
         for event in schedule.events:
             less = replace(schedule, events=tuple(e for e in schedule.events if e is not event))
             if name in self.breaks(less):
@@ -255,7 +255,7 @@ class Attack:
 def climb(
     attack: Attack, rng: np.random.Generator, sessions: int, tell: Callable[[Break], None] | None = None
 ) -> tuple[dict[str, float], list[Break]]:
-    """The most of each measure, and each break.
+    """Climb; return the largest value of each measure, and each break.
 
     A name breaks once: climbs on it end there.
     """
@@ -287,13 +287,13 @@ def climb(
 
 
 def report(found: Break) -> None:
-    """Prints a break."""
+    """Print a break."""
     print(f"BREAK {found.name}: {found.value:.6g}\n  {found.schedule.period}: {found.schedule}")
     print(f"  {untrue(found.schedule, found.told)} {found.told['sentence']}", flush=True)
 
 
 def main(given: Iterable[str] | None = None) -> int:
-    """The command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, default=Path("build/fri-attack"))
     parser.add_argument("--sessions", type=int, default=30000, help="of each version (%(default)s)")

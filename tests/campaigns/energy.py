@@ -80,7 +80,7 @@ def _springs(random: Random, least: float, least_rotation: float) -> dict[str, n
 
 
 def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
-    """A random segment."""
+    """Draw a random segment."""
     made: dict[str, Any] = {
         "start": int(random.integers(1, SAMPLES)),
         "missed": 0,
@@ -223,7 +223,7 @@ def _drive(random: Random, loop: Loop, start: float, to: np.ndarray, **others: A
 
 
 def laps(random: Random, loop: Loop) -> Schedule:
-    """The fault cycle: control is lost, the arm is moved away, a reset, and on the way back it is held and let go."""
+    """Return the fault cycle: control lost, the arm moved away, a reset, and on the way back the arm held and freed."""
     made, lap = _base(random, loop), int(random.integers(300, 1000))
     for start in range(5, SAMPLES - lap + 1, lap):
         away = Q0 + random.uniform(-0.6, 0.6, N)
@@ -312,7 +312,7 @@ PATTERNS = (laps, pumping, shaking, zones, gaps, streams)
 
 
 def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bool) -> Schedule:
-    """A neighbour: numbers shaken, segments moved, doubled, dropped, replaced, or taken from another schedule."""
+    """Return a neighbour: numbers shaken, segments moved, doubled, dropped, replaced, or copied from another one."""
     new = copy.deepcopy(old)
     for _ in range(random.integers(1, 4)):
         kind = random.integers(0, 7)
@@ -396,7 +396,7 @@ def _limit_energy(config: Any, q: np.ndarray) -> float:
 
 
 def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:
-    """The best of a climb, restarted from the best of ten random schedules."""
+    """Return the best of a climb, restarted from the best of ten random schedules."""
     pattern = random.integers(0, 2 * len(PATTERNS))
     starts = [
         PATTERNS[pattern](random, loop) if pattern < len(PATTERNS) else schedule(random, loop, moving, sensors)

@@ -23,7 +23,7 @@ SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recove
 
 
 def build(folder: Path, robot: Path, compiler: str, flags: tuple[str, ...] = SANITIZERS) -> Path:
-    """The program; the kernels, which nothing hostile reaches unseen, without optimisation, in a tenth of the time."""
+    """Build the program; the kernels without optimisation, which takes a tenth of the time."""
     program, objects = folder / f"hostile-{compiler}", []
     for source, more in ((PROGRAM, ()), (robot / "iiwa14.c", ("-O0",)), (robot / "iiwa14_impedance.c", ())):
         objects.append(str(folder / f"{source.stem}-{compiler}.o"))
@@ -34,7 +34,7 @@ def build(folder: Path, robot: Path, compiler: str, flags: tuple[str, ...] = SAN
 
 
 def run(program: Path, steps: int, seed: int, flips: float = 0.0) -> subprocess.CompletedProcess[str]:
-    """flips: in a million steps."""
+    """Run the program; ``flips`` are bit flips per million steps."""
     command = [str(program), str(steps), str(seed), str(flips)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 

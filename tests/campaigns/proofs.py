@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def random_arm(joints: int) -> str:
-    """A chain of turning joints, each about an axis of its own, with links of any mass and inertia."""
+    """Return the URDF of a chain of revolute joints with random axes, masses and inertias."""
     draw = np.random.default_rng(joints)
 
     def three(size: float) -> str:

@@ -112,7 +112,7 @@ def check_file(name: str, data: bytes, scratch: Path) -> Row | None:
 
 
 def load(description: Description, tip: str) -> tuple[Chain, str]:
-    """The chain to a leaf, and why it had to do without masses ("" if it has them)."""
+    """Return the chain to a leaf, and why it had to do without masses ("" if it has them)."""
     base = None
     link = tip
     while link in description.parent_joint:

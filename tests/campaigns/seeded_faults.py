@@ -25,7 +25,7 @@ SANITIZERS = ("address,undefined,float-cast-overflow", "memory,undefined,float-c
 
 
 def said(fault: Fault, folder: Path, work: Path, sanitizer: str) -> str:
-    """What a program says that calls the fault's kernel, or the controller: a digest, or what is wrong."""
+    """Run a program that calls the fault's kernel, or the controller; return a digest, or what is wrong."""
     driver, sources = work / "driver.c", [folder / C]
     if fault.part == "memory":
         robot = open_robot(FOLDER)

@@ -211,7 +211,7 @@ def outcomes(loop: Loop, cases: list[Situation], **config: Any) -> Iterator[Outc
 
 
 def failures(case: Situation, outcome: Outcome) -> list[str]:
-    """What a situation's outcome breaks of what is promised."""
+    """Return the promises that a situation's outcome breaks."""
     broken = []
     if not outcome.summary.finite:
         broken.append("torque not finite")
@@ -233,7 +233,7 @@ def failures(case: Situation, outcome: Outcome) -> list[str]:
 
 
 def build(folder: Path, robot: Path | None = None) -> Loop:
-    """The loop with the committed robot."""
+    """Build the loop with the committed robot."""
     return Loop(folder, robot or ROOT / "generated" / "iiwa14")
 
 
@@ -256,7 +256,7 @@ def _both(case: Situation) -> list[Outcome]:
 
 
 def _plain(summary: Any) -> SimpleNamespace:
-    """The numbers of a summary: a structure of ctypes does not travel between processes."""
+    """Return the numbers of a summary: a structure of ctypes does not travel between processes."""
     return SimpleNamespace(
         **{name: getattr(summary, name) for name in ("finite", "reason", "ripple", "effort", "torque_step", "faults")}
     )
@@ -288,7 +288,7 @@ def main() -> int:
 
 
 def table(cases: list[Situation], tables: dict[str, list[Outcome]]) -> str:
-    """The two laws side by side."""
+    """Print both laws side by side."""
     lines = ["| | potential | paper |", "|---|---|---|"]
 
     def row(name: str, value: Any) -> None:

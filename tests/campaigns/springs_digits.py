@@ -83,7 +83,7 @@ def tasks(subjects: Sequence[str], count: int, work: str) -> Iterator[Task]:
 
 
 def failures(table: Table) -> list[str]:
-    """What is beyond its bound."""
+    """Return the errors beyond their bound."""
     beyond = []
     for (subject, case, kind, measure), worst in table.items():
         for name, error in worst.items():

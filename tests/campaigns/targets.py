@@ -36,19 +36,19 @@ Calls = Sequence[tuple[Kernel, Sequence[np.ndarray], np.ndarray]]
 
 
 def told(count: Sequence[int] | None) -> str:
-    """One number, or the fewest and the most."""
+    """Format one number, or the fewest and the most."""
     if count is None:
         return "-"
     return str(count[0]) if count[0] == count[1] else f"{count[0]} to {count[1]}"
 
 
 def ends(count: Count) -> tuple[int, int]:
-    """The fewest and the most."""
+    """Return the fewest and the most."""
     return count.fewest, count.most
 
 
 def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
-    """What values are compared with: said in words, and the calls."""
+    """Return what values are compared with, in words, and the calls."""
     if robot.chain == open_robot(ROOT / "generated" / "iiwa14").chain:
         return "golden values, 60 digits", golden_calls(6)
     pool = argument_samples(robot.chain, 2, 0, robot.springs)
@@ -62,7 +62,7 @@ def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
 
 
 def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel], states: int) -> Target:
-    """What a machine says of a folder."""
+    """Measure a folder on a machine."""
     scalar, (reference, calls) = robot.scalar, reference_calls(robot)
     bound = 1e-12 if scalar == DOUBLE else 2e-6
     with tempfile.TemporaryDirectory() as place:

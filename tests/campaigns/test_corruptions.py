@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What ``stiffgen verify`` must not let pass: faults put into a generated folder by hand, one at a time.
+"""Faults that ``stiffgen verify`` must find: put into a generated folder by hand, one at a time.
 
 Each one compiles. The digests in the manifest would show any change of a file, so they are left out of account; what
 must fail is a comparison of values.
@@ -135,7 +135,7 @@ HARMLESS = {"load: the last one stands in everywhere"}
 
 
 def corrupted(text: str, fault: Fault) -> str:
-    """The text with the fault; an AssertionError says that a fault no longer applies and must be written anew."""
+    """Put the fault into the text; an AssertionError says that a fault no longer applies and must be written anew."""
     after = fault.after.removesuffix("!")
     assert after in text, f"{fault.title}: no '{after}'"
     start = text.index(after)
@@ -165,7 +165,7 @@ def _verify(folder: Path, urdf: Path | None, first: str, send: Connection) -> No
 
 
 def failures(folder: Path, urdf: Path | None = None, first: str = "") -> list[str]:
-    """The comparisons that fail, without the digests'. In a process apart: a fault may write where it should not."""
+    """Return the failed comparisons but the digests'. They run in another process: a fault may write anywhere."""
     receive, send = LOADED.Pipe(duplex=False)
     process = LOADED.Process(target=_verify, args=(folder, urdf, first, send))
     process.start()
@@ -184,7 +184,7 @@ def failures(folder: Path, urdf: Path | None = None, first: str = "") -> list[st
 
 @pytest.fixture
 def folder(robot_folder, tmp_path, monkeypatch) -> Path:
-    """A folder to spoil, compiled without optimisation. Its name is its own: an extension is loaded once a process."""
+    """Copy the folder to spoil it, compiled without optimisation. Its name is its own: an extension is loaded once a process."""
     monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
     target = tmp_path / "spoilt" / "iiwa14"
     shutil.copytree(robot_folder, target, ignore=shutil.ignore_patterns("*.so", "__pycache__"))

@@ -53,7 +53,7 @@ def references(chain):
 
 
 def memoised(kernels):
-    """The unfalsified kernels see the same inputs 294 times over."""
+    """Cache results: the kernels without a fault see the same inputs 294 times."""
     cache = {}
 
     def wrap(name, function):
@@ -69,7 +69,7 @@ def memoised(kernels):
 
 
 def falsified(kernels, rep, entry):
-    """The kernels with dJ^T/dq off at one entry (i, b, k)."""
+    """Return the kernels with dJ^T/dq off at one entry (i, b, k)."""
     i, b, k = entry
     derivative, jacobian = kernels[f"{rep}_jacobian_transpose_derivative"], kernels[f"{rep}_jacobian"]
 
@@ -139,7 +139,7 @@ WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
 
 
 def with_switches(source, chosen=lambda function: True, signs=SIGN):
-    """The source with ``flip[k]``, 1 or -1, at the k-th sign of every chosen body, and the lines they are in."""
+    """Return the source with ``flip[k]``, 1 or -1, at the k-th sign of every chosen body, and the lines they are in."""
     lines, places, body, section = [], [], "", ""
     poison = closed = False
 
@@ -173,7 +173,7 @@ def with_switches(source, chosen=lambda function: True, signs=SIGN):
 
 
 def compiled_with_switches(texts, folder):
-    """The library of a robot's C in which signs have switches: without vectors or optimisation."""
+    """Compile the library of a robot's C in which signs have switches: without vectors or optimisation."""
     for name, text in texts.items():
         (folder / name).write_text(text)
     flags = ["-std=c99", "-O0", "-DSTIFFGEN_NO_VECTORS", "-shared", "-fPIC"]
@@ -255,7 +255,7 @@ def pointer(array):
 
 @pytest.fixture(scope="module")
 def mutated(request, chain, references, tmp_path_factory):
-    """A chain, its references, and bodies to leave out.
+    """Return a chain, its references, and bodies to leave out.
 
     Some inertias of the iiwa 14 are too small for their signs to matter; those of the other chains, in which nothing is
     aligned, are not: one with a sliding and a mimic joint, and one of six turning joints, whose mass matrix has no
@@ -365,7 +365,7 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
     lines = exact_c.statements(texts["robot.c"], "robot_bias_forces")
 
     def exactly(signs):
-        """The first state with these signs, with 60 digits."""
+        """Evaluate the first state with these signs and 60 digits."""
         named = zip(("q", "velocity", "gravity"), arguments, strict=True)
         given = {name: [mp.mpf(x) for x in each[0]] for name, each in named}
         return exact_c.run(lines, {**given, "flip": signs}, "bias_forces", chain.dof)
@@ -381,7 +381,7 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
 
 
 def turned_states(library, chain, kind):
-    """Turns of the tip that take every branch there is: (q, equilibrium, stiffness, exact values by kernel).
+    """Yield turns of the tip that take every branch there is: (q, equilibrium, stiffness, exact values by kernel).
 
     Each component of the quaternion is the largest in turn, with both signs, alone and with all others; near the
     equilibrium, where a series stands for the angle, the tip's origin is at rest, so that nothing hides the turn.
@@ -466,7 +466,7 @@ LARGE = 1e6
 
 
 def shared_by(source, bodies):
-    """The internal functions that products share, each with the product of the first body that calls it."""
+    """Return the internal functions that products share, each with the product of the first body that calls it."""
     functions = dict(re.findall(r"^(?:static )?void (\w+)\([^;{]*\)\n\{\n(.*?)^\}", source, re.MULTILINE | re.DOTALL))
     shared = [name for name in functions if re.fullmatch(r"\w+_columns\w*_vjp(_lanes)?", name)]
     calls = {name: [body for body in bodies if f" {name}(" in functions.get(body, "")] for name in shared}

@@ -39,7 +39,7 @@ _CODES = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Ta
 
 
 def require_chromium() -> str:
-    """The browser's path; skip where there is none, fail on CI."""
+    """Return the browser's path; skip where there is none, fail on CI."""
     for name in NAMES:
         if found := shutil.which(name):
             return found
@@ -59,7 +59,7 @@ class Page:
         """Addresses that were asked for."""
 
     def do(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """A DevTools command."""
+        """Send a DevTools command."""
         return self._browser.ask(method, parameters, self._session)
 
     def see(self, event: dict[str, Any]) -> None:
@@ -76,7 +76,7 @@ class Page:
             self.requests.append(data["request"]["url"])
 
     def js(self, expression: str) -> Any:
-        """The value of an expression (a promise's, where it is one), as JSON carries it."""
+        """Return the value of an expression (a promise's, where it is one), as JSON carries it."""
         answer = self.do("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in answer:
             raise AssertionError(answer["exceptionDetails"].get("exception", {}).get("description", answer))
@@ -98,7 +98,7 @@ class Page:
         self.settle()
 
     def window(self, width: int, height: int, *, scale: float = 1, touch: bool = False) -> None:
-        """The size of the page [CSS pixels]."""
+        """Return the size of the page [CSS pixels]."""
         self.do("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=touch)
         self.do("Emulation.setTouchEmulationEnabled", enabled=touch)
 
@@ -108,7 +108,7 @@ class Page:
         self.do("Emulation.setEmulatedMedia", features=chosen)
 
     def press(self, key: str, times: int = 1, *, shift: bool = False) -> None:
-        """A key, down and up."""
+        """Press and release a key."""
         code = _CODES.get(key, 0)
         for _ in range(times):
             for kind in ("rawKeyDown", "keyUp"):
@@ -129,7 +129,7 @@ class Page:
                 self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
     def screenshot(self, file: Path, *, whole: bool = False) -> None:
-        """A PNG of what is seen, or of the whole page."""
+        """Take a PNG of the window, or of the whole page."""
         shot = self.do("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         file.write_bytes(base64.b64decode(shot["data"]))
 
@@ -208,7 +208,7 @@ def _moved_up(end: int) -> int:
 
 @contextmanager
 def chromium() -> Iterator[_Browser]:
-    """A browser with a profile of its own, which is gone afterwards."""
+    """Start a browser with a temporary profile."""
     program = require_chromium()
     with tempfile.TemporaryDirectory(prefix="stiffgen-browser-", ignore_cleanup_errors=True) as profile:
         browser = _Browser(program, profile)

@@ -13,7 +13,7 @@ STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror
 
 
 def language_flags(language: str) -> list[str]:
-    """Flags that make a C or C++ compiler take the .c file in the given language."""
+    """Return flags that make a C or C++ compiler take the .c file in the given language."""
     return ["-x", "c++", f"-std={language}"] if language.startswith("c++") else ["-x", "c", f"-std={language}"]
 
 

@@ -17,7 +17,7 @@ BOUND = 1e-9
 
 
 def value(chain: Chain, kernel: Kernel, **arguments: np.ndarray) -> np.ndarray:
-    """The kernel's expressions on constants: CasADi folds them while they are built."""
+    """Evaluate the kernel's expressions on constants: CasADi folds them while they are built."""
     constants = {a.name: ca.SX(ca.DM(arguments[a.name])) for a in kernel.arguments}
     entries = evaluate(kernel.scope(chain), kernel.steps(chain), constants)[kernel.result.name]
     return np.array([float(entry) for entry in entries]).reshape(kernel.result.array(chain).shape)

@@ -39,7 +39,7 @@ def replaced(*changes: tuple[str, str]) -> str:
 
 
 def chain_urdf(types: str) -> str:
-    """A chain of joints ("r", "p", or "m" for one that mimics joint 0) about changing axes."""
+    """Return the URDF of a chain of joints ("r", "p", or "m" for one that mimics joint 0) about changing axes."""
     text = '<robot name="chain"><link name="l0"/>'
     for k, kind in enumerate(types):
         inertial = (
@@ -58,7 +58,7 @@ def chain_urdf(types: str) -> str:
 
 
 def child_of(element: ET.Element, tag: str) -> ET.Element:
-    """The element's first child of that tag, which must be there."""
+    """Return the element's first child of that tag, which must be there."""
     found = element.find(tag)
     assert found is not None, tag
     return found

@@ -24,7 +24,7 @@ for _k in range(3):
 
 
 def columns(stack: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """A stack of arguments of a kernel in the shapes that CasADi has."""
+    """Reshape a stack of arguments to the shapes of CasADi."""
     rows = folded(shape) if shape else (1,)
     return stack.reshape(len(stack), *rows, *[1] * (2 - len(rows)))
 
@@ -36,9 +36,9 @@ def _by_columns(stack: np.ndarray) -> np.ndarray:
 
 
 def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: list[np.ndarray]) -> list[np.ndarray]:
-    """Gradients of the sum of cotangents times results by every argument; stacks as in CasADi.
+    """Return gradients of the sum of cotangents times results with respect to every argument; stacks as in CasADi.
 
-    By every entry; by a floating base's pose along its body twists, (count, 6, 1).
+    With respect to every entry; with respect to a floating base's pose along its body twists, (count, 6, 1).
     """
     graph, number_of = Graph(function), partial(np.full, len(arguments[0]), dtype=complex)
     weights = [w.real for c in cotangents for w in _by_columns(c).T]

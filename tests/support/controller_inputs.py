@@ -21,7 +21,7 @@ def positive(random: np.random.Generator, size: float) -> np.ndarray:
 
 
 def walk(random: np.random.Generator, robot: ModuleType, steps: int, **overrides: Any) -> dict[str, np.ndarray]:
-    """Inputs of a slow random motion within the limits, with an equilibrium and stiffnesses that vary."""
+    """Yield inputs of a slow random motion within the limits, with an equilibrium and stiffnesses that vary."""
     time = np.arange(steps)[:, None] * 1e-3
     n = robot.DOF
 
@@ -45,7 +45,7 @@ def walk(random: np.random.Generator, robot: ModuleType, steps: int, **overrides
 
 
 def hostile(random: np.random.Generator, robot: ModuleType, steps: int, share: float) -> tuple[Any, np.ndarray]:
-    """The same with NaN, infinity and huge numbers here and there; also where."""
+    """Yield the same with NaN, infinity and huge numbers here and there; also where."""
     inputs = walk(random, robot, steps)
     bad = np.flatnonzero(random.random(steps) < share)
     values = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e9)

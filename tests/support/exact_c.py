@@ -14,14 +14,14 @@ STATEMENT = re.compile(r"(?:const double )?(\w+(?:\[\d+\])?) = (.+)", re.S)
 
 
 def statements(source: str, function: str) -> list[str]:
-    """The statements of a function for one configuration, without comments."""
+    """Return the statements of a function for one configuration, without comments."""
     start = source.index("{", source.index(f"void {function}("))
     body = source[start + 1 : source.index("\n}", start)]
     return [statement.strip() for statement in re.sub(r"/\*.*?\*/", "", body, flags=re.S).split(";\n")]
 
 
 def run(lines: Sequence[str], given: Mapping[str, Any], result: str, size: int) -> list[Any]:
-    """The entries of ``result`` after the statements, with 60 digits; ``given`` are the arguments and ``flip``."""
+    """Run the statements with 60 digits; return the entries of ``result``. ``given``: the arguments and ``flip``."""
     values: dict[str, Any] = {"finite_or_nan": lambda x: x, result: [mp.mpf(0)] * size, "mpf": mp.mpf, **given}
     with mp.workdps(60):
         for line in lines:

@@ -22,7 +22,7 @@ flint.ctx.dps = 60
 
 
 def exact(array: Any) -> np.ndarray:
-    """An array of 60-digit numbers of the same values."""
+    """Return an array of 60-digit numbers of the same values."""
     values = np.asarray(array)
     out = np.empty(values.shape, dtype=object)
     for index in np.ndindex(values.shape):
@@ -31,7 +31,7 @@ def exact(array: Any) -> np.ndarray:
 
 
 def floats(array: Any) -> np.ndarray:
-    """Rounded to doubles."""
+    """Round to doubles."""
     if isinstance(array, arb_mat):
         return np.array([float(x) for x in array.entries()]).reshape(array.nrows(), array.ncols())
     return np.array([float(x) for x in np.ravel(array)]).reshape(np.shape(array))
@@ -168,7 +168,7 @@ def moved(p: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def orthonormal(rounded: np.ndarray) -> np.ndarray:
-    """The rotation (60 digits) that a rotation matrix of doubles is the rounding of, by Gram and Schmidt."""
+    """Return the rotation (60 digits) that a rotation matrix of doubles is the rounding of, by Gram and Schmidt."""
     x, y, _ = exact(rounded).T
     x = x / (x @ x).sqrt()
     y = y - x * (x @ y)
@@ -194,7 +194,7 @@ class Energies:
         self.known: dict[Any, Any] = {}
 
     def __call__(self, kind: str, placement: Any) -> Jet:
-        """The energy of a spring of stiffgen's with these axes and centre."""
+        """Return the energy of a spring with these axes and centre."""
         translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
         where = translation, tuple(placement.centre)
         linear = self._shared(self._linear, *where)

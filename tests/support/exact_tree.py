@@ -33,7 +33,7 @@ Pose = tuple[mpmath.matrix, mpmath.matrix]
 
 
 def tree_urdf(seed: int, joints: int = 12) -> str:
-    """A random tree with the tips "left" and "right": each with a sliding joint, and one that mimics."""
+    """Return a random tree with the tips "left" and "right": each with a sliding joint, and one that mimics."""
     source = random.Random(seed)
 
     def drawn(count: int, low: float, high: float) -> str:
@@ -81,7 +81,7 @@ def origin(element: ET.Element) -> tuple[mpmath.matrix, mpmath.matrix]:
 
 
 def exponential(w: mpmath.matrix) -> mpmath.matrix:
-    """The rotation exp([w])."""
+    """Return the rotation exp([w])."""
     angle = mp.norm(w)
     return turn(w / angle, angle) if angle else mp.eye(3)
 
@@ -189,7 +189,7 @@ class ExactTree:
 
 
 def _chain(text: str, q: np.ndarray) -> tuple[ExactTree, list[mpmath.mpf]]:
-    """A serial chain on a fixed base; joints stand in order in the file."""
+    """Read a serial chain on a fixed base; joints stand in order in the file."""
     moving = [joint for joint in ET.fromstring(text).findall("joint") if joint.get("type") in MOVING]
     names = [joint.attrib["name"] for joint in moving if joint.find("mimic") is None]
     return ExactTree(text, names), [mp.mpf(float(each)) for each in q]
@@ -237,5 +237,5 @@ def as_array(matrix: mpmath.matrix) -> np.ndarray:
 
 
 def exact_pose(pose: np.ndarray) -> Pose:
-    """A pose (4, 4) of doubles as it is."""
+    """Convert a pose (4, 4) of doubles as it is."""
     return mp.matrix(pose[:3, :3].tolist()), mp.matrix(pose[:3, 3].tolist())

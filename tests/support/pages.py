@@ -52,7 +52,7 @@ class Block:
 
 
 def blocks(page: Path) -> list[Block]:
-    """The blocks of a page in their order."""
+    """Return the blocks of a page in their order."""
     text = page.read_text()
     found: list[Block] = []
     marker, what = "", ""
@@ -73,6 +73,6 @@ def blocks(page: Path) -> list[Block]:
 
 
 def commands(block: Block) -> list[str]:
-    """The lines of a block of commands, without their comments."""
+    """Return the lines of a block of commands, without their comments."""
     lines = (re.sub(r"\s+# .*$", "", line).strip() for line in block.code.splitlines())
     return [line for line in lines if line]

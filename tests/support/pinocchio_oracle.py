@@ -37,7 +37,7 @@ class State:
 
 
 def readable_by_pinocchio(xml: str | bytes, masses: bool = True) -> ET.Element:
-    """The tree with links, inertials (on request) and joints alone, and the limits that urdfdom insists on."""
+    """Return the tree with links, inertials (on request) and joints alone, and the limits that urdfdom insists on."""
     source = ET.fromstring(xml)
     robot = ET.Element("robot", {"name": source.get("name") or "robot"})
     for link in source.findall("link"):
@@ -156,7 +156,7 @@ class PinocchioChain:
         return State(pose, rates.T @ mass @ rates, jacobian, stacked)
 
     def _at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What rates of the coordinates are in Pinocchio, and where all joints stand."""
+        """Return what rates of the coordinates are in Pinocchio, and where all joints stand."""
         rates = np.zeros((self.model.nv, len(self.coordinates)))
         rates[self.columns] = self.coupling
         return rates, pin.integrate(self.model, pin.neutral(self.model), self.offsets + rates @ q)
@@ -178,7 +178,7 @@ class PinocchioChain:
 
 
 def _seen_from(representation: str, into_base: pin.SE3) -> np.ndarray:
-    """What turns a twist given in the root frame into one in the base frame."""
+    """Return what turns a twist given in the root frame into one in the base frame."""
     if representation == "spatial":
         return np.asarray(into_base.action)
     turn = np.eye(6)

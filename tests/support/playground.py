@@ -46,7 +46,7 @@ class Scripts:
         (folder / "package.json").write_text('{"type": "module"}')
 
     def run(self, tasks: list[dict[str, Any]], tip: int = 0) -> list[Any]:
-        """What the tasks of play.mjs give."""
+        """Return the results of the tasks of play.mjs."""
         request = {"data": self.data, "wasm": self._wasm, "tip": tip, "tasks": tasks}
         (self._folder / "request.json").write_text(json.dumps(request, default=np.ndarray.tolist))
         command = [self._node, "play.mjs", "request.json"]
@@ -57,7 +57,7 @@ class Scripts:
 
 
 def random_value(argument: Argument, robot: GeneratedRobot, random: np.random.Generator) -> Array:
-    """An argument of a kernel that means something: rotations turn, stiffnesses are symmetric and positive definite."""
+    """Draw an argument of a kernel that makes sense: rotations rotate, stiffnesses are symmetric and positive."""
     shape = argument.array(robot.chain).shape
     if argument.name == "q":
         return random.uniform(-3, 3, shape)

@@ -32,23 +32,23 @@ Compiled = Callable[[str, str, str], Path]
 
 
 def assert_close(value: Any, expected: Any) -> None:
-    """Two arrays agree to 1e-12 of the largest entry expected."""
+    """Assert that two arrays agree to 1e-12 of the largest expected entry."""
     error = relative_error(np.asarray(value)[None], np.asarray(expected)[None])
     assert error <= BOUND, f"relative error {error:.2e}"
 
 
 def kernels_of(module: ModuleType, chain: stiffgen.Chain) -> dict[str, Callable[..., Any]]:
-    """The functions of an imported robot by qualified name, for a chain that need not be the one in its folder."""
+    """Return the functions of an imported robot by qualified name, for a chain other than its folder's, too."""
     return functions_of(module, chain_kernels(chain), Path(str(module.__file__)).parent)
 
 
 def compilers() -> list[str]:
-    """gcc and clang. On CI both must be there; elsewhere a missing one is left out and said so by the test."""
+    """Return gcc and clang. On CI both must be there; elsewhere a test of a missing one is skipped."""
     return ["gcc", "clang"]
 
 
 def require_program(name: str, package: str) -> str:
-    """Where a program of a Debian package is; skip where it is missing, fail on CI."""
+    """Return the path of a program of a Debian package; skip where it is missing, fail on CI."""
     found = shutil.which(name)
     if found is None:
         if os.environ.get("CI"):

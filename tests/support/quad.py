@@ -176,12 +176,12 @@ class Measured:
         )
 
     def errors(self, kernel: str, arguments: Sequence[np.ndarray]) -> np.ndarray:
-        """|computed - exact| of every entry of the results, one after the other, for a stack of states."""
+        """Return |computed - exact| of every entry of the results, one after the other, for a stack of states."""
         _, errors = self.values_and_errors(kernel, arguments)
         return errors
 
     def values_and_errors(self, kernel: str, arguments: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """What is computed, and its errors."""
+        """Return the computed values and their errors."""
         record, count = self.kernels[kernel], len(arguments[0])
         found = np.empty((2, count, sum(result.array(self.chain).size for result in record.results)))
         given = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
@@ -231,7 +231,7 @@ def draw(
 
 
 def within(name: str, values: np.ndarray, chain: Chain, precision: Precision) -> np.ndarray:
-    """The same values where they may be: joint positions in their limits, poses with a rotation."""
+    """Return the same values within their ranges: joint positions in their limits, poses with a rotation."""
     if name == "q":
         lower, upper = (np.array([getattr(c, side) for c in chain.coordinates]) for side in ("lower", "upper"))
         inside: np.ndarray = np.clip(
@@ -251,7 +251,7 @@ def within(name: str, values: np.ndarray, chain: Chain, precision: Precision) ->
 def kernels_with_bounds(
     chain: Chain, ranges: Ranges, kernels: Sequence[Kernel], scalar: Scalar = DOUBLE
 ) -> dict[str, np.ndarray]:
-    """The bounds of every entry of the results, one after the other, of those kernels that have some."""
+    """Return the bounds of every entry of the results, one after the other, of those kernels that have some."""
     found, error_bounds = {}, ErrorBounds(chain, ranges, scalar)
     for kernel in kernels:
         with suppress(NoBound):
@@ -299,13 +299,13 @@ def climbed(
 
 
 def argument_ends(chain: Chain, kernel: Kernel, ranges: Ranges, precision: Precision = DOUBLES) -> list[np.ndarray]:
-    """What the entries of a kernel's arguments are at most."""
+    """Return the largest entries of a kernel's arguments."""
     reach = chain_reach(kernel.scope(chain), ranges, precision)
     return [np.array(argument_sizes(chain, argument, ranges, reach, precision)) for argument in kernel.arguments]
 
 
 def with_eighty_digits(measured: Measured, kernel: Kernel, arguments: Sequence[np.ndarray]) -> tuple[float, float]:
-    """The largest error at some states against 80 digits (Arb).
+    """Return the largest error at some states against 80 digits (Arb).
 
     Returns:
         That error, and how much of it the measured errors are off at most.

@@ -69,7 +69,7 @@ class Robot:
 
 
 def random_robot(source: Source, most_moving: int) -> Robot:
-    """A chain of 1..most_moving moving joints in a tree that goes on before its base, beside it and beyond its tip."""
+    """Return a chain of 1..most_moving moving joints in a tree with links before its base, beside it and beyond it."""
     path = [source.pick(("revolute", "continuous", "prismatic")) for _ in range(source.integer(1, most_moving))]
     for _ in range(source.integer(0, 3)):
         path.insert(source.integer(0, len(path)), "fixed")
@@ -172,7 +172,7 @@ JUNK = (
 
 
 def broken_file(source: Source, most_moving: int = 4) -> bytes:
-    """A valid robot's file with one to three mutations; it may have stayed valid."""
+    """Return a valid robot's file with one to three mutations; it may have stayed valid."""
     text = random_robot(source, most_moving).text
     for _ in range(source.integer(1, 3)):
         text = _mutated(source, text)

@@ -72,7 +72,7 @@ FAULTS = (
 
 
 def faulty(fault: Fault, folder: Path) -> Path:
-    """A copy of the iiwa 14's folder with the fault."""
+    """Copy the iiwa 14's folder with the fault."""
     target = folder / "iiwa14"
     shutil.copytree(FOLDER, target)
     file = target / (C if fault.part == "memory" else CONTROLLER)

@@ -111,7 +111,7 @@ def _number(pattern: str, text: str) -> float:
 
 
 def _check_reduction(text: str) -> None:
-    """Steps 1 to 6, as far as they depend on constants."""
+    """Check steps 1 to 6, as far as they depend on constants."""
     for statement in STATEMENTS:
         if statement not in " ".join(text.split()):
             raise NotProvedError(f"not found: {statement}")

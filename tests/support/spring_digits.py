@@ -56,12 +56,12 @@ def stiffness(random: np.random.Generator) -> np.ndarray:
 
 
 def parameters(kind: str, H: np.ndarray, K: np.ndarray) -> list[np.ndarray]:
-    """What a spring's kernels take after q; stacks."""
+    """Return the arguments of a spring's kernels after q; stacks."""
     return [H, K] if kind == "coupled" else [H, K[:, :3, :3], K[:, 3:, 3:]]
 
 
 def in_stacks(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """A function of CasADi on stacks of arguments; results (count, rows, columns)."""
+    """Evaluate a function of CasADi on stacks of arguments; results (count, rows, columns)."""
     count = len(arguments[0])
     results = function.call([ca.DM(np.hstack(list(a.reshape(count, a.shape[1], -1)))) for a in arguments])
     return [np.stack(np.hsplit(np.array(result), count)) for result in results]
@@ -137,7 +137,7 @@ Evaluated = Callable[[str, Placement], dict[str, Callable[..., np.ndarray]]]
 
 
 def by_casadi(chain: stiffgen.Chain) -> Evaluated:
-    """The kernels as CasADi has them."""
+    """Return the kernels as CasADi functions."""
 
     def kernels(kind: str, placement: Placement) -> dict[str, Callable[..., np.ndarray]]:
         chosen = spring(kind, placement)
@@ -149,7 +149,7 @@ def by_casadi(chain: stiffgen.Chain) -> Evaluated:
 
 
 def by_module(folder: Path) -> Evaluated:
-    """The kernels of a compiled folder, whose springs have their default axes."""
+    """Return the kernels of a compiled folder, whose springs have their default axes."""
     module = stiffgen.open_robot(folder).module
     return lambda kind, _: {name: getattr(getattr(module, spring(kind).name), name) for name in RESULTS}
 

@@ -46,7 +46,7 @@ def sources_of_random_robot(
 
 
 def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[str, list[Path]]:
-    """The same with options by the seed, in turn: none, derivatives, every spring, a floating base. What was taken."""
+    """Write a robot with options by the seed, none, derivatives, every spring, a floating base; return both"""
     kind = ("plain", "derivatives", "plain", "springs", "plain", "floating")[seed % 6]
     options = SpringOptions(kinds=tuple(KINDS) if kind == "springs" else (), derivatives=kind == "derivatives")
     try:
@@ -58,13 +58,13 @@ def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[
 
 
 def complaints(compiler: str, flags: Sequence[str], sources: Sequence[Path]) -> str:
-    """What the compiler says with every strict warning an error; "" if nothing."""
+    """Return what the compiler says with every strict warning an error; "" if nothing."""
     command = [compiler, "-std=c99", *flags, *STRICT, "-S", "-o", "/dev/null"]
     runs = [subprocess.run([*command, str(s)], capture_output=True, text=True, check=False) for s in sources]
     return "".join(run.stderr or f"exit code {run.returncode}" for run in runs if run.returncode or run.stderr)
 
 
 def preprocessed(compiler: str, flags: Sequence[str], source: Path) -> str:
-    """What the compiler sees of a source: without comments, with its headers."""
+    """Return what the compiler sees of a source: without comments, with its headers."""
     command = [compiler, "-std=c99", *flags, "-E", "-P", str(source)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout

@@ -63,7 +63,7 @@ class Case:
     triangles: list[bool]
 
     def of_wrapper(self) -> list[Array]:
-        """The gradients as a wrapper gives them: by symmetric matrices, and by the entries of the base's pose."""
+        """Return the gradients of a wrapper: of symmetric matrices, and of the entries of the base's pose."""
         made = [
             (each + each.swapaxes(-1, -2)) / 2 if triangle else each
             for each, triangle in zip(self.gradients, self.triangles, strict=True)

@@ -34,7 +34,7 @@ _TYPES = {
 
 
 def struct(header: Path, name: str, known: dict[str, Any], sizes: dict[str, int]) -> type[ctypes.Structure]:
-    """The C struct of that name as ctypes sees it; ``known`` has the structs that it contains."""
+    """Return the C struct of that name as ctypes sees it; ``known`` has the structs that it contains."""
     text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
     (body,) = re.findall(r"typedef struct(?: \w+)? \{([^{}]*)\}\s*" + name + ";", text)
     fields: list[tuple[str, Any]] = []
@@ -153,14 +153,14 @@ class Loop:
         return result
 
     def springs(self, wanted: ArrayLike, translation: ArrayLike, rotation: ArrayLike, joint: float) -> Springs:
-        """The springs of a segment, for their statics."""
+        """Return the springs of a segment, for their statics."""
         wanted = np.asarray(wanted, dtype=float)
         gains = spring_gains(translation, rotation)
         equilibrium = self.pose(wanted)
         return Springs(self.pose, self.jacobian, equilibrium, wanted, gains["translation"], gains["rotation"], joint)
 
     def config(self, **values: Any) -> Any:
-        """The default configuration with some fields set."""
+        """Return the default configuration with some fields set."""
         config = self.Config()
         self.library.law_default_config(ctypes.byref(config))
         return fill(config, **values)
@@ -183,7 +183,7 @@ class Loop:
         return episode
 
     def segment(self, base: Any = None, **values: Any) -> Any:
-        """The segment before with some fields changed, no reset; the first: Q0 and the paper's stiffness."""
+        """Return the segment before with some fields changed, no reset; the first: Q0 and the paper's stiffness."""
         new = self.Segment()
         if base is None:
             fill(new, wanted=Q0, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
@@ -200,7 +200,7 @@ class Loop:
         return made
 
     def stepper(self, config: Any) -> Callable[..., Any]:
-        """The law alone, for another plant: takes fields of sample_t, returns command_t."""
+        """Run the law alone, for another plant: takes fields of sample_t, returns command_t."""
         assert self.library.law_init(ctypes.byref(config), self.state) == 0
         sample, command, output = self._known["sample_t"](), self._known["command_t"](), self.Output()
 

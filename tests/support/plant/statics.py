@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def random_stiffness(random: np.random.Generator, least: float, most: float) -> Array:
-    """A random symmetric 3 x 3 matrix with eigenvalues between two bounds, evenly in their logarithms."""
+    """Draw a random symmetric 3 x 3 matrix with eigenvalues between two bounds, evenly in their logarithms."""
     Q = np.linalg.qr(random.normal(size=(3, 3)))[0]
     A = Q @ np.diag(np.exp(random.uniform(np.log(least), np.log(most), 3))) @ Q.T
     return np.asarray((A + A.T) / 2)
@@ -76,7 +76,7 @@ class Springs:
         return np.asarray(slope)
 
     def near(self, q: Array, load: Array) -> Array | None:
-        """The stable posture of rest under a load (6) that Newton's method finds from q within 0.1 rad, or None."""
+        """Return the stable configuration at rest under a load (6) that Newton finds within 0.1 rad of q, or None."""
         found = q.copy()
         for _ in range(30):
             error = self._left(found, load, np.zeros(len(q)))

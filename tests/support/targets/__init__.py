@@ -224,7 +224,7 @@ def built(
 
 
 def run(machine: Machine, program: Path, scalar: Scalar = DOUBLE) -> list[np.ndarray]:
-    """The results that a program shows; it must end with a self-check that finds nothing."""
+    """Return the results that a program shows; it must end with a self-check that finds nothing."""
     done = subprocess.run([*machine.emulator, str(program)], capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     words = [[int(word, 16) for word in line.split()] for line in done.stdout.splitlines()]
@@ -299,7 +299,7 @@ static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
 
 
 def with_longest_iterations(source: str) -> str:
-    """The controller's C with a QL iteration as long as its bound lets it be, in addition to its own."""
+    """Return the controller's C with a QL iteration as long as its bound lets it be, in addition to its own."""
     found = re.search(rf"^static int {_QL}\(.*?^}}\n", source, flags=re.M | re.S)
     assert found is not None
     going_on = "fabs(e[m]) > negligible"
