@@ -24,7 +24,8 @@ enum Event {
     EVENT_STOPPED = 1 << 15,
     EVENT_CONTROLLER_FAULT = 1 << 16,
     EVENT_LET_GO = 1 << 17,
-    EVENT_OTHER_VERSION = 1 << 18
+    EVENT_OTHER_VERSION = 1 << 18,
+    EVENT_WRENCH_REFUSED = 1 << 19
 };
 
 /* What it is called, what it is, and what the client did: the line on the terminal, and the table in docs/fri.md. */
@@ -61,6 +62,8 @@ const EventText EVENT_TEXTS[] = {
      "torque to zero within 0.25 s, still answering"},
     {EVENT_OTHER_VERSION, "other version", "the messages have not the fields of this FRI version",
      "nothing: build the client for the robot's version"},
+    {EVENT_WRENCH_REFUSED, "wrench refused", "the wrench is beyond what the controller takes (500 N, 100 N m)",
+     "it counts as a contact force at its limit"},
 };
 
 #endif

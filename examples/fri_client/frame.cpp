@@ -203,7 +203,7 @@ private:
     Fault number(const Field &around, const Field &field, std::uint64_t value);
     void see_number(const Field &around, const Field &field, std::uint32_t value);
     void see_part(const Field &field);
-    static Fault complete(std::size_t first, const std::size_t *counts);
+    Fault complete(std::size_t first, const std::size_t *counts);
 
     Message *message_;
     std::uint32_t identifier_, seconds_, nanoseconds_;
@@ -240,10 +240,11 @@ Fault Walk::part(const Field &around, Bytes bytes)
     return complete(first, counts);
 }
 
-/* Whether everything is there as often as it must be. */
+/* Check that every field is there as often as it must be. */
 Fault Walk::complete(std::size_t first, const std::size_t *counts)
 {
     const Type type = FIELDS[first].of;
+    std::size_t robot_states = 0;
     for (std::size_t i = first; i < FIELD_COUNT && FIELDS[i].of == type; ++i) {
         const std::size_t count = counts[i - first];
         if (count < FIELDS[i].least) {
@@ -253,7 +254,10 @@ Fault Walk::complete(std::size_t first, const std::size_t *counts)
         if ((type == JOINT_VALUES || drives) && count != JOINT_COUNT) {
             return FAULT_JOINT_COUNT;
         }
+        const bool state = FIELDS[i].number == 2 || FIELDS[i].number == 5 || FIELDS[i].number == 6;
+        robot_states += type == ROBOT && state && count > 0 ? 1 : 0;
     }
+    message_->has_robot = message_->has_robot || robot_states == 3;
     return FAULT_NONE;
 }
 
@@ -338,7 +342,6 @@ void Walk::see_number(const Field &around, const Field &field, std::uint32_t val
 void Walk::see_part(const Field &field)
 {
     if (field.of == MONITORING) {
-        message_->has_robot = message_->has_robot || field.more == ROBOT;
         message_->has_measurement = message_->has_measurement || field.more == MEASUREMENT;
         message_->has_connection = message_->has_connection || field.more == CONNECTION;
         message_->has_interpolator = message_->has_interpolator || field.more == INTERPOLATOR;

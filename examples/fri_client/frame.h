@@ -38,7 +38,8 @@ struct Message {
     std::int64_t stamp;                              /* [ns] Unix time of the robot; 0: left out */
     bool has_position, has_external_torque, has_ipo; /* measured; interpolator's position */
     bool has_commanded_position;                     /* 1.x alone sends it */
-    bool has_robot, has_measurement, has_connection, has_interpolator;
+    bool has_robot;                                  /* safety state, drives and operation mode, all three */
+    bool has_measurement, has_connection, has_interpolator;
     bool has_button;
 };
 

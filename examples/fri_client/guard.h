@@ -49,7 +49,7 @@ public:
         bool same = true;
         for (int i = 0; i < JOINTS; ++i) {
             const double most = rate[i] * time;
-            double torque = std::isfinite(wanted[i]) ? std::min(std::max(wanted[i], -limit[i]), limit[i]) : sent_[i];
+            double torque = std::isfinite(wanted[i]) ? std::min(std::max(wanted[i], -limit[i]), limit[i]) : 0.0;
             torque *= share_;
             if (std::fabs(torque - sent_[i]) > most * (1.0 + 1e-9)) {
                 torque = sent_[i] + std::min(std::max(torque - sent_[i], -most), most);

@@ -18,18 +18,18 @@ namespace {
 const char *const SEVEN[] = {"q", "dq", "q0", "dq0"};
 const char *const AFTER[] = {"sent_torque", "sent_position", "measured_torque", "external_torque"};
 
-void names(std::FILE *file, const char *name, int count)
+void names(LogFile &file, const char *name, int count)
 {
     for (int i = 0; i < count; ++i) {
-        std::fprintf(file, ",%s_%d", name, i);
+        file.append(",%s_%d", name, i);
     }
 }
 
-/* 17 digits: the number that is read back is the one that was written. */
-void values(std::FILE *file, const double *x, int count)
+/* Append numbers with 17 digits: the number that is read back is the one that was written. */
+void values(LogFile &file, const double *x, int count)
 {
     for (int i = 0; i < count; ++i) {
-        std::fprintf(file, ",%.17g", x[i]);
+        file.append(",%.17g", x[i]);
     }
 }
 
@@ -43,31 +43,30 @@ const char *state_name(int state)
 }
 
 Log::Log(Records &records, const std::string &path, Question &question)
-    : records_(records), question_(question), asked_(0), events_(0), file_(NULL), rows_(0), stop_(false)
+    : records_(records), question_(question), asked_(0), events_(0), stop_(false)
 {
     std::fill(told_, told_ + EVENTS, -1e9);
     std::fill(untold_, untold_ + EVENTS, 0);
     if (path.empty()) {
         return;
     }
-    file_ = std::fopen(path.c_str(), "w");
-    if (file_ == NULL) {
-        throw std::runtime_error("log " + path + ": " + std::strerror(errno) +
-                                 "; name a file that can be written with --log");
-    }
-    std::setvbuf(file_, NULL, _IOFBF, 1 << 18);
-    std::fprintf(file_, "time");
+    file_.create(path);
+    file_.append("time");
     for (const char *name : SEVEN) {
         names(file_, name, JOINTS);
     }
     names(file_, "wrench", 6);
     names(file_, "torque", JOINTS);
-    std::fprintf(file_, ",status,mode,sample_valid,start,reset,antisymmetric,tank_energy,elastic_energy");
+    file_.append(",status,mode,sample_valid,start,reset,antisymmetric,tank_energy,elastic_energy");
     for (const char *name : AFTER) {
         names(file_, name, JOINTS);
     }
-    std::fprintf(file_, ",quality,tracking,pace,callback_time,events\n");
-    std::fflush(file_); /* also: the buffer exists before the session */
+    file_.append(",quality,tracking,pace,callback_time,events");
+    file_.end_row();
+    file_.flush();
+    if (file_.error() != 0) {
+        throw std::runtime_error("log " + path + ": " + std::strerror(file_.error()) + "; make room, or name another --log");
+    }
 }
 
 Log::~Log()
@@ -80,19 +79,32 @@ void Log::start()
     thread_ = std::thread(&Log::run, this);
 }
 
-bool Log::finish()
+void Log::finish()
 {
     if (thread_.joinable()) {
         stop_ = true;
         thread_.join();
     }
-    bool good = records_.refused() == 0;
-    if (file_ != NULL) {
-        const bool written = std::ferror(file_) == 0;
-        good = std::fclose(file_) == 0 && written && good;
-        file_ = NULL;
+    file_.close();
+}
+
+unsigned long long Log::rows() const
+{
+    return file_.rows() > 0 ? file_.rows() - 1 : 0;
+}
+
+std::string Log::trouble() const
+{
+    std::string text;
+    if (file_.error() != 0) {
+        text = std::string("the log is not complete: ") + std::strerror(file_.error()) + ", " + std::to_string(rows()) +
+               " rows written; make room";
     }
-    return good;
+    if (records_.refused() > 0) {
+        text += (text.empty() ? "the log is not complete: " : "; ") + std::to_string(records_.refused()) +
+                " records dropped, since the disk was too slow; use a faster one";
+    }
+    return text;
 }
 
 void Log::run()
@@ -164,17 +176,17 @@ void Log::write(const Record &record)
         return;
     }
     tell(record.time, record.events);
-    if (file_ == NULL || record.kind == Record::NOTE) {
+    if (!file_.is_open() || record.kind == Record::NOTE || file_.error() != 0) {
         return;
     }
-    std::fprintf(file_, "%.17g", record.time);
+    file_.append("%.17g", record.time);
     values(file_, record.q, JOINTS);
     values(file_, record.dq, JOINTS);
     values(file_, record.q0, JOINTS);
     values(file_, record.dq0, JOINTS);
     values(file_, record.wrench, 6);
     values(file_, record.torque, JOINTS);
-    std::fprintf(file_, ",%lu,%d,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode, record.sample_valid,
+    file_.append(",%lu,%d,%d,%d,%d", static_cast<unsigned long>(record.status), record.mode, record.sample_valid,
                  record.start, record.reset);
     values(file_, &record.antisymmetric, 1);
     values(file_, &record.tank_energy, 1);
@@ -183,10 +195,14 @@ void Log::write(const Record &record)
     values(file_, record.sent_position, JOINTS);
     values(file_, record.measured_torque, JOINTS);
     values(file_, record.external_torque, JOINTS);
-    std::fprintf(file_, ",%d", record.quality);
+    file_.append(",%d", record.quality);
     values(file_, &record.tracking, 1);
     values(file_, &record.pace, 1);
     values(file_, &record.callback_time, 1);
-    std::fprintf(file_, ",%lu\n", static_cast<unsigned long>(record.events));
-    ++rows_;
+    file_.append(",%lu", static_cast<unsigned long>(record.events));
+    file_.end_row();
+    if (file_.error() != 0) {
+        std::printf("%10.3f s  log: %s; the rows from now on are lost\n", record.time, std::strerror(file_.error()));
+        std::fflush(stdout);
+    }
 }

@@ -3,6 +3,7 @@
 #define FRI_CLIENT_LOG_H
 
 #include "events.h"
+#include "log_file.h"
 #include "question.h"
 #include "record.h"
 
@@ -21,16 +22,23 @@ const char *state_name(int state);
  */
 class Log {
 public:
-    /* An empty path: no file. Throws std::runtime_error if the file cannot be made. */
+    /* An empty path: no file. Throws std::runtime_error if the file exists or cannot be made. */
     Log(Records &records, const std::string &path, Question &question);
     ~Log();
 
     void start();
 
-    /* Writes what is left and ends the thread. False if not everything could be written. */
-    bool finish();
+    /* Write the remaining records and end the thread. */
+    void finish();
 
-    unsigned long long rows() const { return rows_; }
+    /* Whether the file stays: a refused start leaves none behind. */
+    void keep(bool keep) { file_.keep(keep); }
+
+    /* Why not everything was written; empty if it was. */
+    std::string trouble() const;
+
+    const LogFile &file() const { return file_; }
+    unsigned long long rows() const; /* on the disk */
 
 private:
     Log(const Log &);
@@ -48,8 +56,7 @@ private:
     std::uint32_t events_;               /* of the record before */
     double told_[EVENTS];                /* [s] when an event was told last */
     unsigned long long untold_[EVENTS]; /* since then */
-    std::FILE *file_;
-    unsigned long long rows_;
+    LogFile file_;
     std::atomic<bool> stop_;
     std::thread thread_;
 };

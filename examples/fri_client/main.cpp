@@ -8,6 +8,7 @@
 
 #include <sched.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -16,14 +17,48 @@
 #include <cstring>
 #include <memory>
 #include <stdexcept>
+#include <vector>
 
 namespace {
 
 volatile std::sig_atomic_t interrupts = 0;
 
-void interrupt(int)
+/* Ask for the end of the session. A second Ctrl-C leaves at once; other signals, which may come again by themselves, do
+ * not. */
+void interrupt(int number)
 {
-    interrupts = interrupts + 1;
+    interrupts = number == SIGINT || interrupts == 0 ? interrupts + 1 : interrupts;
+}
+
+/* Handle every signal whose default action stops or ends the program, except those of a programming error: under torque
+ * the program must do neither. */
+void handle_signals()
+{
+    struct sigaction action;
+    std::memset(&action, 0, sizeof action);
+    action.sa_handler = interrupt; /* no SA_RESTART: a wait for the robot is to end */
+    std::vector<int> ends = {SIGHUP,  SIGINT,    SIGQUIT, SIGALRM, SIGTERM, SIGUSR1, SIGUSR2,
+                             SIGPROF, SIGVTALRM, SIGXCPU, SIGPOLL, SIGTSTP};
+#ifdef SIGPWR
+    ends.push_back(SIGPWR);
+#endif
+#ifdef SIGSTKFLT
+    ends.push_back(SIGSTKFLT);
+#endif
+    for (int number = SIGRTMIN; number <= SIGRTMAX; ++number) {
+        ends.push_back(number);
+    }
+    for (const int number : ends) {
+        struct sigaction before;
+        sigaction(number, NULL, &before);
+        if (number != SIGHUP || before.sa_handler != SIG_IGN) { /* nohup */
+            sigaction(number, &action, NULL);
+        }
+    }
+    action.sa_handler = SIG_IGN;
+    for (const int number : {SIGPIPE, SIGXFSZ, SIGTTIN, SIGTTOU}) {
+        sigaction(number, &action, NULL);
+    }
 }
 
 /* Pages of the stack that the session may need are met before it. */
@@ -47,6 +82,39 @@ void be_real_time(int priority)
     }
 }
 
+/* Refuse a summary that would overwrite the trajectory or the log. */
+void check_files(const Options &options, const Log &log)
+{
+    struct stat trajectory, summary;
+    if (options.summary.empty() || ::stat(options.summary.c_str(), &summary) != 0) {
+        return;
+    }
+    const bool same = ::stat(options.trajectory.c_str(), &trajectory) == 0 && trajectory.st_dev == summary.st_dev &&
+                      trajectory.st_ino == summary.st_ino;
+    if (S_ISREG(summary.st_mode) && (same || log.file().same(options.summary))) {
+        throw std::runtime_error("summary " + options.summary + ": the same file as the " +
+                                 (same ? "trajectory" : "log") + "; name another file with --summary");
+    }
+}
+
+/* Write log and summary to their ends; what is missing is said, and no session without a complete log is a success. */
+void finish(const Options &options, const WipingClient &client, const Connection &connection, const Records &records,
+            Log &log, Ending &ending)
+{
+    log.finish();
+    const std::string trouble = log.trouble();
+    ending.sentence += (trouble.empty() ? "" : "; ") + trouble;
+    ending.code = ending.code == DONE && !trouble.empty() ? FAULT : ending.code;
+    log.keep(ending.code != REFUSED || log.rows() > 0);
+    const Summary summary(client, connection, records, log, options, ending.code);
+    summary.print();
+    const int error = options.summary.empty() ? 0 : summary.write(options.summary);
+    if (error != 0) {
+        ending.sentence += "; summary " + options.summary + ": " + std::strerror(error);
+        ending.code = ending.code == DONE ? FAULT : ending.code;
+    }
+}
+
 int run(Options &options)
 {
     options.settings.may_ask = isatty(STDIN_FILENO) != 0;
@@ -61,8 +129,9 @@ int run(Options &options)
     if (client->refusal() != REFUSAL_NONE) {
         throw std::runtime_error(refusal_text(*client) + "; see fri_wiping --help");
     }
-    Log log(*records, options.log, question);
-    log.start();
+    std::unique_ptr<Log> log(new Log(*records, options.log, question));
+    check_files(options, *log);
+    log->start();
     if (options.realtime > 0) {
         be_real_time(options.realtime);
     }
@@ -73,21 +142,11 @@ int run(Options &options)
                                  (options.host.empty() ? "" : " and host " + options.host) +
                                  ": cannot be opened; choose a free --port and a numeric IPv4 --host");
     }
+    log->keep(true);
     std::printf("%s, %s; waiting for the robot on port %d\n", robot::name(), fri_description(), options.port);
     std::fflush(stdout);
     Ending ending = run_session(options, *client, *connection, application, interrupts);
-    const bool logged = log.finish();
-    const Summary summary(*client, *connection, *records, log, options, ending.code);
-    summary.print();
-    if (!options.summary.empty() && !summary.write(options.summary)) {
-        ending.sentence += "; summary " + options.summary + ": " + std::strerror(errno);
-    }
-    if (!logged) {
-        std::fprintf(
-            stderr,
-            "fri_wiping: the log is not complete (%llu records dropped); a slower disk needs a shorter session\n",
-            records->refused());
-    }
+    finish(options, *client, *connection, *records, *log, ending);
     std::fflush(stdout);
     std::fprintf(ending.code == DONE ? stdout : stderr, "fri_wiping: %s\n", ending.sentence.c_str());
     return ending.code;
@@ -99,21 +158,7 @@ int main(int argc, char **argv)
 {
     static char output[1 << 16]; /* standard output's, so that none is allocated for it */
     std::setvbuf(stdout, output, _IOLBF, sizeof output);
-    struct sigaction action;
-    std::memset(&action, 0, sizeof action);
-    /* No SA_RESTART: a wait for the robot is to end. Nor may the program stop, or the terminal go, under torque. */
-    action.sa_handler = interrupt;
-    for (const int number : {SIGINT, SIGTERM, SIGTSTP, SIGHUP}) {
-        struct sigaction before;
-        sigaction(number, NULL, &before);
-        if (number != SIGHUP || before.sa_handler != SIG_IGN) { /* nohup */
-            sigaction(number, &action, NULL);
-        }
-    }
-    action.sa_handler = SIG_IGN;
-    for (const int number : {SIGPIPE, SIGTTIN, SIGTTOU}) {
-        sigaction(number, &action, NULL);
-    }
+    handle_signals();
     try {
         Options options;
         return options.parse(argc, argv) ? run(options) : DONE;

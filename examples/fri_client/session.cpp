@@ -40,12 +40,78 @@ std::string refused_since(const Traffic &now, const Traffic &then)
     return list;
 }
 
-/* Why nothing usable has come since `then`. */
+/* Return why none of the datagrams since `then` was a message. */
+std::string refused_text(const Connection &connection, const Traffic &then)
+{
+    const Traffic &now = connection.traffic();
+    const auto most = [&](Fault fault) { return 2 * (now.faults[fault] - then.faults[fault]) > now.received - then.received; };
+    const std::string refused = refused_since(now, then), fri = version();
+    if (most(FAULT_DUPLICATE)) {
+        return "the robot's messages all have the sequence counter " + std::to_string(connection.sequence()) + ": " +
+               refused + "; restart the robot application";
+    }
+    if (most(FAULT_SENDER)) {
+        return "the robot's messages come from another address or port than this session's: " + refused +
+               "; the robot was restarted, or there are two: start again, with one robot or --host";
+    }
+    if (most(FAULT_OUT_OF_ORDER)) {
+        return "the robot's sequence counter does not go on from where it was: " + refused +
+               "; restart the robot application";
+    }
+    if (most(FAULT_INCOMPLETE)) {
+        return "the robot's messages lack connection, measurement or interpolator: " + refused + "; does it run FRI " +
+               fri + "?";
+    }
+    if (most(FAULT_JOINT_COUNT)) {
+        return "the robot's messages do not have seven joints: " + refused + "; is it an LBR?";
+    }
+    const std::string text = "datagrams arrive but do not decode as FRI " + fri + ": " + refused;
+    if (now.other_framing == then.other_framing) {
+        return text + "; is it the robot that sends to this port?";
+    }
+    return text + "; the robot speaks " + (FRI_VERSION >= 207 ? "1.x or 2.5" : "2.7") + ": build the client for it";
+}
+
+/* Return what is wrong with most of the messages that are no good samples. */
+std::string defect_text(const Options &options, const WipingClient &client)
+{
+    const Counters &counters = client.counters();
+    const Defect worst = client.defects().worst();
+    const int joint = client.wild_joint();
+    const double place = client.wild_position();
+    const bool above = place > robot::upper(joint);
+    const double limit = above ? robot::upper(joint) : robot::lower(joint);
+    switch (worst) {
+    case DEFECT_LIMIT:
+        return std::string("joint ") + robot::joint(joint) + " is measured at " + text("%.3f", place) + " rad, " +
+               text("%.3f", std::fabs(place - limit)) + " rad beyond its limit of " + text("%.3f", limit) +
+               " rad: implausible_positions " + std::to_string(counters.implausible_positions) +
+               "; check its mastering, and that the client is built for this robot";
+    case DEFECT_TIME:
+        return "the robot's clock runs at about " + text("%.0f", 100.0 * (1.0 - client.defects().share(worst))) +
+               " % of what its messages' counter says: no_time " + std::to_string(counters.no_time) +
+               "; check the send period in the robot application";
+    case DEFECT_STANDING:
+        return "the robot's clock stands still: clock_standing " + std::to_string(counters.clock_standing) +
+               "; restart the robot's controller";
+    case DEFECT_CLOCK_SET:
+        return "the robot's clock is set again and again: bad_timestamps " + std::to_string(counters.bad_timestamps) +
+               "; stop what sets it";
+    case DEFECT_SENSOR:
+        return "the wrench sensor on port " + std::to_string(options.sensor_port) + " is silent: sensor_silent " +
+               std::to_string(counters.sensor_silent) + "; check the sensor, or give --wrench external-torque";
+    default:
+        return std::string("the robot's messages lack ") +
+               (worst == DEFECT_TORQUE ? "the external torque" : "the measured position") + ": missing_fields " +
+               std::to_string(counters.missing_fields) + "; does it run FRI " + version() + "?";
+    }
+}
+
+/* Return why nothing usable has come since `then`. */
 std::string diagnosis(const Options &options, const WipingClient &client, const Connection &connection,
                       const Seen &then)
 {
     const Traffic &now = connection.traffic();
-    const Counters &counters = client.counters();
     if (now.received == 0) {
         return "no robot has sent anything to port " + std::to_string(options.port) +
                "; check that the robot application runs, its client address, and the firewall";
@@ -54,31 +120,14 @@ std::string diagnosis(const Options &options, const WipingClient &client, const 
         return "the robot has been silent for " + std::to_string(options.timeout) +
                " ms; see the robot application's messages, and the network";
     }
-    const std::string refused = refused_since(now, then.traffic);
     if (now.messages == then.traffic.messages) {
-        const unsigned long long same = now.faults[FAULT_DUPLICATE] - then.traffic.faults[FAULT_DUPLICATE];
-        if (2 * same > now.received - then.traffic.received) {
-            return "the robot's messages all have the sequence counter " + std::to_string(connection.sequence()) +
-                   ": " + refused + "; restart the robot application";
-        }
-        const bool other = now.other_framing > then.traffic.other_framing;
-        return std::string("datagrams arrive but do not decode as FRI ") + version() + ": " + refused +
-               (other ? (FRI_VERSION >= 207 ? "; the robot speaks 1.x or 2.5: build the client for it"
-                                            : "; the robot speaks 2.7: build the client for it")
-                      : "; is it the robot that sends to this port?");
+        return refused_text(connection, then.traffic);
     }
-    const unsigned long long standing = counters.clock_standing - then.counters.clock_standing;
-    const unsigned long long missing = counters.missing_fields - then.counters.missing_fields;
-    const unsigned long long wild = counters.implausible_positions - then.counters.implausible_positions;
-    if (standing > 0) {
-        return "the robot's clock stands still: clock_standing " + std::to_string(standing) +
-               "; restart the robot's controller";
+    if (client.defects().share(client.defects().worst()) > 0.0) {
+        return defect_text(options, client);
     }
-    if (missing > 0 || wild > 0) {
-        return "the robot's messages have no usable measurement: missing_fields " + std::to_string(missing) +
-               ", implausible_positions " + std::to_string(wild) + "; does it run FRI " + version() + "?";
-    }
-    return "messages arrive, but none of use: " + (refused.empty() ? "no time passes in them" : refused);
+    const std::string refused = refused_since(now, then.traffic);
+    return "messages arrive, but none of use: " + (refused.empty() ? "the robot tells no usable send period" : refused);
 }
 
 const char *fault_text(int fault)
@@ -91,7 +140,7 @@ const char *fault_text(int fault)
     }
 }
 
-std::string let_go_text(const WipingClient &client)
+std::string let_go_text(const Options &options, const WipingClient &client)
 {
     const double limit[] = {0.0, client.settings().pace.error, client.settings().pace.lag,
                             client.settings().pace.energy, client.settings().pace.force};
@@ -114,11 +163,14 @@ std::string let_go_text(const WipingClient &client)
     case LET_GO_AWAY:
         return "the arm was moved by more than --approach-limit while messages were lost; see the network, and start again";
     case LET_GO_SAFETY: return "the robot reports a safety stop while commanding; see its messages";
+    case LET_GO_ROBOT_STATES:
+        return "the robot's messages no longer say safety state, drives and operation mode, while commanding";
     case LET_GO_DRIVES: return "the robot's drives are not active while commanding; see its messages";
     case LET_GO_OPERATION_MODE: return "the robot's operation mode changed while commanding";
     case LET_GO_PERIOD:
         return "the robot's send period changed from " + text("%g", 1e3 * client.sample_time()) + " to " +
                text("%g", 1e3 * client.reported_period()) + " ms while commanding";
+    case LET_GO_DEFECTS: return defect_text(options, client);
     case LET_GO_CONTROLLER:
         return std::string("the controller latched a fault: ") + fault_text(client.controller_fault()) + ", reason " +
                std::to_string(client.controller_reason()) + " of " + robot::name() + "_impedance.h";
@@ -196,12 +248,12 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
     }
     if (!client.finished()) {
         return Ending{interrupts > 1 ? INTERRUPTED : FAULT,
-                      let_go_text(client) + "; the client left at once, before the torque was down"};
+                      let_go_text(options, client) + "; the client left at once, before the torque was down"};
     }
     const bool asked = client.gone() == LET_GO_INTERRUPTED || client.gone() == LET_GO_DECLINED;
     const char *const end = client.released()         ? "torque brought to zero, the client leaves"
                             : client.ended_by_robot() ? "the robot ended the session before the torque was down"
                                                       : "the robot stopped commanding before the torque was down, the "
                                                         "client leaves";
-    return Ending{asked ? INTERRUPTED : FAULT, let_go_text(client) + "; " + end};
+    return Ending{asked ? INTERRUPTED : FAULT, let_go_text(options, client) + "; " + end};
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "summary.h"
 
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 
@@ -96,6 +97,7 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
         {"state_drops", count(c.state_drops)},
         {"no_torque_mode", count(c.no_torque_mode)},
         {"sensor_silent", count(c.sensor_silent)},
+        {"wrench_refused", count(c.wrench_refused)},
         {"exceptions", count(c.exceptions)},
         {"controller_faults", count(c.controller_faults)},
         {"saturated", count(c.saturated)},
@@ -154,11 +156,11 @@ void Summary::print() const
     std::fflush(stdout);
 }
 
-bool Summary::write(const std::string &path) const
+int Summary::write(const std::string &path) const
 {
     std::FILE *const file = std::fopen(path.c_str(), "w");
     if (file == NULL) {
-        return false;
+        return errno;
     }
     const auto fields = [file](const Fields &list, const char *indent) {
         for (size_t i = 0; i < list.size(); ++i) {
@@ -175,5 +177,6 @@ bool Summary::write(const std::string &path) const
     std::fprintf(file, "  },\n  \"controller\": {\n");
     fields(controller_, "    ");
     std::fprintf(file, "  }\n}\n");
-    return std::fclose(file) == 0;
+    const int error = std::fflush(file) != 0 ? errno : 0;
+    return std::fclose(file) != 0 && error == 0 ? errno : error;
 }

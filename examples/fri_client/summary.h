@@ -22,8 +22,8 @@ public:
 
     void print() const;
 
-    /* As JSON; false if the file cannot be written. */
-    bool write(const std::string &path) const;
+    /* Write as JSON; 0, or errno. */
+    int write(const std::string &path) const;
 
 private:
     typedef std::vector<std::pair<std::string, std::string>> Fields;

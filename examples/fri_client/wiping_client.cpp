@@ -13,6 +13,9 @@ namespace {
 /* Messages in a row that are at odds with the session, after which the client acts: one may be at fault, ten not. */
 const int PATIENCE = 10;
 
+/* [s] without a wrench after which the contact force counts as at its limit. */
+const double WRENCH_PATIENCE = 0.05;
+
 /* [s] of good samples after which a fault of the communication is reset. */
 const double RESET_TIME = 0.2;
 
@@ -90,8 +93,9 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     : settings_(settings), connection_(connection), records_(records), question_(question),
       velocity_(settings.velocity_filter), wrench_(sensor, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
-      other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), button_(false), quality_(0), operation_mode_(0),
-      without_torque_mode_(0), without_drives_(0), controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE), events_(0),
+      other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0), has_velocity_(false), force_(0.0), since_force_(1e9),
+      wrench_refused_(false), button_(false), has_button_(false), quality_(0), operation_mode_(0),
+      without_torque_mode_(0), without_drives_(0), without_states_(0), controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE), events_(0),
       last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0),
       ended_(false), refusal_(REFUSAL_NONE), controller_error_(0)
 {
@@ -218,17 +222,20 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
         question_.forget();
     }
     controlling_ = false;
+    defects_.reset();
     guard_.reset();
     ended_ = newState == KUKA::FRI::IDLE;
 }
 
 /* Whether a measured position can be one: as far beyond its limits as the controller believes it. One wild value must
  * not stay in the filters. */
-bool WipingClient::within_limits(const double *q) const
+bool WipingClient::within_limits(const double *q)
 {
     for (int i = 0; i < JOINTS; ++i) {
         if (q[i] < robot::lower(i) - config_.position_tolerance ||
             q[i] > robot::upper(i) + config_.position_tolerance) {
+            wild_joint_ = i;
+            wild_position_ = q[i];
             return false;
         }
     }
@@ -252,6 +259,7 @@ void WipingClient::observe()
     }
     counters_.clock_standing += clock_.standing() ? 1 : 0;
     wrench_.observe(clock_.periods() * sample_time_);
+    since_force_ += clock_.periods() * sample_time_;
     watch_samples();
     watch_robot();
     const int quality = robotState().getConnectionQuality();
@@ -259,7 +267,9 @@ void WipingClient::observe()
         event(EVENT_QUALITY_DROP, &counters_.quality_drops);
     }
     quality_ = quality;
-    button_ = arrival.message.has_button && robotState().getBooleanIOValue(BUTTON);
+    /* A button that the messages had and have no more counts as pressed. */
+    has_button_ = has_button_ || arrival.message.has_button;
+    button_ = has_button_ && (!arrival.message.has_button || robotState().getBooleanIOValue(BUTTON));
     events_ |= button_ ? EVENT_HOLD : 0;
 }
 
@@ -270,12 +280,15 @@ void WipingClient::watch_samples()
     const double *const q = robotState().getMeasuredJointPosition();
     const bool fresh = clock_.periods() > 0 && !clock_.standing();
     const bool positions = message.has_position && all_finite(q, JOINTS), believed = positions && within_limits(q);
+    has_velocity_ = false;
     since_position_ += clock_.periods() * sample_time_;
     since_followed_ += clock_.periods() * sample_time_;
     if (believed && fresh && sample_time_ > 0.0) {
         copy(q, q_, JOINTS);
         /* While a clock is set nobody knows how long it was. */
-        velocity_.update(q, clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_);
+        const double elapsed = clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_;
+        velocity_.update(q, elapsed);
+        has_velocity_ = elapsed > 0.0;
         since_position_ = 0.0;
     }
     if (believed && sample_time_ > 0.0) {
@@ -285,22 +298,59 @@ void WipingClient::watch_samples()
     }
     const bool torques = !wrench_.uses_external_torque() ||
                          (message.has_external_torque && all_finite(robotState().getExternalTorque(), JOINTS));
+    const Defect defect = find_defect(positions, believed, torques);
+    valid_ = (defect == DEFECT_NONE || defect == DEFECT_CLOCK_SET) && sample_time_ > 0.0;
+    count_defect(defect);
+}
+
+/* Find what is wrong with the message: whether positions are there and believed, whether torques are there. */
+Defect WipingClient::find_defect(bool positions, bool believed, bool torques) const
+{
     if (!positions || !torques) {
-        event(EVENT_MISSING_FIELD, &counters_.missing_fields);
-    } else if (!believed) {
-        event(EVENT_IMPLAUSIBLE, &counters_.implausible_positions);
-    } else if (!fresh) {
-        event(EVENT_NO_TIME, &counters_.no_time);
+        return positions ? DEFECT_TORQUE : DEFECT_POSITION;
     }
-    valid_ = believed && torques && fresh && sample_time_ > 0.0;
+    if (!believed) {
+        return DEFECT_LIMIT;
+    }
+    if (clock_.standing() || clock_.periods() == 0) {
+        return clock_.standing() ? DEFECT_STANDING : DEFECT_TIME;
+    }
+    if (wrench_.silent()) {
+        return DEFECT_SENSOR;
+    }
+    return clock_.bad_stamp() && connection_.arrival().message.stamp != 0 ? DEFECT_CLOCK_SET : DEFECT_NONE;
+}
+
+/* Count a message and its defect; let go if too many messages have one. */
+void WipingClient::count_defect(Defect defect)
+{
+    switch (defect) {
+    case DEFECT_POSITION:
+    case DEFECT_TORQUE: event(EVENT_MISSING_FIELD, &counters_.missing_fields); break;
+    case DEFECT_LIMIT: event(EVENT_IMPLAUSIBLE, &counters_.implausible_positions); break;
+    case DEFECT_TIME:
+    case DEFECT_STANDING: event(EVENT_NO_TIME, &counters_.no_time); break;
+    case DEFECT_SENSOR: event(EVENT_SENSOR_SILENT, &counters_.sensor_silent); break;
+    default: break;
+    }
     counters_.usable += valid_ ? 1 : 0;
+    defects_.add(defect, sample_time_);
+    const int state = robotState().getSessionState();
+    if (defects_.too_many() && (state == KUKA::FRI::COMMANDING_WAIT || state == KUKA::FRI::COMMANDING_ACTIVE)) {
+        let_go(LET_GO_DEFECTS);
+    }
 }
 
 /* Safety, drives, operation mode, speed: while the controller runs. */
 void WipingClient::watch_robot()
 {
     const int mode = robotState().getOperationMode();
-    if (controlling_ && connection_.arrival().message.has_robot) {
+    const bool told = connection_.arrival().message.has_robot;
+    without_states_ = told || !controlling_ ? 0 : without_states_ + 1;
+    if (without_states_ >= PATIENCE) {
+        let_go(LET_GO_ROBOT_STATES);
+    }
+    if (controlling_ && told) {
         const bool safe = robotState().getSafetyState() == KUKA::FRI::NORMAL_OPERATION;
         without_drives_ = robotState().getDriveState() == KUKA::FRI::ACTIVE ? 0 : without_drives_ + 1;
         const bool same = mode == operation_mode_;
@@ -312,7 +362,7 @@ void WipingClient::watch_robot()
         } else if (without_drives_ >= PATIENCE) {
             let_go(LET_GO_DRIVES);
         }
-    } else if (connection_.arrival().message.has_robot) {
+    } else if (told) {
         operation_mode_ = mode;
         without_drives_ = 0;
     }
@@ -327,7 +377,7 @@ void WipingClient::watch_speed()
         const bool beyond = std::fabs(velocity_.quotient()[i]) > settings_.speed_share * robot::velocity(i);
         fast = fast < 0 && beyond ? i : fast;
     }
-    if (valid_) {
+    if (has_velocity_) {
         fast_samples_ = fast < 0 ? 0 : fast_samples_ + 1;
     }
     if (controlling_ && fast_samples_ > 2) {
@@ -448,12 +498,11 @@ void WipingClient::missed_and_advance()
         seconds = std::min(seconds, allowance_);
         allowance_ -= seconds;
     }
-    double wanted[16], there[16], error = 0.0, lag = 0.0, force = 0.0;
+    double wanted[16], there[16], error = 0.0, lag = 0.0;
     robot::pose(input_.q0, wanted);
     robot::pose(q_, there);
     for (int i = 0; i < 3; ++i) {
         error += (wanted[4 * i + 3] - there[4 * i + 3]) * (wanted[4 * i + 3] - there[4 * i + 3]);
-        force += output_.wrench[i] * output_.wrench[i];
     }
     for (int i = 0; i < JOINTS; ++i) {
         lag = std::max(lag, std::fabs(input_.q0[i] - output_.reference[i]));
@@ -463,7 +512,7 @@ void WipingClient::missed_and_advance()
     }
     const bool waits = button_ || question_.state() == Question::ASKED || let_go_ != LET_GO_NONE;
     if (!faulted_) {
-        pace_.update(std::sqrt(error), lag, record_.elastic_energy, std::sqrt(force), waits, seconds);
+        pace_.update(std::sqrt(error), lag, record_.elastic_energy, contact_force(), waits, seconds);
         const bool returning = reference_.returning();
         reference_.advance(pace_.value() * seconds);
         if (returning && !reference_.returning()) {
@@ -479,15 +528,23 @@ void WipingClient::missed_and_advance()
     }
 }
 
-/* The controller's input for this sample; false if there is none. */
+/* Contact force [N] for the pace. A wrench that is refused or missing counts as at the limit: the controller reports
+ * none in its place. */
+double WipingClient::contact_force() const
+{
+    const double limit = settings_.pace.force;
+    return wrench_refused_ || since_force_ > WRENCH_PATIENCE ? std::max(force_, limit) : force_;
+}
+
+/* Fill the controller's input for this sample; false if there is none. */
 bool WipingClient::fill_input()
 {
-    if (wrench_.silent()) {
-        event(EVENT_SENSOR_SILENT, &counters_.sensor_silent);
-    }
     if (!wrench_.read(q_, robotState().getExternalTorque(), input_.wrench)) {
         return false;
     }
+    force_ = std::sqrt(input_.wrench[0] * input_.wrench[0] + input_.wrench[1] * input_.wrench[1] +
+                       input_.wrench[2] * input_.wrench[2]);
+    since_force_ = 0.0;
     copy(q_, input_.q, JOINTS);
     copy(velocity_.velocity(), input_.dq, JOINTS);
     reference_.at(pace_.value(), input_.q0, dq0_);
@@ -548,6 +605,11 @@ void WipingClient::step_controller(bool valid)
     record_.antisymmetric = antisymmetric_norm(output_.joint_stiffness);
     record_.tank_energy = output_.tank_energy;
     record_.elastic_energy = settings_.paper ? quadratic_energy(output_) : output_.elastic_energy;
+    if (valid) {
+        wrench_refused_ = (output_.status & robot::STATUS_WRENCH_REFUSED) != 0;
+        counters_.wrench_refused += wrench_refused_ ? 1 : 0;
+        events_ |= wrench_refused_ ? EVENT_WRENCH_REFUSED : 0;
+    }
     const bool fault = (output_.status & robot::STATUS_FAULT) != 0;
     counters_.controller_faults += fault && !faulted_ ? 1 : 0;
     events_ |= fault ? EVENT_CONTROLLER_FAULT : 0;

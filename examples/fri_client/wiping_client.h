@@ -4,6 +4,7 @@
 
 #include "clock.h"
 #include "connection.h"
+#include "defects.h"
 #include "events.h"
 #include "filters.h"
 #include "guard.h"
@@ -66,6 +67,7 @@ struct Counters {
     unsigned long long guarded; /* cycles whose torque the client had to cut */
     unsigned long long slowed;  /* cycles in which the trajectory ran slower for a limit */
     unsigned long long sensor_silent;
+    unsigned long long wrench_refused; /* steps whose wrench the controller did not take */
     unsigned long long exceptions;              /* the FRI library refused a call */
     unsigned long long controller_faults;       /* the controller latched a fault, so often */
     unsigned long long saturated, rate_limited; /* cycles with these bits of the controller's status */
@@ -83,8 +85,10 @@ enum LetGo {
     LET_GO_AWAY, /* the arm was moved far while messages were lost */
     LET_GO_SAFETY,
     LET_GO_DRIVES,
+    LET_GO_ROBOT_STATES, /* the messages lack safety state, drives or operation mode */
     LET_GO_OPERATION_MODE,
     LET_GO_PERIOD,
+    LET_GO_DEFECTS, /* too many messages are no good samples */
     LET_GO_CONTROLLER, /* it latched a fault that is not of the communication */
     LET_GO_USELESS /* the robot's messages are of no use any more */
 };
@@ -116,6 +120,9 @@ public:
     LetGo gone() const { return let_go_; }
     Pace::Reason held_by() const { return held_by_; }
     int fast_joint() const { return fast_joint_; }
+    const Defects &defects() const { return defects_; }
+    int wild_joint() const { return wild_joint_; }           /* last one far beyond its limit */
+    double wild_position() const { return wild_position_; } /* [rad] of that joint */
     int controller_fault() const { return controller_fault_; }
     int controller_reason() const { return output_.reason; }
     const Question &question() const { return question_; }
@@ -137,7 +144,9 @@ private:
     void watch_samples();
     void watch_robot();
     void watch_speed();
-    bool within_limits(const double *q) const;
+    bool within_limits(const double *q);
+    Defect find_defect(bool positions, bool believed, bool torques) const;
+    void count_defect(Defect defect);
     void event(Event bit, unsigned long long *counter);
     void note();
     bool may_begin();
@@ -145,6 +154,7 @@ private:
     void control();
     void missed_and_advance();
     bool fill_input();
+    double contact_force() const;
     void watch_controller();
     void step_controller(bool valid);
     void record_step(double time);
@@ -177,10 +187,17 @@ private:
     double since_position_;                /* [s] since the last position that was a sample */
     double since_followed_;                /* [s] since the last one that the command follows */
     bool valid_;                           /* this message is a sample */
+    Defects defects_;
+    int wild_joint_;
+    double wild_position_;
+    bool has_velocity_;                    /* it gave a new difference quotient */
     double q_[JOINTS];                     /* [rad] last measured position */
-    bool button_;
+    double force_;                         /* [N] of contact in the last sample, before the controller looks at it */
+    double since_force_;                   /* [s] since that sample */
+    bool wrench_refused_;                  /* by the controller, in that sample */
+    bool button_, has_button_;             /* pressed; the robot's messages have it */
     int quality_, operation_mode_;
-    int without_torque_mode_, without_drives_; /* messages in a row */
+    int without_torque_mode_, without_drives_, without_states_; /* messages in a row */
     bool controlling_;                         /* the controller runs since COMMANDING_ACTIVE began */
     int start_;                                /* the next step is the controller's first */
     bool faulted_;

@@ -33,7 +33,8 @@ from stiffgen import open_robot
 from stiffgen.errors import StiffgenError
 
 from . import faults
-from .emulator import Emulator, Link, LinkError, Settings
+from .emulator import Emulator, Settings
+from .link import Link, LinkError
 from .messages import (
     JOINTS,
     VERSIONS,
@@ -70,6 +71,8 @@ def arguments() -> argparse.ArgumentParser:
     add("--protocol", choices=VERSIONS, required=True, help="FRI version")
     add("--host", default="127.0.0.1", help="IPv4 address of the client (%(default)s)")
     add("--port", type=int, default=30200, help="port of the client (%(default)s)")
+    add("--robot-host", default="", metavar="ADDRESS", help="IPv4 address that the robot sends from (any)")
+    add("--robot-port", type=int, default=0, metavar="PORT", help="port that the robot sends from (any free one)")
     add("--send-period", type=int, default=5, metavar="MS", help="1 to 10 ms (%(default)s)")
     add(
         "--receive-multiplier",
@@ -155,6 +158,8 @@ def _check(options: argparse.Namespace) -> None:
         raise RefusedError(f"--receive-multiplier {options.receive_multiplier}: takes 1 to 100")
     if not 1 <= options.port <= 65535:
         raise RefusedError(f"--port {options.port}: takes 1 to 65535; KUKA's default is 30200")
+    if not 0 <= options.robot_port <= 65535:
+        raise RefusedError(f"--robot-port {options.robot_port}: takes 0 to 65535; 0 is any free one")
     for name in ("duration", "answer_timeout"):
         if not 0 < getattr(options, name) < float("inf"):
             raise RefusedError(
@@ -279,7 +284,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         console.print(f"{emulator.time:9.3f} s  {old.name} -> {new.name}  ({reason})", highlight=False, soft_wrap=True)
 
     session = Session(options.send_period / 1000, policy, options.duration, options.restarts, report)
-    link = Link(options.host, options.port, options.deaf)
+    link = Link(options.host, options.port, options.deaf, (options.robot_host, options.robot_port))
     emulator = Emulator(
         link, Protocol(options.protocol), robot, session, policy, settings, plan, options.seed, recorder
     )

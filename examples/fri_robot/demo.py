@@ -137,6 +137,8 @@ def run_session(options: argparse.Namespace, client: Path) -> None:
     said = folder / "client.txt"
     duration = APPROACH + TRAJECTORY_TIME + REST
     wiping = [str(client), "--trajectory", str(TRAJECTORY), "--port", str(options.port), "--approach", str(APPROACH)]
+    for name in ("client.csv", "client.json"):
+        (folder / name).unlink(missing_ok=True)  # the client overwrites no log
     wiping += ["--log", str(folder / "client.csv"), "--summary", str(folder / "client.json")]
     wiping += [] if options.wall_clock else ["--simulated-time"]
     robot = [sys.executable, "-m", "examples.fri_robot", "--protocol", options.protocol, "--port", str(options.port)]

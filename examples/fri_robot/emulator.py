@@ -8,7 +8,6 @@ equal to the last bit. By the wall clock a cycle ends when its period is over.
 from __future__ import annotations
 
 import gc
-import socket
 import time as wall
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -19,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from .faults import DIRECTIONS, KINDS, Delivery, FaultInjector, FaultPlan
+from .link import Link, LinkError
 from .messages import (
-    MOST_BYTES,
     Command,
     CommandMode,
     ControlMode,
@@ -53,10 +52,6 @@ GOODBYES = 20
 """Most messages with IDLE at the end; sending stops as soon as the client is gone."""
 
 
-class LinkError(Exception):
-    """The connection to the client cannot be had; the text says why."""
-
-
 @dataclass(frozen=True)
 class Settings:
     """Of a session.
@@ -85,46 +80,6 @@ class Settings:
     answer_timeout: float = 20.0
     button: tuple[float, float] | None = None
     ios: tuple[IOValue, ...] = ()
-
-
-class Link:
-    """UDP socket of the robot, connected to the client's port.
-
-    The robot's own port is any free one: a client that waits for anyone answers to where a datagram came from.
-    Connected, the socket reports that nobody listens at the other side; ``deaf`` it does not, as where a firewall
-    swallows the report: then silence alone tells that a client is gone.
-    """
-
-    def __init__(self, host: str, port: int, deaf: bool = False) -> None:
-        self.address = f"{host}:{port}"
-        self.deaf = deaf
-        self._peer = (host, port)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            if not deaf:
-                self.socket.connect(self._peer)
-        except OSError as error:
-            self.socket.close()
-            raise LinkError(f"cannot send to {host}:{port}: {error.strerror or error}") from error
-
-    def close(self) -> None:
-        """Gives the port back."""
-        self.socket.close()
-
-    def send(self, datagram: bytes) -> None:
-        """Sends; ConnectionRefusedError if nobody listened to the datagram before."""
-        if self.deaf:
-            self.socket.sendto(datagram, self._peer)
-        else:
-            self.socket.send(datagram)
-
-    def receive(self, timeout: float) -> bytes | None:
-        """The next datagram, None if none comes in time [s]; ConnectionRefusedError if nobody listens."""
-        self.socket.settimeout(max(timeout, 0.0))
-        try:
-            return self.socket.recv(MOST_BYTES + 1)
-        except (TimeoutError, BlockingIOError):
-            return None
 
 
 @dataclass

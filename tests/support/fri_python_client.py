@@ -62,9 +62,14 @@ def follow(message: Any) -> tuple[Any, Any]:
 
 
 class PythonClient(threading.Thread):
-    """Answers each message with what a function makes of it, until IDLE comes or it is left alone for 5 s."""
+    """Client that answers each message with what a function makes of it, until IDLE comes or for 5 s of silence.
 
-    def __init__(self, version: str, answer: Answer = follow, outputs: tuple[IOValue, ...] = ()) -> None:
+    With a ``robot_host`` it takes datagrams from there and its own port number alone, as the SDK's does.
+    """
+
+    def __init__(
+        self, version: str, answer: Answer = follow, outputs: tuple[IOValue, ...] = (), robot_host: str | None = None
+    ) -> None:
         super().__init__(daemon=True)
         self.protocol = Protocol(version)
         self.answer = answer
@@ -73,6 +78,8 @@ class PythonClient(threading.Thread):
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(5.0)
         self.port = self.socket.getsockname()[1]
+        if robot_host is not None:
+            self.socket.connect((robot_host, self.port))
         self.seen: list[Any] = []
         self.bad: list[str] = []
 

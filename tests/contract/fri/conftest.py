@@ -10,11 +10,13 @@ import subprocess
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import IO, Any
 
 import pytest
 
 from examples.fri_robot.emulator import Emulator
+from examples.fri_robot.messages import VERSIONS
 from examples.fri_robot.replay import read_client_log
 from support.fri_python_client import emulate, free_port
 from support.fri_run import Run
@@ -59,6 +61,8 @@ def make_programs(once: Once, robot_library: Callable[[str, str], list[str]]) ->
     """Builds the test programs by name, once for all workers: a version, standin-VERSION, sdk, or sanitized."""
 
     def make(name: str) -> Programs:
+        if "FRI_PROGRAMS" in os.environ:  # an older build, to see a test fail
+            return Programs(Path(os.environ["FRI_PROGRAMS"]), name)
         missing = require_tools()
         if missing:
             if os.environ.get("CI"):
@@ -123,6 +127,8 @@ def session(
     ) -> Run:
         port = free_port()
         files = [tmp_path / f"client-{port}.csv", tmp_path / f"client-{port}.json"]
+        for file in files:
+            file.unlink(missing_ok=True)
         # Another client, to see a test fail: FRI_CLIENT=/some/where/{version}/fri_wiping.
         program = os.environ.get("FRI_CLIENT", "").format(version=version) or client_program(version)
         command = [program, "--trajectory", trajectory, "--port", port, "--timeout", 5000]
@@ -152,7 +158,45 @@ def session(
             process.kill()
             process.communicate()
             monkeypatch.setattr(Emulator, "_begin", begin)
-        log = read_client_log(*files) if files[1].exists() else None
+        log = read_client_log(*files) if all(file.exists() for file in files) else None
         return Run(robot, log, process.returncode, error, said.read_text())
 
     return run
+
+
+@pytest.fixture(scope="session")
+def robot(plate: ModuleType) -> ModuleType:
+    """The robot that the programs are built for."""
+    return plate
+
+
+def some(*names: str) -> list[Any]:
+    """Names of programs; those beside 2.7 are for the slow tests."""
+    quick = ("2.7", "sdk")
+    return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
+
+
+@pytest.fixture(
+    scope="session", params=some(*VERSIONS, "standin-1.15", "standin-2.7", *(["sdk"] if sdk_options() else []))
+)
+def programs(request: pytest.FixtureRequest, make_programs: Callable[[str], Programs]) -> Programs:
+    """The client against the open library in each version, the one in the place of KUKA's, and an installed SDK."""
+    return make_programs(request.param)
+
+
+@pytest.fixture(scope="session", params=some(*VERSIONS))
+def open_programs(request: pytest.FixtureRequest, make_programs: Callable[[str], Programs]) -> Programs:
+    """The client against the open library in each version."""
+    return make_programs(request.param)
+
+
+@pytest.fixture(scope="session")
+def one(make_programs: Callable[[str], Programs]) -> Programs:
+    """One version, for what does not depend on it."""
+    return make_programs("2.7")
+
+
+@pytest.fixture(scope="session")
+def sanitized(make_programs: Callable[[str], Programs]) -> Programs:
+    """The client under the address and undefined-behaviour sanitizers, with the fuzz target."""
+    return make_programs("sanitized")

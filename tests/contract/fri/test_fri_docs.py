@@ -87,3 +87,13 @@ def test_every_command_that_is_shown_can_be_given(page: str) -> None:
                 assert word != "--trajectory" or (ROOT / value).exists()
     for target in re.findall(r"`make ([^`]+)`", PAGES[page]):
         assert target in targets
+
+
+def test_the_table_of_events_is_that_of_the_sources() -> None:
+    source = (ROOT / "examples" / "fri_client" / "events.h").read_text()
+    bits = {name: 1 << int(bit) for name, bit in re.findall(r"EVENT_(\w+) = 1 << (\d+)", source)}
+    texts = re.findall(r'\{EVENT_(\w+), "([^"]*)",\s*"([^"]*)",\s*"([^"]*)"\}', source)
+    assert {name for name, *_ in texts} == set(bits)
+    described = (ROOT / "docs" / "fri.md").read_text()
+    for name, *text in texts:
+        assert f"| {bits[name]} | {' | '.join(text)} |" in described

@@ -261,7 +261,9 @@ int wiping(int argc, char **argv)
     Question question;
     std::unique_ptr<WipingClient> client(
         new WipingClient(options.settings, trajectory, NULL, connection, *records, question));
+    std::remove(log_path.c_str()); /* of the session before */
     Log log(*records, log_path, question);
+    log.keep(true);
     ClientApplication application(connection, *client);
     application.connect(30200);
     while (!script.at_end() && client->refusal() == REFUSAL_NONE) {

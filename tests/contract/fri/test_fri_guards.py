@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: MIT
+"""Guards of the client that read values which something else may drop: they count a dropped value as a bad one."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from examples.fri_robot.replay import read_client_log
+from support.fri_python_client import free_port
+from support.fri_served import served, unread
+from support.fri_session import POSTURE, Programs, button
+from support.fri_wiping import COMMANDING_ACTIVE, IDLE, MONITORING_READY, Wiped, over_udp
+
+SLOWED, LET_GO, REFUSED = 1 << 13, 1 << 17, 1 << 19
+HELD = ("--force-limit", "150", "--hold-time", "0.3")
+
+
+def assert_stands(log: Any) -> None:
+    """The trajectory came to a stand, and the client let go."""
+    events = log["events"].astype(int)
+    assert log["pace"][75:].max() == 0.0
+    assert (events & SLOWED).any() and (events & LET_GO).any()
+    assert not log["sent_torque"][-1].any()
+
+
+@pytest.mark.parametrize("torque", [40.0, 120.0, 1e6, 1e200])
+def test_a_contact_force_beyond_what_the_controller_takes_stops_the_trajectory(
+    torque: float, one: Programs, tmp_path: Path
+) -> None:
+    """External torque at A2 and A4; 120 N m make 533 N, of which the controller reports nothing."""
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 20)
+    script.add(COMMANDING_ACTIVE, 200, external_torque=np.array([0, torque, 0, torque, 0, 0, 0]))
+    wiped = Wiped(one, script, tmp_path, *HELD)
+    assert_stands(wiped.log)
+    refused = (wiped.log["events"].astype(int) & REFUSED) != 0
+    assert refused.sum() == wiped.faults["wrench_refused"] == (0 if torque < 100 else 200)
+
+
+@pytest.mark.parametrize("wrench", [(500.0, 0.0), (1000.0, 0.0), (0.0, 120.0)], ids=str)
+def test_a_sensor_beyond_what_the_controller_takes_stops_the_trajectory(
+    wrench: tuple[float, float], one: Programs, tmp_path: Path
+) -> None:
+    """Force [N] and moment [N m] of the sensor."""
+    sensor_port = free_port()
+    log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 220)
+    options = ("--simulated-time", "--wrench", "sensor", "--sensor-port", sensor_port, "--log", log,
+               "--summary", summary, *HELD)  # fmt: skip
+    with served(one.client, *options) as session:
+        for k, datagram in enumerate(script.datagrams):
+            sample = struct.pack("<6d", 0, 0, wrench[0] * (k > 20), wrench[1] * (k > 20), 0, 0)
+            session.robot.sendto(sample, ("127.0.0.1", sensor_port))
+            while unread(sensor_port):  # the sensor's thread is not in lockstep
+                time.sleep(0.0005)
+            if session.client.poll() is not None:
+                break
+            session.send(datagram or b"")
+            try:
+                session.answer(0.5)
+            except (TimeoutError, ConnectionRefusedError):
+                break
+        session.send(script.message(IDLE))
+        code, _, errors = session.end()
+    assert code == 1 and "the contact force stayed at its limit of 150 N" in errors
+    assert_stands(read_client_log(log, summary))
+
+
+FIELDS: dict[str, Callable[[Any], object]] = {
+    "all": lambda m: m.ClearField("robotInfo"),
+    "safety": lambda m: m.robotInfo.ClearField("safetyState"),
+    "drives": lambda m: m.robotInfo.ClearField("driveState"),
+    "operation": lambda m: m.robotInfo.ClearField("operationMode"),
+}
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_messages_without_the_robots_states_are_heeded(name: str, one: Programs) -> None:
+    """A safety stop that is not told is none that the client could see; nine such messages end no session."""
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 20)
+    script.add(COMMANDING_ACTIVE, 9, change=FIELDS[name])
+    script.add(COMMANDING_ACTIVE, 20)
+    script.add(COMMANDING_ACTIVE, 10, change=FIELDS[name])
+    script.add(COMMANDING_ACTIVE, 60)
+    script.add(IDLE)
+    code, _, errors = over_udp(one, script)
+    assert code == 1 and "no longer say safety state, drives and operation mode" in errors
+
+
+def test_a_button_that_is_not_told_any_more_is_pressed(one: Programs, tmp_path: Path) -> None:
+    script = one.script()
+    script.add(MONITORING_READY, 3, ios=[button(False)])
+    script.begin(3, 3)
+    script.add(COMMANDING_ACTIVE, 100, ios=[button(False)])
+    script.add(COMMANDING_ACTIVE, 100)
+    log = Wiped(one, script, tmp_path).log
+    assert log["pace"][99] == 1.0 and not log["pace"][160:].any()
+
+
+# ---- samples that are bad for long ----------------------------------------------------------------------------------
+
+
+def test_a_clock_of_half_the_speed_is_let_go_and_named(one: Programs) -> None:
+    script = one.script()
+    script.begin(10, 10)
+    for _ in range(1500):
+        script.clock -= 2_500_000  # [ns] half a period
+        script.add(COMMANDING_ACTIVE)
+    script.add(IDLE)
+    code, _, errors = over_udp(one, script)
+    assert code == 1 and "the robot's clock runs at about 50 % of what its messages' counter says" in errors
+
+
+def test_a_clock_that_is_set_again_and_again_is_let_go_and_named(one: Programs) -> None:
+    """No difference quotient is to be had: the speed guard would see nothing."""
+    script = one.script()
+    script.begin()
+    for _ in range(600):
+        script.clock += 3600_000_000_000
+        script.add(COMMANDING_ACTIVE)
+    script.add(IDLE)
+    code, _, errors = over_udp(one, script)
+    assert code == 1 and "the robot's clock is set again and again" in errors
+
+
+def test_positions_beyond_a_limit_are_let_go_and_named(one: Programs, robot: Any) -> None:
+    """Every message says that A4 is more than the tolerance of 0.1 rad beyond its limit."""
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 800, position=np.where(np.arange(7) == 3, robot.LOWER - 0.11, POSTURE))
+    script.add(IDLE)
+    code, _, errors = over_udp(one, script)
+    assert code == 1 and f"joint A4 is measured at {robot.LOWER[3] - 0.11:.3f} rad, 0.110 rad beyond" in errors
+
+
+def test_a_silent_sensor_is_let_go_and_named(one: Programs) -> None:
+    sensor_port = free_port()
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 800)
+    with served(one.client, "--simulated-time", "--wrench", "sensor", "--sensor-port", sensor_port) as session:
+        for k, datagram in enumerate(script.datagrams):
+            if k < 40:
+                session.robot.sendto(struct.pack("<6d", *range(6)), ("127.0.0.1", sensor_port))
+                while unread(sensor_port):
+                    time.sleep(0.0005)
+            session.send(datagram or b"")
+            try:
+                session.answer(0.5)
+            except (TimeoutError, ConnectionRefusedError):
+                break
+        session.send(script.message(IDLE))
+        code, _, errors = session.end()
+    assert code == 1 and f"the wrench sensor on port {sensor_port} is silent" in errors
