@@ -6,7 +6,6 @@ from __future__ import annotations
 import ctypes
 import math
 import statistics
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 
 from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError
+from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.verify.result import as_results
 from stiffgen.verify.verify import argument_samples
@@ -57,9 +57,9 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
     kernels = robot.kernels
     pool = argument_samples(robot.chain, _BATCH, 0, robot.springs)
     timings = []
-    with tempfile.TemporaryDirectory(prefix="stiffgen-bench-") as build:
+    with temporary_folder("bench") as build:
         progress("compiling C calls")
-        library = _c_loops(robot, Path(build))
+        library = _c_loops(robot, build)
         for kernel in robot.table:
             progress(f"timing {kernel.qualified_name}")
             function = kernels[kernel.qualified_name]

@@ -34,7 +34,15 @@ from stiffgen.analyze.options import GROUPS, AnalysisOptions, has_default, told
 from stiffgen.analyze.report import TABLE_HEAD, statements, table_rows
 from stiffgen.analyze.report import warnings as recording_warnings
 from stiffgen.bench import bench
-from stiffgen.errors import DescriptionError, DescriptionWarning, EmptyRecordingError, StiffgenError, listed, printable
+from stiffgen.errors import (
+    DescriptionError,
+    DescriptionWarning,
+    EmptyRecordingError,
+    StiffgenError,
+    listed,
+    printable,
+    terminal_text,
+)
 from stiffgen.generate import generate
 from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS
@@ -72,12 +80,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         message, code = "interrupted", 130
     except _Terminated as error:
         message, code = f"ended by {signal.Signals(error.number).name}", 128 + error.number
+    except MemoryError:
+        message, code = "the memory that this process may use is not enough (ulimit -v says how much); allow more", 2
     except OSError as error:
         where = "standard output" if error.filename is None else printable(str(error.filename), 200)
         message, code = f"{where}: {error.strerror or error}", 2
         _discard_output()
     with suppress(OSError):
-        print(f"stiffgen: {message}", file=sys.stderr, flush=True)
+        print(f"stiffgen: {terminal_text(message)}", file=sys.stderr, flush=True)
     return code
 
 
@@ -103,7 +113,7 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    print(f"stiffgen: warning: {message}", file=sys.stderr)
+    print(f"stiffgen: warning: {terminal_text(str(message))}", file=sys.stderr)
 
 
 class _Terminated(BaseException):
@@ -472,9 +482,9 @@ class _Progress:
 
     def __call__(self, step: str) -> None:
         if self._status:
-            self._status.update(escape(step))
+            self._status.update(escape(terminal_text(step)))
         else:
-            self._console.print(f"{step} ...", markup=False)
+            self._console.print(f"{terminal_text(step)} ...", markup=False)
 
     @contextmanager
     def shown(self) -> Iterator[_Progress]:
@@ -735,12 +745,12 @@ class _Bar:
 
     def __call__(self, step: str, done: float) -> None:
         if self._console.is_terminal:
-            self._bar.update(self._task, description=escape(step), completed=done)
+            self._bar.update(self._task, description=escape(terminal_text(step)), completed=done)
             return
         now = (step, int(10 * done))
         if now != self._said:
             self._said = now
-            self._console.print(f"{step} ..." + (f" {10 * now[1]} %" if now[1] else ""), markup=False)
+            self._console.print(f"{terminal_text(step)} ..." + (f" {10 * now[1]} %" if now[1] else ""), markup=False)
 
     @contextmanager
     def shown(self) -> Iterator[_Bar]:
@@ -757,7 +767,7 @@ def _analyze(options: argparse.Namespace) -> int:
         try:
             analysis = analyze(**chosen | {"task_stiffness": K, "progress": progress})
         except EmptyRecordingError as error:
-            print(f"stiffgen: {error}", file=sys.stderr)
+            print(f"stiffgen: {terminal_text(str(error))}", file=sys.stderr)
             return 1
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     shown = [k for k, column in enumerate(TABLE_HEAD) if column not in ("mean", "least at", "most at")]
@@ -768,10 +778,10 @@ def _analyze(options: argparse.Namespace) -> int:
         table.add_row(*(escape(row[k]) for k in shown))
     console = _Console(highlight=False)
     (console if console.is_terminal else _Console(highlight=False, width=80)).print(table)
-    print("\n".join(statements(analysis.recording, analysis.result, analysis.summary)))
+    print(terminal_text("\n".join(statements(analysis.recording, analysis.result, analysis.summary))))
     for line in recording_warnings(analysis.recording, analysis.result):
-        print(f"stiffgen: warning: {line}", file=sys.stderr)
-    print(analysis.folder / ("report.html" if options.figures else SUMMARY))
+        print(f"stiffgen: warning: {terminal_text(line)}", file=sys.stderr)
+    print(terminal_text(str(analysis.folder / ("report.html" if options.figures else SUMMARY))))
     return 0
 
 

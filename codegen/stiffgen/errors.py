@@ -16,6 +16,11 @@ def printable(text: str, most: int = 60) -> str:
     return f"{shown}..." if len(text) > most else shown
 
 
+def terminal_text(text: str) -> str:
+    """Escape everything in a message that is neither printable nor the end of a line."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
 def listed(names: Sequence[str], most: int = 20) -> str:
     """The first names of a list, and how many are left."""
     shown = ", ".join(printable(name) for name in names[:most])

@@ -1,23 +1,39 @@
 # SPDX-License-Identifier: MIT
-"""Folders of results that appear whole or not at all."""
+"""Results that appear whole or not at all, and temporary folders that do not outlive their process for long.
+
+A process holds a lock on each folder or file that it makes. The system releases the lock when the process ends, also
+by kill -9; the next run removes what carries the name of such a folder and no lock.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
 import shutil
+import stat
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from stiffgen.errors import OutputError, printable
 
+try:
+    import fcntl
+except ImportError:  # Windows: nothing is locked there, and nothing of dead processes removed
+    fcntl = None  # type: ignore[assignment]
+
+_ATTEMPTS = 100
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
+
 
 @contextmanager
 def swapped_in(target: Path) -> Iterator[Path]:
-    """A new folder beside ``target`` to write into, which takes its place when the block ends well.
+    """Make a new folder beside ``target``, which takes the place of ``target`` when the block ends without an error.
 
-    After an error, ``target`` is what it was, and nothing is left beside it.
+    After an error, ``target`` is unchanged and nothing is left beside it. ``target`` exists at every moment of the
+    exchange where the system can exchange two folders (Linux).
 
     Raises:
         OutputError: the folder cannot be made, or not put in its place.
@@ -27,24 +43,74 @@ def swapped_in(target: Path) -> Iterator[Path]:
     try:
         created = _missing_parents(output)
         output.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=output))
+        staging, lock = _locked(output, f".{target.name[:40]}.stiffgen-", tempfile.mkdtemp)
     except OSError as error:
         raise unwritable(output, error) from error
     try:
         yield staging
         _swap(staging, target)
     except BaseException as error:
-        shutil.rmtree(staging, ignore_errors=True)
+        _remove(staging)
         for folder in created:
-            if folder.is_dir() and not any(folder.iterdir()):
+            with suppress(OSError):  # not empty: another process has put something there
                 folder.rmdir()
         if isinstance(error, OSError):  # a full disk
-            raise unwritable(target, error) from error
+            inside = error.filename is None or str(staging) in str(error.filename)
+            raise unwritable(target if inside else Path(str(error.filename)), error) from error
         raise
+    finally:
+        _release(lock)
+
+
+@contextmanager
+def temporary_folder(purpose: str) -> Iterator[Path]:
+    """Make a folder for temporary files, and remove it when the block ends.
+
+    Raises:
+        OutputError: there is no place for it.
+
+    """
+    try:
+        folder, lock = _locked(Path(tempfile.gettempdir()), f"stiffgen-{purpose}.", tempfile.mkdtemp)
+    except OSError as error:
+        place = os.environ.get("TMPDIR", "/tmp")
+        raise OutputError(
+            f"{printable(place, 200)}: has no room for temporary files ({error.strerror or error}); "
+            "set TMPDIR to a folder that can be written"
+        ) from error
+    try:
+        yield folder
+    finally:
+        _remove(folder)
+        _release(lock)
+
+
+def write_atomically(target: Path, text: str) -> None:
+    """Write a file beside its place and move it there; a symbolic link in its place is replaced, never followed.
+
+    Raises:
+        OSError: the file cannot be written.
+
+    """
+
+    def make(prefix: str, dir: Path) -> str:
+        descriptor, name = tempfile.mkstemp(prefix=prefix, dir=dir)
+        os.close(descriptor)
+        return name
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial, lock = _locked(target.parent, f".{target.name[:40]}.stiffgen-", make)
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.chmod(0o666 & ~_umask())
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+        _release(lock)
 
 
 def unwritable(path: Path, error: OSError) -> OutputError:
-    """The refusal of a folder that the system does not let us write: full, forbidden, a name too long."""
+    """Return the refusal of a folder that the system does not let us write: full, forbidden, a name too long."""
     return OutputError(
         f"{printable(str(path), 200)}: cannot be written ({error.strerror or error}); "
         "make room, or choose another --output"
@@ -52,28 +118,125 @@ def unwritable(path: Path, error: OSError) -> OutputError:
 
 
 def _missing_parents(folder: Path) -> list[Path]:
-    """Folders that do not exist yet, the innermost first."""
+    """Return the folders that do not exist yet, the innermost first."""
     return [each for each in (folder, *folder.parents) if not each.exists()]
 
 
-def _swap(staging: Path, target: Path) -> None:
+def _locked(parent: Path, prefix: str, make: Callable[..., str]) -> tuple[Path, int | None]:
+    """Remove stale files and folders with this prefix, then make and lock a new one."""
+    _remove_stale(parent, prefix)
+    while True:
+        made = Path(make(prefix=prefix, dir=parent))
+        lock = _lock(made, wait=True)
+        # Another process may have taken it for a stale one before it was locked.
+        if lock is None or made.exists():
+            return made, lock
+        _release(lock)
+
+
+def _lock(path: Path, *, wait: bool = False) -> int | None:
+    """Lock a file or folder of this user; return a descriptor that holds the lock, or None if that cannot be."""
+    if fcntl is None:
+        return None
+    descriptor = None
+    with suppress(OSError):
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        if os.fstat(descriptor).st_uid == os.getuid():
+            fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return descriptor
+    _release(descriptor)
+    return None
+
+
+def _release(lock: int | None) -> None:
+    if lock is not None:
+        os.close(lock)
+
+
+def _remove_stale(parent: Path, prefix: str) -> None:
+    """Remove files and folders of processes that ended without removing them."""
+    with suppress(OSError):
+        for entry in os.scandir(parent):
+            if entry.name.startswith(prefix):
+                lock = _lock(Path(entry.path))
+                if lock is not None:
+                    _remove(Path(entry.path))
+                    _release(lock)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder, also while another process still writes into it."""
+    for _ in range(_ATTEMPTS):
+        try:
+            is_folder = stat.S_ISDIR(path.lstat().st_mode)
+        except OSError:
+            return
+        if is_folder:
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                path.unlink()
+
+
+def _umask() -> int:
     umask = os.umask(0)
     os.umask(umask)
+    return umask
+
+
+def _swap(staging: Path, target: Path) -> None:
+    """Put a folder in the place of another; other processes may do the same at the same time."""
     try:
-        staging.chmod(0o777 & ~umask)  # mkdtemp makes private folders
-        if not target.exists():
-            staging.rename(target)
-            return
-        old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-        target.rename(old / target.name)
-        try:
-            staging.rename(target)
-        except OSError:
-            (old / target.name).rename(target)
-            raise
-        finally:
-            shutil.rmtree(old, ignore_errors=True)
+        staging.chmod(0o777 & ~_umask())  # mkdtemp makes private folders
+        for _ in range(_ATTEMPTS):
+            if not target.exists():
+                with _tolerate(errno.ENOTEMPTY, errno.EEXIST):  # made by another process just now
+                    staging.rename(target)
+                    return
+            elif _exchange(staging, target) or _replace(staging, target):
+                _remove(staging)
+                return
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
     except OSError as error:
         raise OutputError(
             f"{target}: cannot be replaced ({error.strerror}); close what uses it and try again"
         ) from error
+
+
+@contextmanager
+def _tolerate(*numbers: int) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in numbers:
+            raise
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two folders in one step; return False if the system or the file system cannot."""
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError, TypeError):  # not Linux, or an old C library
+        return False
+    return bool(rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0)
+
+
+def _replace(staging: Path, target: Path) -> bool:
+    """Replace a folder by two renames; return False if another process came between them."""
+    old = Path(tempfile.mkdtemp(prefix=f".{target.name[:40]}.stiffgen-", dir=target.parent))
+    lock = _lock(old)
+    try:
+        with _tolerate(errno.ENOENT):
+            target.rename(old / "old")
+        try:
+            staging.rename(target)
+        except OSError as error:
+            if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+                return False
+            with suppress(OSError):
+                (old / "old").rename(target)
+            raise
+        return True
+    finally:
+        _remove(old)
+        _release(lock)

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
+from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 
 NAMES = ("time", *(f"q_{i}" for i in range(7)), *(f"wrench_{i}" for i in range(6)))
@@ -84,10 +85,11 @@ def write_mcap(
     delay: int = 1_000_000,
     skip: Container[int] = (),
     extra_topics: Iterable[str] = (),
+    compressed: bool = True,
 ) -> Path:
     """Wrenches are stamped ``delay`` ns after their joint positions; those of the rows in ``skip`` are left out."""
     with path.open("wb") as file:
-        writer: Any = Writer(file)
+        writer: Any = Writer(file, compression=CompressionType.ZSTD if compressed else CompressionType.NONE)
         states = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE + HEADER)
         wrenches = writer.register_msgdef("geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED + HEADER)
         for index, row in enumerate(rows):

@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike
 import stiffgen.analyze.measures as ms
 from stiffgen.analyze.measures import MEASURES, Summary, Task, bad_rows, units
 from stiffgen.analyze.options import AnalysisOptions, Progress, taking
-from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording
+from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording, read_blocks
 from stiffgen.analyze.report import write_report
-from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed
+from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed, printable
 from stiffgen.folder import swapped_in
 from stiffgen.opened import open_robot
 from stiffgen.robot.chain import Chain
@@ -229,12 +229,9 @@ def summarise_partition(
     """Read a partition block by block and add up what is found. Runs in threads and on Dask workers."""
     module = _robot_module(job.robot)
     summary = Summary()
-    try:
-        for block in partition.blocks(job.block_rows):
-            summary = summary.merged(ms.summarise(module, job.task, job.layout, block))
-            advance(block.work)
-    except OSError as error:
-        raise RecordingError(f"{partition.path}: cannot be read ({error.strerror or error})") from error
+    for block in read_blocks(partition, job.block_rows):
+        summary = summary.merged(ms.summarise(module, job.task, job.layout, block))
+        advance(block.work)
     return summary
 
 
@@ -348,7 +345,7 @@ def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) ->
     times = result.times
     return {
         "generator": GENERATOR,
-        "recording": recording.path.name,
+        "recording": printable(recording.path.name, 255),
         "robot": chain.robot,
         "base": chain.base,
         "tip": next(tip.link for tip in chain.tips if tip.name == task.tip),

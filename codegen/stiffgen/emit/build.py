@@ -11,13 +11,13 @@ import signal
 import subprocess
 import sys
 import sysconfig
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from stiffgen.errors import BuildError
+from stiffgen.folder import temporary_folder
 
 _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
@@ -50,8 +50,8 @@ def build_module(folder: Path, name: str) -> None:
         )
     folder = folder.resolve()
     module = folder / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
-    with tempfile.TemporaryDirectory(prefix="stiffgen-build-") as build:
-        native = _native(compiler, Path(build))
+    with temporary_folder("build") as build:
+        native = _native(compiler, build)
         ours, theirs = [*compiler, *_FLAGS, *native], shlex.split(os.environ.get("CFLAGS", ""))
         command = [*ours, *theirs]
         xla = _xla_headers()
@@ -66,7 +66,7 @@ def build_module(folder: Path, name: str) -> None:
         sources = [source for source in options if (folder / source).exists()]
         if not xla:
             sources = [source for source in sources if source != f"{name}_jax.c"]
-        objects = {source: str(Path(build) / f"{source}.o") for source in sources}
+        objects = {source: str(build / f"{source}.o") for source in sources}
         compile_each = [
             [*ours, *options[source], *theirs, "-c", str(folder / source), "-o", made]
             for source, made in objects.items()
@@ -80,8 +80,8 @@ def build_module(folder: Path, name: str) -> None:
                 linked = [wrapper, calls, objects[f"{name}.c"]]
                 link.append([*command, "-shared", *linked, "-o", str(library), *_libraries()])
         for commands in (compile_each, link):
-            _run(commands, compiler[0], Path(build))
-        _self_check([*command, objects[f"{name}.c"]], folder, name, Path(build))
+            _run(commands, compiler[0], build)
+        _self_check([*command, objects[f"{name}.c"]], folder, name, build)
 
 
 def build_library(
@@ -110,7 +110,13 @@ def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) ->
     source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(); }}\n')
     libraries = ["-lm"] if os.name != "nt" else []
     _run([[*command, f"-I{folder}", str(source), "-o", str(program), *libraries]], command[0], build)
-    wrong = subprocess.run([str(program)], stdin=subprocess.DEVNULL, check=False).returncode
+    try:
+        wrong = subprocess.run([str(program)], stdin=subprocess.DEVNULL, check=False).returncode
+    except OSError as error:
+        raise BuildError(
+            f"{build.parent}: a program compiled there cannot be run ({error.strerror}), as on a mount with noexec; "
+            "set TMPDIR to another folder, or use --no-build"
+        ) from error
     if wrong != 0:
         raise BuildError(
             f"{shlex.join(command[:1])} compiles with flags that change its arithmetic (self-check {wrong}, see "

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from stiffgen.errors import BuildError
+from stiffgen.folder import temporary_folder
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO
 
 _FLAGS = (
@@ -53,14 +53,14 @@ def compile_wasm(source: Path, functions: Sequence[str]) -> bytes:
             f"{' and '.join(missing)} not found, which make WebAssembly of the robot's C; install LLVM's compiler and "
             "linker (Debian: apt-get install clang lld)"
         )
-    with tempfile.TemporaryDirectory(prefix="stiffgen-play-") as build:
+    with temporary_folder("play") as build:
         for header, text in _HEADERS.items():
-            (Path(build) / header).write_text(text)
-        imported = Path(build) / "imported"
+            (build / header).write_text(text)
+        imported = build / "imported"
         imported.write_text("\n".join((*_MATH, *LIBM_OF_TWO)))
-        made = Path(build) / "kernels.wasm"
+        made = build / "kernels.wasm"
         exports = [f"--export={function}" for function in functions]
-        command = [compiler, *_FLAGS, "-isystem", build, str(source.resolve())]
+        command = [compiler, *_FLAGS, "-isystem", str(build), str(source.resolve())]
         for option in (*_LINK, f"--allow-undefined-file={imported}", *exports):
             command += ["-Xlinker", option]
         command += ["-o", str(made)]

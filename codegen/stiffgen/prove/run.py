@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, StiffgenError, listed
+from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.prove import esbmc, frama_c, harness
 from stiffgen.prove.tools import Tools, find_tools
@@ -95,8 +95,8 @@ def prove(
     chosen = [each for each in functions if not only or each.qualified_name in only]
     text = (robot.folder / f"{robot.name}.c").read_text(encoding="utf-8")
     verdicts: list[Verdict] = []
-    with tempfile.TemporaryDirectory(prefix="stiffgen-prove-") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
-        job = _Job(robot, functions, tools, Path(temporary).resolve(), timeout, progress, text)
+    with temporary_folder("prove") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
+        job = _Job(robot, functions, tools, temporary.resolve(), timeout, progress, text)
         entries = [each.qualified_name for each in chosen]
         entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
         checked = ["self_check"] if len(chosen) == len(functions) else []

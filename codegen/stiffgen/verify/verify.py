@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -31,6 +30,7 @@ import numpy as np
 
 from stiffgen.emit.build import build_library
 from stiffgen.errors import BuildError, StiffgenError
+from stiffgen.folder import temporary_folder
 from stiffgen.lower.scalar import Scalar, scalar_of
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.robot.chain import Chain
@@ -723,8 +723,8 @@ def verify(
     if not checks[0].passed:
         return [*checks, Check("functions", "not run", math.inf, 0.0, "nothing of a folder with other files is run")]
     load_module(robot)
-    with tempfile.TemporaryDirectory(prefix="stiffgen-verify-") as build:
-        steps = _steps(robot, None if urdf is None else Path(urdf), count, seed, Path(build))
+    with temporary_folder("verify") as build:
+        steps = _steps(robot, None if urdf is None else Path(urdf), count, seed, build)
         for number, (title, step) in enumerate(steps, start=1):
             progress(f"{title} ({number} of {len(steps)})")
             try:

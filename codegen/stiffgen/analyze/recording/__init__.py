@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Recordings of joint positions and wrenches, read as a stream of blocks: CSV, NPZ, Parquet and MCAP files.
 
-A recording is cut into :class:`Partition` objects, which are small, can be sent to another process, and read their own
-part of the file as :class:`Block` objects of bounded size. Nothing here holds more than some blocks.
+A recording is divided into :class:`Partition` objects. A partition is small, can be sent to another process, and reads
+its part of the file as :class:`Block` objects of bounded size. The readers keep only a few blocks in memory.
 """
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -16,16 +17,16 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.errors import MissingExtraError, RecordingError, listed, printable
+from stiffgen.errors import MissingExtraError, RecordingError, StiffgenError, listed, printable
 
 Array = NDArray[np.float64]
 
 PARTITION_ROWS = 1 << 18
-"""Rows of a partition, where a file can be cut freely."""
+"""Rows per partition, for formats that can be divided at any row."""
 
 
 class Problem(NamedTuple):
-    """Why a row cannot be used: a category to count by, and a sentence about this one row."""
+    """Reason why a row cannot be used: a category for the counts, and a sentence about this row."""
 
     category: str
     text: str
@@ -37,10 +38,10 @@ class Block:
 
     Attributes:
         rows: (N,) row numbers in the file, from 0, ascending.
-        values: (N, C) one column for each entry of ``Layout.names``; NaN where nothing could be read.
-        missing: (N, C) where a value is absent, or None if none can be.
-        problems: by index into the block, rows that could not be read as numbers.
-        work: share of the partition's ``work`` that is done with this block.
+        values: (N, C) one column per entry of ``Layout.names``; NaN where no number could be read.
+        missing: (N, C) true where a value is absent; None if no value is.
+        problems: rows that could not be read as numbers, by index into the block.
+        work: share of the partition's ``work`` that this block completes.
 
     """
 
@@ -51,7 +52,7 @@ class Block:
     work: float = 0.0
 
     def split(self, most: int) -> Iterator[Block]:
-        """The same rows in blocks of at most ``most`` rows."""
+        """Yield the same rows in blocks of at most ``most`` rows."""
         if len(self.rows) <= most:
             yield self
             return
@@ -67,23 +68,23 @@ class Block:
 
 
 class Partition(Protocol):
-    """A part of a recording that can be read on its own, in any process that sees the file."""
+    """Part of a recording that any process with access to the file can read."""
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """Return the file."""
 
     @property
     def work(self) -> float:
-        """How much there is to read, in the recording's own measure."""
+        """Return the amount to read: bytes, rows or messages, depending on the format."""
 
     def blocks(self, most: int) -> Iterator[Block]:
-        """Read it, in blocks of at most ``most`` rows."""
+        """Read the partition in blocks of at most ``most`` rows; callers use :func:`read_blocks`."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Which columns of a file hold what, in the order of ``Block.values``: time (if there is one), q, wrench."""
+    """Columns of a file in the order of ``Block.values``: time (if there is one), q, wrench."""
 
     time: str | None
     q: tuple[str, ...]
@@ -91,13 +92,13 @@ class Layout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All columns."""
+        """Return the names of all columns."""
         return (*((self.time,) if self.time else ()), *self.q, *self.wrench)
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a recording: how many joints, and names of columns where they differ from the convention.
+    """Data that the caller wants from a recording: the joints, and columns whose names differ from the convention.
 
     Attributes:
         joints: names of the robot's coordinates, in the order of q.
@@ -119,14 +120,14 @@ class Request:
 
     @property
     def dof(self) -> int:
-        """Number of joint positions of a row."""
+        """Return the number of joint positions per row."""
         return len(self.joints)
 
     def flat_layout(self, path: Path, columns: Sequence[str]) -> Layout:
-        """The columns of a table by name.
+        """Find the columns of a table by name.
 
         Raises:
-            RecordingError: a column does not exist, or not the right number was named.
+            RecordingError: a column does not exist, or the number of names is wrong.
 
         """
         if self.q is not None and len(self.q) != self.dof:
@@ -152,14 +153,14 @@ class Request:
 
 @dataclass(frozen=True)
 class Recording:
-    """An opened recording.
+    """Opened recording.
 
     Attributes:
         path: the file.
         layout: names of the columns.
         partitions: parts of the file, in order.
-        first_line: for text files, the line on which row 0 stands; rows are named by line then.
-        notes: what a reader of the results should know about the file, one sentence each.
+        first_line: for text files, the line that holds row 0; messages then name rows by line.
+        notes: facts about the file that a reader of the results needs, one sentence each.
 
     """
 
@@ -170,38 +171,49 @@ class Recording:
     notes: tuple[str, ...] = ()
 
     def row_name(self, row: int) -> str:
-        """How a row is called in messages: "line 18" of a text file, else "row 17" counted from 0."""
+        """Return the name of a row for messages: "line 18" of a text file, else "row 17" (counted from 0)."""
         return f"row {row}" if self.first_line is None else f"line {row + self.first_line}"
+
+
+class _Format(NamedTuple):
+    """A file format: the module that reads it, and what to do about a damaged file."""
+
+    module: str
+    name: str
+    remedy: str
+
+
+_CSV = _Format("csv_file", "CSV", "write it again as UTF-8 text with a header line")
+_FORMATS = {
+    ".csv": _CSV,
+    ".tsv": _CSV,
+    ".txt": _CSV,
+    ".npz": _Format("npz_file", "NPZ", "copy it again, or write it again with numpy.savez"),
+    ".parquet": _Format("parquet_file", "Parquet", "copy it again, or write it again"),
+    ".mcap": _Format("mcap_file", "MCAP", "copy it again, or repair it with 'mcap recover'"),
+}
 
 
 def open_recording(
     path: str | Path, request: Request, *, progress: Callable[[str], None] = lambda step: None
 ) -> Recording:
-    """Open a recording and find its columns; no rows are held.
+    """Open a recording and find its columns; no rows are kept in memory.
 
     Args:
         path: a file named ``.csv``, ``.tsv`` or ``.txt``, ``.npz``, ``.parquet`` or ``.mcap``.
-        request: which columns are wanted.
-        progress: called with a few words before something long.
+        request: columns to find.
+        progress: called with a few words before each long step.
 
     Raises:
-        RecordingError: the file cannot be read, or does not have the columns.
+        RecordingError: the file cannot be read or decoded, or does not have the columns.
         MissingExtraError: a package for this format is not installed.
 
     """
     path = Path(path).absolute()  # workers have other working directories
-    formats = {
-        ".csv": "csv_file",
-        ".tsv": "csv_file",
-        ".txt": "csv_file",
-        ".npz": "npz_file",
-        ".parquet": "parquet_file",
-        ".mcap": "mcap_file",
-    }
-    reader = formats.get(path.suffix.lower())
-    if reader is None:
+    known = _FORMATS.get(path.suffix.lower())
+    if known is None:
         raise RecordingError(
-            f"{path}: recordings are read from files named {listed(sorted(formats))}, not '{printable(path.suffix)}'"
+            f"{path}: recordings are read from files named {listed(sorted(_FORMATS))}, not '{printable(path.suffix)}'"
         )
     try:
         readable = path.is_file()
@@ -210,20 +222,48 @@ def open_recording(
     if not readable:
         raise RecordingError(f"{path}: is no file; name a recording")
     topics = request.q_topic or request.wrench_topic or request.tolerance != Request.tolerance
-    if reader != "mcap_file" and topics:
-        raise RecordingError(f"{path}: --q-topic, --wrench-topic and --tolerance are of MCAP files; leave them out")
-    try:
-        opened: Recording = importlib.import_module(f"{__name__}.{reader}").open_file(path, request, progress)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if known.name != "MCAP" and topics:
+        raise RecordingError(f"{path}: --q-topic, --wrench-topic and --tolerance apply to MCAP files; leave them out")
+    reader = importlib.import_module(f"{__name__}.{known.module}")
+    with _decoding(path):
+        opened: Recording = reader.open_file(path, request, progress)
     return opened
 
 
-def extra(module: str, purpose: str) -> Any:
-    """Import a module that comes with the ``analyze`` extra.
+def read_blocks(partition: Partition, most: int) -> Iterator[Block]:
+    """Read a partition in blocks of at most ``most`` rows.
 
     Raises:
-        MissingExtraError: it is not installed.
+        RecordingError: the file cannot be read or decoded.
+
+    """
+    with _decoding(partition.path):
+        yield from partition.blocks(most)
+
+
+@contextmanager
+def _decoding(path: Path) -> Iterator[None]:
+    """Turn every failure to decode a file into one RecordingError.
+
+    Decoders raise anything when a file is damaged: KeyError, UnicodeDecodeError, MemoryError, errors of their own.
+    """
+    try:
+        yield
+    except StiffgenError:
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.strerror:  # the system's; pyarrow's have no number and no text
+            raise RecordingError(f"{path}: cannot be read ({error.strerror})") from error
+        known = _FORMATS[path.suffix.lower()]
+        cause = f"{type(error).__name__}: {printable(str(error).strip(), 150)}"
+        raise RecordingError(f"{path}: is damaged, or is no {known.name} file ({cause}); {known.remedy}") from error
+
+
+def extra(module: str, purpose: str) -> Any:
+    """Import a module of the ``analyze`` extra.
+
+    Raises:
+        MissingExtraError: the module is not installed.
 
     """
     try:
@@ -245,4 +285,5 @@ __all__ = [
     "Request",
     "extra",
     "open_recording",
+    "read_blocks",
 ]

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""CSV files: pyarrow reads pieces that are sound, Python reads the rows of the others one by one."""
+"""CSV files: pyarrow reads pieces without a fault, Python reads the rows of the other pieces one by one."""
 
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +18,14 @@ from stiffgen.errors import RecordingError, printable
 _PARTITION = 64 << 20
 _PIECE = 4 << 20
 _LONGEST_LINE = 1 << 20
+_SPACE = " \t\r"
+"""Space around a cell. Python's strip() and float() also drop control characters, which stand for damage here."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class CsvPartition:
-    """Whole lines of a file: bytes ``start`` to ``stop``, the first of which is row ``row``."""
+    """Whole lines of a file: bytes ``start`` to ``stop``; the first line is row ``row``."""
 
     path: Path
     start: int
@@ -34,11 +38,11 @@ class CsvPartition:
 
     @property
     def work(self) -> float:
-        """Bytes."""
+        """Return the number of bytes."""
         return float(self.stop - self.start)
 
     def blocks(self, most: int) -> Iterator[Block]:
-        """Blocks of the lines; blank lines are skipped, but count as rows."""
+        """Read the lines in blocks of at most ``most`` rows; blank lines are skipped, but count as rows."""
         row = self.row
         with self.path.open("rb") as file:
             file.seek(self.start)
@@ -55,9 +59,11 @@ class CsvPartition:
                 yield from block.split(most)
 
     def _fast(self, piece: bytes, row: int, lines: int) -> Block | None:
-        """The piece through pyarrow, or None if any line of it needs a closer look."""
+        """Read a piece with pyarrow; return None if pyarrow does not take every line of it."""
+        if piece.count(b"\r") != piece.count(b"\r\n"):
+            return None  # pyarrow takes a carriage return alone for the end of a line
         pa, pacsv = extra("pyarrow", "reading CSV"), extra("pyarrow.csv", "reading CSV")
-        columns = [f"c{i}" for i in range(self.width)]  # those that are not wanted may share a name
+        columns = [f"c{i}" for i in range(self.width)]  # unused columns may share a name
         wanted = [columns[i] for i in self.wanted]
         try:
             table = pacsv.read_csv(
@@ -84,7 +90,7 @@ class CsvPartition:
         missing: list[list[bool]] = []
         problems: dict[int, Problem] = {}
         for index, line in enumerate(piece.decode("utf-8", errors="replace").split("\n")):
-            if not line.strip():
+            if not line.strip(_SPACE):
                 continue
             cells = _cells(line.rstrip("\r"), self.delimiter)
             numbers = [np.nan] * len(self.wanted)
@@ -115,22 +121,19 @@ class CsvPartition:
 
 def _cells(line: str, delimiter: str) -> list[str]:
     try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+        return [cell.strip(_SPACE) for cell in next(csv.reader([line], delimiter=delimiter))]
     except csv.Error:
-        return []  # a cell longer than any number, or an open quote: counted as a wrong number of columns
+        return []  # a cell longer than any number, or an open quote: reported as a wrong number of columns
 
 
 def _number(cell: str) -> float | None:
     if not cell:
         return float("nan")
-    try:
-        return None if "_" in cell else float(cell)  # Python's 1_000 is no number of anyone else's
-    except ValueError:
-        return None
+    return float(cell) if _NUMBER.fullmatch(cell) else None
 
 
 def _lines(file: BinaryIO, size: int, path: Path) -> bytes:
-    """About ``size`` bytes, up to the end of a line."""
+    """Read about ``size`` bytes, up to the end of a line."""
     piece = file.read(size)
     if piece and not piece.endswith(b"\n"):
         rest = file.readline(_LONGEST_LINE)
@@ -145,7 +148,7 @@ def _refuse_long(line: bytes, path: Path) -> None:
 
 
 def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
-    """Find the columns in the header line, and cut the file at line ends. Separators: comma, semicolon or tab."""
+    """Find the columns in the header line, and divide the file at line ends. Separators: comma, semicolon, tab."""
     extra("pyarrow.csv", "reading CSV")
     header_line = 0
     with path.open("rb") as file:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""MCAP files of ROS 2: sensor_msgs/msg/JointState and geometry_msgs/msg/WrenchStamped, matched by their stamps."""
+"""MCAP files of ROS 2: sensor_msgs/msg/JointState and geometry_msgs/msg/WrenchStamped, matched by time stamp."""
 
 from __future__ import annotations
 
+import io
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import redirect_stderr
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,7 +21,7 @@ from stiffgen.errors import RecordingError, listed, printable
 _JOINTS = "sensor_msgs/msg/JointState"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
 _FIRST_MESSAGES = 1000
-_LATENESS = 1_000_000_000  # [ns] how much later than its stamp says a wrench may stand in the file
+_LATENESS = 1_000_000_000  # [ns] largest delay of a wrench in the file behind its stamp
 _PURPOSE = "reading MCAP"
 
 Stamped = tuple[int, tuple[float, ...]]
@@ -26,7 +29,7 @@ Stamped = tuple[int, tuple[float, ...]]
 
 @dataclass(frozen=True)
 class McapPartition:
-    """A whole file: wrenches are matched as they come, so it is read from front to back."""
+    """A whole file, read from front to back, since wrenches are matched in the order of the log."""
 
     path: Path
     joints: tuple[str, ...]
@@ -37,11 +40,11 @@ class McapPartition:
 
     @property
     def work(self) -> float:
-        """Messages with joint positions."""
+        """Return the number of messages with joint positions."""
         return float(self.messages)
 
     def blocks(self, most: int) -> Iterator[Block]:
-        """A row for each message with joint positions, with the wrench nearest in time."""
+        """Yield one row per message with joint positions, with the wrench nearest in time."""
         row = 0
         matches = _matched(self._messages(), self.tolerance)
         while batch := list(islice(matches, most)):
@@ -62,9 +65,9 @@ class McapPartition:
             row += len(batch)
 
     def _messages(self) -> Iterator[tuple[bool, Stamped]]:
-        """(whether it is a wrench, (stamp [ns], numbers)) in the order of the log; joints that are absent: ()."""
+        """Yield (is_wrench, (stamp [ns], numbers)) in the order of the log; no numbers if joints are absent."""
         with self.path.open("rb") as file:
-            for topic, stamp, message in _decoded(self.path, file, [self.q_topic, self.wrench_topic]):
+            for topic, stamp, message in _decoded(file, [self.q_topic, self.wrench_topic]):
                 if topic == self.wrench_topic:
                     f, m = message.wrench.force, message.wrench.torque
                     yield True, (stamp, (f.x, f.y, f.z, m.x, m.y, m.z))
@@ -75,7 +78,7 @@ class McapPartition:
 
 
 def _positions(message: Any, joints: tuple[str, ...]) -> tuple[float, ...] | None:
-    """Of the joints; () if some are absent, None if all are (another publisher on the same topic)."""
+    """Return the positions of the joints; () if some are absent, None if all are (another publisher's message)."""
     names = list(message.name) or list(joints)  # some drivers leave the names out
     present = dict(zip(names, message.position, strict=False))
     if not any(joint in present for joint in joints):
@@ -87,7 +90,7 @@ def _positions(message: Any, joints: tuple[str, ...]) -> tuple[float, ...] | Non
 def _matched(
     messages: Iterator[tuple[bool, Stamped]], tolerance: int
 ) -> Iterator[tuple[Stamped, tuple[float, ...] | None]]:
-    """Joint positions with the wrench nearest in time; what waits is bounded by ``_LATENESS``."""
+    """Yield joint positions with the wrench nearest in time; ``_LATENESS`` bounds the messages in memory."""
     waiting: deque[Stamped] = deque()
     wrenches: deque[Stamped] = deque()
     newest = 0
@@ -112,17 +115,20 @@ def _nearest(wrenches: deque[Stamped], stamp: int, tolerance: int) -> tuple[floa
     return best[1] if best is not None and abs(best[0] - stamp) <= tolerance else None
 
 
-def _decoded(path: Path, file: BinaryIO, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
-    """(topic, stamp [ns], message); a message without a stamp has the time at which it was logged."""
-    exceptions = extra("mcap.exceptions", _PURPOSE)
+def _decoded(file: BinaryIO, topics: list[str]) -> Iterator[tuple[str, int, Any]]:
+    """Yield (topic, stamp [ns], message); the time of logging replaces a missing stamp."""
     factory = extra("mcap_ros2.decoder", _PURPOSE).DecoderFactory()
-    reader = extra("mcap.reader", _PURPOSE).make_reader(file, decoder_factories=[factory])
-    try:
-        for _, channel, message, decoded in reader.iter_decoded_messages(topics=topics):
-            stamp = decoded.header.stamp.sec * 1_000_000_000 + decoded.header.stamp.nanosec
-            yield channel.topic, stamp or message.log_time, decoded
-    except exceptions.McapError as error:
-        raise RecordingError(f"{path}: cannot be decoded ({error})") from error
+    factory.decoder_for = partial(_quietly, factory.decoder_for)
+    reader = extra("mcap.reader", _PURPOSE).make_reader(file, validate_crcs=True, decoder_factories=[factory])
+    for _, channel, message, decoded in reader.iter_decoded_messages(topics=topics):
+        stamp = decoded.header.stamp.sec * 1_000_000_000 + decoded.header.stamp.nanosec
+        yield channel.topic, stamp or message.log_time, decoded
+
+
+def _quietly(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function whose prints are lost: mcap_ros2 prints lines of a damaged schema as they are."""
+    with redirect_stderr(io.StringIO()):
+        return function(*arguments)
 
 
 def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
@@ -130,16 +136,12 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
     progress(f"reading the summary of {path.name}")
     if request.wrench is not None or request.time is not None:
         raise RecordingError("--wrench-columns and --time-column do not apply to MCAP; name topics with --wrench-topic")
-    exceptions = extra("mcap.exceptions", _PURPOSE)
     with path.open("rb") as file:
-        try:
-            summary = extra("mcap.reader", _PURPOSE).make_reader(file).get_summary()
-        except exceptions.McapError as error:
-            raise RecordingError(
-                f"{path}: is no MCAP file, or was not closed ({error}); 'mcap recover' repairs one"
-            ) from error
+        summary = extra("mcap.reader", _PURPOSE).make_reader(file).get_summary()
         if summary is None or summary.statistics is None:
-            raise RecordingError(f"{path}: has no summary (was it closed?); 'mcap recover' makes one")
+            raise RecordingError(
+                f"{path}: has no summary; the recorder did not close it: repair it with 'mcap recover'"
+            )
         counts = summary.statistics.channel_message_counts
         topics: dict[str, str] = {}
         messages: dict[str, int] = {}
@@ -155,16 +157,16 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
         file.seek(0)
         _check_joints(path, file, q_topic, joints)
         file.seek(0)
-        frame = next((m.header.frame_id for _, _, m in _decoded(path, file, [wrench_topic])), "")
+        frame = next((m.header.frame_id for _, _, m in _decoded(file, [wrench_topic])), "")
     tolerance = round(request.tolerance * 1e9)
-    partition = McapPartition(path, joints, q_topic, wrench_topic, tolerance, messages[q_topic])
+    whole = McapPartition(path, joints, q_topic, wrench_topic, tolerance, messages[q_topic])
     layout = Layout("time", joints, tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz"))
-    note = f"The wrenches on {wrench_topic} are stamped with frame '{printable(frame)}' and taken as they are."
-    return Recording(path, layout, (partition,), notes=(note,))
+    note = f"Wrenches on {printable(wrench_topic)}: frame '{printable(str(frame))}', used without conversion."
+    return Recording(path, layout, (whole,), notes=(note,))
 
 
 def _topic(path: Path, topics: Mapping[str, str], kind: str, chosen: str | None, option: str) -> str:
-    fitting = sorted(topic for topic, its in topics.items() if its == kind)
+    fitting = sorted(topic for topic, type_name in topics.items() if type_name == kind)
     if chosen is not None:
         if chosen in fitting:
             return chosen
@@ -182,12 +184,12 @@ def _listing(topics: Mapping[str, str]) -> str:
 
 def _check_joints(path: Path, file: BinaryIO, topic: str, joints: tuple[str, ...]) -> None:
     seen: dict[str, None] = {}
-    for _, _, message in islice(_decoded(path, file, [topic]), _FIRST_MESSAGES):
+    for _, _, message in islice(_decoded(file, [topic]), _FIRST_MESSAGES):
         seen |= dict.fromkeys(message.name or (joints if len(message.position) == len(joints) else ()))
         if all(joint in seen for joint in joints):
             return
     absent = [joint for joint in joints if joint not in seen]
     raise RecordingError(
-        f"{path}: no message on {topic} has joint {listed(absent)}; they have {listed(list(seen), 40) or 'none'}. "
-        "Name the joints in the order of q with --q-columns"
+        f"{path}: no message on {printable(topic)} has joint {listed(absent)}; the messages have "
+        f"{listed(list(seen), 40) or 'none'}. Name the joints in the order of q with --q-columns"
     )

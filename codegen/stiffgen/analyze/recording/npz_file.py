@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""NPZ files: arrays are read out of the zip archive as a stream, compressed or not."""
+"""NPZ files: arrays are read from the zip archive as a stream, compressed or not."""
 
 from __future__ import annotations
 
+import math
 import struct
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _BYTES_AT_ONCE = 1 << 22
 
 @dataclass(frozen=True)
 class _Member:
-    """An array of the archive: ``data`` is where its numbers begin, in the member or (stored) in the file."""
+    """Array of the archive. ``data`` is the offset of its first number: in the member, or (if stored) in the file."""
 
     name: str
     shape: tuple[int, ...]
@@ -38,7 +38,7 @@ class _Member:
 
     @property
     def streams(self) -> int:
-        """How many places are read at once: columns that lie one after the other are read each on its own."""
+        """Return the number of streams that read at once: one per column if columns are contiguous, else one."""
         return self.columns if self.fortran else 1
 
     def offset(self, stream: int, row: int) -> int:
@@ -57,20 +57,17 @@ class NpzPartition:
 
     @property
     def work(self) -> float:
-        """Rows."""
+        """Return the number of rows."""
         return float(self.stop - self.start)
 
     def blocks(self, most: int) -> Iterator[Block]:
-        """Blocks of the rows."""
-        try:
-            with ExitStack() as stack:
-                opened = [(member, self._streams(member, stack)) for member in self.members]
-                for row in range(self.start, self.stop, most):
-                    count = min(most, self.stop - row)
-                    values = np.concatenate([_rows(m, streams, count) for m, streams in opened], axis=1)
-                    yield Block(np.arange(row, row + count), values, work=count)
-        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-            raise RecordingError(f"{self.path}: is damaged ({error})") from error
+        """Read the rows in blocks of at most ``most`` rows."""
+        with ExitStack() as stack:
+            opened = [(member, self._streams(member, stack)) for member in self.members]
+            for row in range(self.start, self.stop, most):
+                count = min(most, self.stop - row)
+                values = np.concatenate([_rows(m, streams, count) for m, streams in opened], axis=1)
+                yield Block(np.arange(row, row + count), values, work=count)
 
     def _streams(self, member: _Member, stack: ExitStack) -> list[IO[bytes]]:
         streams: list[IO[bytes]] = []
@@ -96,7 +93,7 @@ def _skip(stream: IO[bytes], offset: int, seekable: bool) -> None:
 def _exactly(stream: IO[bytes], size: int) -> bytes:
     data = stream.read(size)
     if len(data) != size:
-        raise EOFError("it ends within an array")
+        raise EOFError("the file ends within an array")
     return data
 
 
@@ -111,21 +108,18 @@ def _rows(member: _Member, streams: Sequence[IO[bytes]], count: int) -> Array:
 
 
 def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
-    """Find the arrays: ``q`` (N, n), ``wrench`` (N, 6) and ``time`` (N,), or one array (N,) for each column."""
-    progress(f"reading the headers of {path.name}")
-    try:
-        with zipfile.ZipFile(path) as archive, path.open("rb") as file:
-            names = [info.filename[:-4] for info in archive.infolist() if info.filename.endswith(".npy")]
-            time, q, wrench = _chosen(path, request, names)
-            members = {name: _member(archive, file, name, path) for name in (*time, *q, *wrench)}
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, struct.error) as error:
-        raise RecordingError(f"{path}: is not an archive of NumPy arrays ({error})") from error
+    """Find the arrays: ``q`` (N, n), ``wrench`` (N, 6) and ``time`` (N,), or one array (N,) per column."""
+    progress(f"checking the arrays of {path.name}")
+    with zipfile.ZipFile(path) as archive, path.open("rb") as file:
+        names = [info.filename[:-4] for info in archive.infolist() if info.filename.endswith(".npy")]
+        time, q, wrench = _chosen(path, request, names)
+        members = {name: _member(archive, file, name, path) for name in (*time, *q, *wrench)}
     for group, width, what in ((time, 1, "time"), (q, request.dof, "q"), (wrench, 6, "wrench")):
         _check_shapes(path, [members[name] for name in group], width, what)
     lengths = {name: member.shape[0] for name, member in members.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise RecordingError(f"{path}: the arrays differ in length ({shown}); which rows belong together is not known")
+        raise RecordingError(f"{path}: the arrays differ in length ({shown}); write arrays with one entry per row")
     layout = Layout(time[0] if time else None, _column_names(q, request.dof), _column_names(wrench, 6))
     rows = next(iter(lengths.values()))
     # A compressed array can be read only from its beginning.
@@ -136,12 +130,12 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
 
 
 def _chosen(path: Path, request: Request, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Names of the arrays with time, q and wrench: one of two dimensions, or one for each column."""
+    """Return the names of the arrays with time, q and wrench: one two-dimensional array, or one array per column."""
     q = request.q or (("q",) if "q" in names else tuple(f"q_{i}" for i in range(request.dof)))
     wrench = request.wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(6)))
     time = (("time",) if "time" in names else ()) if request.time is None else (request.time,) * bool(request.time)
-    for option, given, width in (("--q-columns", q, request.dof), ("--wrench-columns", wrench, 6)):
-        if len(given) not in (1, width):
+    for option, chosen, width in (("--q-columns", q, request.dof), ("--wrench-columns", wrench, 6)):
+        if len(chosen) not in (1, width):
             raise RecordingError(f"{option}: name one array (N, {width}), or {width} arrays (N,)")
     absent = [name for name in (*time, *q, *wrench) if name not in names]
     if absent:
@@ -156,19 +150,34 @@ def _member(archive: zipfile.ZipFile, file: BinaryIO, name: str, path: Path) -> 
     info = archive.getinfo(f"{name}.npy")
     if info.flag_bits & 1:
         raise RecordingError(f"{path}: is encrypted; write it without a password")
-    with archive.open(info) as stream:
-        version = np.lib.format.read_magic(cast(BinaryIO, stream))
-        read = {(1, 0): np.lib.format.read_array_header_1_0}.get(version, np.lib.format.read_array_header_2_0)
-        shape, fortran, dtype = read(cast(BinaryIO, stream))
-        data = stream.tell()
-    if dtype.kind not in "fiu":
-        raise RecordingError(f"{path}: array {name} holds values of type {dtype}, not numbers; convert it first")
     stored = info.compress_type == zipfile.ZIP_STORED
+    with archive.open(info) as stream:
+        shape, fortran, dtype = _header(cast(BinaryIO, stream))
+        data = stream.tell()
+        if dtype.kind not in "fiu":
+            raise RecordingError(f"{path}: array {name} holds values of type {dtype}, not numbers; convert it first")
+        if info.file_size - data != math.prod(shape) * dtype.itemsize or min(shape, default=0) < 0:
+            raise RecordingError(
+                f"{path}: array {name} has {info.file_size - data} bytes, but its header says shape {shape} of "
+                f"{dtype}; the array is cut short or damaged: write it again with numpy.savez"
+            )
+        while stored and stream.read(_BYTES_AT_ONCE):  # zipfile compares the checksum at the end of the member
+            pass
     if stored:
         file.seek(info.header_offset)
         lengths = struct.unpack_from("<HH", _exactly(file, _LOCAL_HEADER), 26)  # of the name and the extra field
         data += info.header_offset + _LOCAL_HEADER + sum(lengths)
     return _Member(name, shape, fortran and len(shape) == 2, dtype.str, data, stored)
+
+
+def _header(stream: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Read the header of an array: shape, whether columns are contiguous, and type."""
+    version = np.lib.format.read_magic(stream)
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0(stream)
+    if version not in ((2, 0), (3, 0)):  # 3.0 differs in the names of fields, which numbers do not have
+        raise ValueError(f"version {version[0]}.{version[1]} of the NPY format is not known")
+    return np.lib.format.read_array_header_2_0(stream)
 
 
 def _check_shapes(path: Path, members: Sequence[_Member], width: int, what: str) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Parquet files, through pyarrow: row groups are partitions, read page by page."""
+"""Parquet files, read by pyarrow page by page; partitions consist of row groups."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen.analyze.recording import PARTITION_ROWS, Array, Block, Recording, Request, extra
-from stiffgen.errors import RecordingError
+from stiffgen.errors import RecordingError, printable
 
 _BUFFER = 1 << 18
 
@@ -28,32 +28,31 @@ class ParquetPartition:
 
     @property
     def work(self) -> float:
-        """Rows."""
+        """Return the number of rows."""
         return float(self.rows)
 
     def blocks(self, most: int) -> Iterator[Block]:
-        """Blocks of the row groups."""
-        pa = extra("pyarrow", "reading Parquet")
+        """Read the row groups in blocks of at most ``most`` rows."""
         row = self.row
-        try:
-            with _opened(self.path) as file:
-                for batch in file.iter_batches(
-                    batch_size=most, row_groups=list(self.groups), columns=list(self.names), use_threads=False
-                ):
-                    columns = [batch.column(name) for name in self.names]
-                    missing = None
-                    if any(column.null_count for column in columns):
-                        missing = np.stack([c.is_null().to_numpy(zero_copy_only=False) for c in columns], axis=1)
-                    values = np.stack([_numbers(column) for column in columns], axis=1)
-                    yield Block(np.arange(row, row + len(values)), values, missing, work=len(values))
-                    row += len(values)
-        except (pa.ArrowException, OSError) as error:
-            raise RecordingError(f"{self.path}: is damaged ({error})") from error
+        with _opened(self.path) as file:
+            for batch in file.iter_batches(
+                batch_size=most, row_groups=list(self.groups), columns=list(self.names), use_threads=False
+            ):
+                columns = [batch.column(name) for name in self.names]
+                missing = None
+                if any(column.null_count for column in columns):
+                    missing = np.stack([c.is_null().to_numpy(zero_copy_only=False) for c in columns], axis=1)
+                values = np.stack([_numbers(column) for column in columns], axis=1)
+                yield Block(np.arange(row, row + len(values)), values, missing, work=len(values))
+                row += len(values)
+        if row != self.row + self.rows:
+            raise EOFError(f"{row - self.row} rows where the footer says {self.rows}")
 
 
 def _opened(path: Path) -> Any:
-    # Without pre-buffering and with a buffer of its own, a column is read page by page: a row group of any size.
-    return extra("pyarrow.parquet", "reading Parquet").ParquetFile(path, pre_buffer=False, buffer_size=_BUFFER)
+    # Without pre-buffering and with a buffer per column, pyarrow reads page by page: row groups may have any size.
+    parquet = extra("pyarrow.parquet", "reading Parquet")
+    return parquet.ParquetFile(path, pre_buffer=False, buffer_size=_BUFFER, page_checksum_verification=True)
 
 
 def _numbers(column: Any) -> Array:
@@ -67,20 +66,19 @@ def _numbers(column: Any) -> Array:
 
 
 def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
-    """Find the columns in the schema; row groups are joined into partitions of some 10^5 rows."""
+    """Find the columns in the schema, and join row groups into partitions of some 10^5 rows."""
     pa = extra("pyarrow", "reading Parquet")
     progress(f"reading the footer of {path.name}")
-    try:
-        with _opened(path) as file:
-            schema, metadata = file.schema_arrow, file.metadata
-    except pa.ArrowException as error:
-        raise RecordingError(f"{path}: is not a Parquet file ({error})") from error
+    with _opened(path) as file:
+        schema, metadata = file.schema_arrow, file.metadata
     layout = request.flat_layout(path, schema.names)
     for name in layout.names:
         kind = schema.field(name).type
         number = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
         if not number and not (name == layout.time and pa.types.is_timestamp(kind)):
-            raise RecordingError(f"{path}: column {name} holds values of type {kind}, not numbers; convert it first")
+            raise RecordingError(
+                f"{path}: column {name} holds values of type {printable(str(kind))}, not numbers; convert it"
+            )
     partitions: list[ParquetPartition] = []
     groups: list[int] = []
     row = rows = 0
