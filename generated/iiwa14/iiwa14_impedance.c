@@ -33,6 +33,7 @@ enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
  * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
+static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
@@ -960,6 +961,19 @@ static double available_energy(const memory_t *m)
 }
 
 /*
+ * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the joint's
+ * velocity limit, and as far as the sample time allows (docs/controller.md).
+ */
+static double limit_stiffness(const step_t *s, int i)
+{
+    const config_t *const c = s->c;
+    const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
+    const double followed = c->torque_rate_limit[i] / c->velocity_limit[i];
+    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * s->m->inertia[i] / (T * T * delayed);
+    return fmin(c->limit_stiffness[i], fmin(followed, sampled));
+}
+
+/*
  * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else the
  * old one stays. The first sample's is free.
  */
@@ -970,7 +984,7 @@ static void adopt_limits(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         double *const a = m->avoidance + 4 * i;
         const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
-                                  c->limit_stiffness[i], c->effort_limit[i]};
+                                  limit_stiffness(s, i), c->effort_limit[i]};
         if (memcmp(a, wanted, sizeof wanted) == 0) {
             continue;
         }
@@ -1315,6 +1329,198 @@ static int is_command(const step_t *s)
     return good;
 }
 
+/* Damping: designed from the springs' tangent, limited by the sample time. */
+
+/*
+ * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the sum of
+ * the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
+ */
+static double reduce_inertia(const double *L, double mass, double *inertia)
+{
+    double trace = 0.0;
+    for (int k = 0; k < N; ++k) {
+        double unit[N] = {0.0};
+        unit[k] = 1.0;
+        solve_lower(N, 1, L, unit);
+        inertia[k] = mass / dot(N, unit, unit);
+        trace += 1.0 / inertia[k];
+    }
+    return trace;
+}
+
+/* Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive. */
+static void measure_inertia(step_t *s, const double *q)
+{
+    double *const M = s->scratch, *const L = M + NN;
+    robot_mass_matrix(q, M);
+    for (int i = 0; i < N; ++i) {
+        M[i * (N + 1)] += s->c->motor_inertia[i];
+        s->m->inertia[i] = DBL_MAX;
+    }
+    const double mass = largest_entry(NN, M);
+    if (factorise_cholesky(N, M, mass, 0.0, L) == 0) {
+        reduce_inertia(L, mass, s->m->inertia);
+    }
+}
+
+/* Replace a torque rate by the velocity K^-1 (torque rate) of an arm that follows the springs at rest. */
+static void follow_springs(const double *eigenvalues, const double *L, const double *rows, double mass, double *follow)
+{
+    double sum[N] = {0.0};
+    solve_lower(N, 1, L, follow);
+    for (int k = 0; k < N; ++k) {
+        const double l = eigenvalues[k];
+        add_scaled(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
+    }
+    solve_upper(N, L, sum);
+    memcpy(follow, sum, sizeof sum);
+}
+
+/* Compute J^T task_damping J, summed over the tips. */
+static void apply_task_damping(step_t *s)
+{
+    double J[6 * N * TIPS];
+    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    for (int k = 0; k < 36 * TIPS; ++k) {
+        const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
+        const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
+        for (int i = 0; i < NN; ++i) {
+            s->out->damping[i] += left[i / N] * D * right[i % N];
+        }
+    }
+}
+
+/*
+ * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
+ * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T:
+ * the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b h))) is
+ * solved for b.
+ */
+static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
+{
+    for (int k = 0; k < N; ++k) {
+        const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
+        const double zeta = c->damping_ratio[k], p = l * late * (2.0 * zeta * zeta - 1.0);
+        b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
+    }
+}
+
+/* Use the joint damping alone: the mass matrix is not positive definite. */
+static double damp_joints_only(step_t *s, double *follow)
+{
+    s->status |= ID(STATUS_MASS_MATRIX);
+    memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
+    memset(follow, 0, N * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        s->out->damping[i * (N + 1)] = s->c->joint_damping;
+    }
+    return 1.0;
+}
+
+/*
+ * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others
+ * 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1 B is above
+ * LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that follows it at
+ * rest. Return the largest scale that the sample time allows.
+ */
+static double design_damping(step_t *s, double *follow)
+{
+    const config_t *const c = s->c;
+    output_t *const out = s->out;
+    double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
+    double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
+    const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
+    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
+    /* only the symmetric part of the conventional formula has a say in the damping */
+    if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
+        return damp_joints_only(s, follow);
+    }
+    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
+    s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
+    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
+        scale = LARGEST_STIFFNESS / (stiffest * delayed);
+        s->status |= ID(STATUS_STIFFNESS_CAPPED);
+    }
+    const double trace = reduce_inertia(L, mass, s->brake);
+    if (d * trace > 0.5 * most) {
+        d = 0.5 * most / trace;
+        s->status |= ID(STATUS_DAMPING_CAPPED);
+    }
+    follow_springs(out->eigenvalues, L, rows, mass, follow);
+    if (by_task) {
+        apply_task_damping(s);
+        if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
+            memset(b, 0, sizeof b);
+        }
+    } else {
+        damp_modes(c, out->eigenvalues, scale, b);
+    }
+    int capped = 0;
+    for (int k = 0; k < N; ++k) {
+        capped |= b[k] > most - d * trace;
+        b[k] = clamp(b[k], 0.0, most - d * trace);
+        largest_b = fmax(largest_b, b[k]);
+        b[k] *= mass;
+    }
+    s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
+    if (capped || !by_task) {
+        multiply_lower(N, L, rows);
+        form_congruence(N, rows, b, out->damping);
+    }
+    for (int i = 0; i < N; ++i) {
+        s->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
+        out->damping[i * (N + 1)] += d;
+    }
+    return scale;
+}
+
+/*
+ * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of
+ * B quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then the
+ * mean of the last few samples.
+ */
+static void smooth_velocity(step_t *s)
+{
+    const memory_t *const m = s->m;
+    double most = 1.0;
+    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
+        double torque = 0.0;
+        for (int j = 0; j < N; ++j) {
+            torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
+        }
+        most = fmax(most, torque / m->rate[i]);
+    }
+    const int wanted = (int)ceil(fmin(most, (double)RECENT));
+    const int count = wanted < m->recent_count ? wanted : m->recent_count;
+    if (count > 1 && m->gap == 0) {
+        for (int i = 0; i < N; ++i) {
+            double sum = 0.0;
+            for (int k = 0; k < count; ++k) {
+                sum += m->recent[k * N + i];
+            }
+            s->velocity[i] = sum / count;
+        }
+    }
+}
+
+/*
+ * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different stiffness
+ * end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
+ */
+static void brake_fast_joints(step_t *s)
+{
+    double excess[N];
+    int fast = 0;
+    for (int i = 0; i < N; ++i) {
+        const double limit = BRAKED * s->c->reference_velocity_limit[i];
+        excess[i] = s->velocity[i] - clamp(s->velocity[i], -limit, limit);
+        fast += excess[i] != 0.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        s->out->damping_torque[i] -= excess[i] != 0.0 ? s->brake[i] * excess[i] / fast : 0.0;
+    }
+}
+
 /* Governor: the equilibrium follows the wanted one, within bounds on its velocity, force and work. */
 
 /* Return the largest norm of the vectors of x, each of the given length, over the governor's share of its limit. */
@@ -1615,6 +1821,7 @@ static void start_engagement(step_t *s)
     memory_t *const m = s->m;
     m->engaged = 1;
     m->scale = 1.0;
+    measure_inertia(s, m->q);
     if (available_energy(m) < 0.0) {
         /* more was put out than there was: the account ends here, and begins anew */
         m->unaccounted += 1u;
@@ -1743,183 +1950,6 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     if (step != 0.0) {
         m->scale = step == rise ? target : m->scale + step;
         book_stiffness(s, &m->elastic_energy, m->scale * energy - m->elastic_energy);
-    }
-}
-
-/* Damping: designed from the springs' tangent, limited by the sample time. */
-
-/*
- * Bound the damping of single joints (brake), from the diagonal of M^-1. Return the trace of M^-1, the sum of the squares
- * in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
- */
-static double bound_brakes(step_t *s, const double *L, double mass)
-{
-    double trace = 0.0;
-    for (int k = 0; k < N; ++k) {
-        double unit[N] = {0.0};
-        unit[k] = 1.0;
-        solve_lower(N, 1, L, unit);
-        s->brake[k] = mass / dot(N, unit, unit);
-        trace += 1.0 / s->brake[k];
-    }
-    return trace;
-}
-
-/* Replace a torque rate by the velocity K^-1 (torque rate) of an arm that follows the springs at rest. */
-static void follow_springs(const double *eigenvalues, const double *L, const double *rows, double mass, double *follow)
-{
-    double sum[N] = {0.0};
-    solve_lower(N, 1, L, follow);
-    for (int k = 0; k < N; ++k) {
-        const double l = eigenvalues[k];
-        add_scaled(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
-    }
-    solve_upper(N, L, sum);
-    memcpy(follow, sum, sizeof sum);
-}
-
-/* Compute J^T task_damping J, summed over the tips. */
-static void apply_task_damping(step_t *s)
-{
-    double J[6 * N * TIPS];
-    robot_jacobians(s->m->q, s->m->tool_pose, J);
-    for (int k = 0; k < 36 * TIPS; ++k) {
-        const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
-        const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
-        for (int i = 0; i < NN; ++i) {
-            s->out->damping[i] += left[i / N] * D * right[i % N];
-        }
-    }
-}
-
-/*
- * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
- * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T:
- * the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b h))) is
- * solved for b.
- */
-static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
-{
-    for (int k = 0; k < N; ++k) {
-        const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], p = l * late * (2.0 * zeta * zeta - 1.0);
-        b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
-    }
-}
-
-/* Use the joint damping alone: the mass matrix is not positive definite. */
-static double damp_joints_only(step_t *s, double *follow)
-{
-    s->status |= ID(STATUS_MASS_MATRIX);
-    memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
-    memset(follow, 0, N * sizeof(double));
-    for (int i = 0; i < N; ++i) {
-        s->out->damping[i * (N + 1)] = s->c->joint_damping;
-    }
-    return 1.0;
-}
-
-/*
- * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others
- * 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1 B is above
- * LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that follows it at
- * rest. Return the largest scale that the sample time allows.
- */
-static double design_damping(step_t *s, double *follow)
-{
-    const config_t *const c = s->c;
-    output_t *const out = s->out;
-    double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
-    double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
-    const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
-    /* only the symmetric part of the conventional formula has a say in the damping */
-    if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
-        return damp_joints_only(s, follow);
-    }
-    const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
-    s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
-    if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
-        scale = LARGEST_STIFFNESS / (stiffest * delayed);
-        s->status |= ID(STATUS_STIFFNESS_CAPPED);
-    }
-    const double trace = bound_brakes(s, L, mass);
-    if (d * trace > 0.5 * most) {
-        d = 0.5 * most / trace;
-        s->status |= ID(STATUS_DAMPING_CAPPED);
-    }
-    follow_springs(out->eigenvalues, L, rows, mass, follow);
-    if (by_task) {
-        apply_task_damping(s);
-        if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
-            memset(b, 0, sizeof b);
-        }
-    } else {
-        damp_modes(c, out->eigenvalues, scale, b);
-    }
-    int capped = 0;
-    for (int k = 0; k < N; ++k) {
-        capped |= b[k] > most - d * trace;
-        b[k] = clamp(b[k], 0.0, most - d * trace);
-        largest_b = fmax(largest_b, b[k]);
-        b[k] *= mass;
-    }
-    s->status |= capped ? (uint32_t)ID(STATUS_DAMPING_CAPPED) : 0u;
-    if (capped || !by_task) {
-        multiply_lower(N, L, rows);
-        form_congruence(N, rows, b, out->damping);
-    }
-    for (int i = 0; i < N; ++i) {
-        s->brake[i] *= paper ? 0.0 : most - d * trace - largest_b;
-        out->damping[i * (N + 1)] += d;
-    }
-    return scale;
-}
-
-/*
- * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of
- * B quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then the
- * mean of the last few samples.
- */
-static void smooth_velocity(step_t *s)
-{
-    const memory_t *const m = s->m;
-    double most = 1.0;
-    for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
-        double torque = 0.0;
-        for (int j = 0; j < N; ++j) {
-            torque += fabs(s->out->damping[i * N + j]) * s->c->position_quantum / s->c->sample_time;
-        }
-        most = fmax(most, torque / m->rate[i]);
-    }
-    const int wanted = (int)ceil(fmin(most, (double)RECENT));
-    const int count = wanted < m->recent_count ? wanted : m->recent_count;
-    if (count > 1 && m->gap == 0) {
-        for (int i = 0; i < N; ++i) {
-            double sum = 0.0;
-            for (int k = 0; k < count; ++k) {
-                sum += m->recent[k * N + i];
-            }
-            s->velocity[i] = sum / count;
-        }
-    }
-}
-
-/*
- * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different stiffness
- * end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
- */
-static void brake_fast_joints(step_t *s)
-{
-    double excess[N];
-    int fast = 0;
-    for (int i = 0; i < N; ++i) {
-        const double limit = BRAKED * s->c->reference_velocity_limit[i];
-        excess[i] = s->velocity[i] - clamp(s->velocity[i], -limit, limit);
-        fast += excess[i] != 0.0;
-    }
-    for (int i = 0; i < N; ++i) {
-        s->out->damping_torque[i] -= excess[i] != 0.0 ? s->brake[i] * excess[i] / fast : 0.0;
     }
 }
 
@@ -2168,6 +2198,7 @@ static void step_with_sample(step_t *s, const double *last)
     memory_t *const m = s->m;
     int moved = 0;
     if (!m->known) {
+        measure_inertia(s, s->input->q);
         adopt_limits(s, s->input->q);
     }
     book_interval(s, s->input->q);

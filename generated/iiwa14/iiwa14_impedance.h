@@ -190,8 +190,9 @@ typedef struct {
     /* [rad or m] width of the zone inside each limit that pushes back. Must lie between 1e-06 and 10. Default:
      * 0.1. */
     double limit_zone;
-    /* [N m/rad] slope of the limit avoidance torque over the depth in the zone, up to the effort limit; 0 turns
-     * it off. Every entry must lie between 0 and 1e+06. Default: effort[i]. */
+    /* [N m/rad] slope of the limit avoidance torque over the depth in the zone, up to the effort limit;
+     * softened to what torque rate and sample time can follow; 0 turns it off. Every entry must lie between 0
+     * and 1e+06. Default: effort[i]. */
     double limit_stiffness[7];
     /* [rad/s or m/s] of the arm; beyond it a limit fault. Every entry must lie between 1e-06 and 1000. Default:
      * velocity[i]. */
@@ -356,6 +357,7 @@ typedef struct {
     double rate[7];
     double velocity_limit[7];
     double avoidance[28];
+    double inertia[7];
     double recent[56];
     double q[7];
     double dq[7];

@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "3c49a5e6f4fe0f9c") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "c0e414b65114dd5f") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

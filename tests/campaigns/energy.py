@@ -372,9 +372,9 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     )
     away = int(bool(np.any(np.asarray(chosen.episode["q"]) != parts[0]["wanted"])))
     limit, tank = chosen.config["engagement_limit"], chosen.config["tank_initial"]
-    episode, config = loop.episode(**chosen.episode, engagement=limit, fastest=1.0), loop.config(**chosen.config)
-    summary = loop.run(SAMPLES, loop.segments(*parts), episode, config)
-    held = tank + _limit_energy(config, np.asarray(chosen.episode["q"]))
+    episode = loop.episode(**chosen.episode, engagement=limit, fastest=1.0)
+    summary = loop.run(SAMPLES, loop.segments(*parts), episode, loop.config(**chosen.config))
+    held = tank + summary.first_energy
     if constant:
         excess = summary.excess - held - limit * away
     else:
@@ -383,16 +383,6 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     bound = summary.port_most - excess
     ratio = summary.port_most / bound if bound > 0 else np.inf
     return Measured(excess, -np.inf if dead and excess <= 0 else excess, ratio, summary)
-
-
-def _limit_energy(config: Any, q: np.ndarray) -> float:
-    """Return the energy of the limit avoidance at q [J]."""
-    lower, upper, k, most = (np.array(getattr(config, f"{name}")) for name in (
-        "lower_limit", "upper_limit", "limit_stiffness", "effort_limit"))  # fmt: skip
-    depth = np.maximum(q - upper, lower - q) + config.limit_zone
-    depth = np.maximum(depth, 0.0)
-    linear = k * depth > most
-    return float(np.sum(np.where(linear, most * (depth - most / k / 2), k * depth**2 / 2)))
 
 
 def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:

@@ -26,7 +26,7 @@ from stiffgen.robot.chain import Chain
 RUNTIME = Path(__file__).parent.parent / "runtime"
 """Folder of the C library that every NAME_impedance.c contains."""
 INTERFACE = "impedance.h"
-_PARTS = ("matrix", "state", "energy", "sample", "governor", "stiffness", "damping", "torque", "step")
+_PARTS = ("matrix", "state", "energy", "sample", "damping", "governor", "stiffness", "torque", "step")
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
 _FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}

@@ -134,7 +134,8 @@ CONFIG: tuple[Field, ...] = (
         "limit_stiffness",
         _N,
         "N m/rad",
-        "slope of the limit avoidance torque over the depth in the zone, up to the effort limit; 0 turns it off",
+        "slope of the limit avoidance torque over the depth in the zone, up to the effort limit; softened to what "
+        "torque rate and sample time can follow; 0 turns it off",
         "{name}_effort[i]",
         0.0,
         1e6,

@@ -2,20 +2,35 @@
 #include "impedance.h"
 
 /*
- * Bound the damping of single joints (brake), from the diagonal of M^-1. Return the trace of M^-1, the sum of the squares
- * in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
+ * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the sum of
+ * the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
  */
-static double bound_brakes(step_t *s, const double *L, double mass)
+static double reduce_inertia(const double *L, double mass, double *inertia)
 {
     double trace = 0.0;
     for (int k = 0; k < N; ++k) {
         double unit[N] = {0.0};
         unit[k] = 1.0;
         solve_lower(N, 1, L, unit);
-        s->brake[k] = mass / dot(N, unit, unit);
-        trace += 1.0 / s->brake[k];
+        inertia[k] = mass / dot(N, unit, unit);
+        trace += 1.0 / inertia[k];
     }
     return trace;
+}
+
+/* Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive. */
+void measure_inertia(step_t *s, const double *q)
+{
+    double *const M = s->scratch, *const L = M + NN;
+    robot_mass_matrix(q, M);
+    for (int i = 0; i < N; ++i) {
+        M[i * (N + 1)] += s->c->motor_inertia[i];
+        s->m->inertia[i] = DBL_MAX;
+    }
+    const double mass = largest_entry(NN, M);
+    if (factorise_cholesky(N, M, mass, 0.0, L) == 0) {
+        reduce_inertia(L, mass, s->m->inertia);
+    }
 }
 
 /* Replace a torque rate by the velocity K^-1 (torque rate) of an arm that follows the springs at rest. */
@@ -96,7 +111,7 @@ double design_damping(step_t *s, double *follow)
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         s->status |= ID(STATUS_STIFFNESS_CAPPED);
     }
-    const double trace = bound_brakes(s, L, mass);
+    const double trace = reduce_inertia(L, mass, s->brake);
     if (d * trace > 0.5 * most) {
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);

@@ -149,6 +149,19 @@ double available_energy(const memory_t *m)
 }
 
 /*
+ * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the joint's
+ * velocity limit, and as far as the sample time allows (docs/controller.md).
+ */
+static double limit_stiffness(const step_t *s, int i)
+{
+    const config_t *const c = s->c;
+    const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
+    const double followed = c->torque_rate_limit[i] / c->velocity_limit[i];
+    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * s->m->inertia[i] / (T * T * delayed);
+    return fmin(c->limit_stiffness[i], fmin(followed, sampled));
+}
+
+/*
  * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else the
  * old one stays. The first sample's is free.
  */
@@ -159,7 +172,7 @@ void adopt_limits(step_t *s, const double *q)
     for (int i = 0; i < N; ++i) {
         double *const a = m->avoidance + 4 * i;
         const double wanted[4] = {c->lower_limit[i] + c->limit_zone, c->upper_limit[i] - c->limit_zone,
-                                  c->limit_stiffness[i], c->effort_limit[i]};
+                                  limit_stiffness(s, i), c->effort_limit[i]};
         if (memcmp(a, wanted, sizeof wanted) == 0) {
             continue;
         }

@@ -299,6 +299,7 @@ static void start_engagement(step_t *s)
     memory_t *const m = s->m;
     m->engaged = 1;
     m->scale = 1.0;
+    measure_inertia(s, m->q);
     if (available_energy(m) < 0.0) {
         /* more was put out than there was: the account ends here, and begins anew */
         m->unaccounted += 1u;

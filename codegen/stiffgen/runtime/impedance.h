@@ -24,6 +24,7 @@ enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
  * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
+static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
@@ -143,6 +144,7 @@ void vary_stiffness(step_t *s);
 void vary_scale(step_t *s, const double *pull, double energy, double cap);
 
 /* damping.c */
+void measure_inertia(step_t *s, const double *q);
 double design_damping(step_t *s, double *follow);
 void smooth_velocity(step_t *s);
 void brake_fast_joints(step_t *s);

@@ -62,6 +62,7 @@ static void step_with_sample(step_t *s, const double *last)
     memory_t *const m = s->m;
     int moved = 0;
     if (!m->known) {
+        measure_inertia(s, s->input->q);
         adopt_limits(s, s->input->q);
     }
     book_interval(s, s->input->q);

@@ -202,6 +202,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             law_step(configs[s->config], state, &sample, output, &command);
             if (summary->finished == 0) {
                 summary->start_energy = spring_energy(motion.q, &command, &command);
+                summary->first_energy = command.energy;
             } else if (!command.faulted) {
                 const double work = spring_energy(motion.q, &previous, &command) -
                                     spring_energy(motion.q, &previous, &previous);

@@ -69,6 +69,7 @@ typedef struct {
     double travel;               /* [s] that the default velocity limits of the governor need for what `wanted` moved */
     double excess_travel;        /* [J] most of port - engagement x (resets + travel, at most the time) at any time */
     double start_energy;         /* [J] of the springs at the first sample */
+    double first_energy;         /* [J] of springs and limit avoidance there, by the law's own account */
     double kinetic;              /* [J] at the end */
     double energy_error;         /* [J] of the integration: change of kinetic energy less all work */
     double reference_speed;      /* [1] largest change of the equilibrium in use, over the velocity limit */
