@@ -2417,7 +2417,7 @@ const char *iiwa14_impedance_error_text(int code)
     case IIWA14_E_TANK:
         return "tank_initial: must not be above tank_maximum";
     case IIWA14_E_PAPER_TIPS:
-        return "law: the paper's law is made for one tip";
+        return "law: the paper's law needs a robot with one tip";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:

@@ -2132,12 +2132,12 @@ static int name_arguments(PyObject *ufunc, int index, PyObject *arguments)
 static char types[MAX_OPERANDS];
 static void *data[KERNELS];
 
-/* ---- controller: structs pass as buffers; their layout is read from the compiler, not typed twice --------------- */
+/* ---- controller: structs pass as buffers; the compiler tells their layout --------------------------------------- */
 
 typedef struct {
     const char *structure;
     const char *name;
-    const char *format; /* of NumPy */
+    const char *format; /* NumPy's */
     size_t offset;
     int rank;
     int extent[3];
@@ -2252,25 +2252,25 @@ static const choice choices[] = {
 };
 
 static const status statuses[] = {
-    {"fault", IIWA14_STATUS_FAULT, "a fault is latched: fault, reason and fault_time tell which"},
-    {"missed", IIWA14_STATUS_MISSED, "no sample, or none that advances the counter by one"},
+    {"fault", IIWA14_STATUS_FAULT, "a fault is latched: see fault, reason and fault_time"},
+    {"missed", IIWA14_STATUS_MISSED, "no sample, or one whose counter did not advance by one"},
     {"bad_sample", IIWA14_STATUS_BAD_SAMPLE, "the sample was not believed: two of three are a fault"},
-    {"command_refused", IIWA14_STATUS_COMMAND_REFUSED, "wanted equilibrium or stiffness is refused: both stay where they are"},
-    {"wrench_refused", IIWA14_STATUS_WRENCH_REFUSED, "the given wrench is not finite or too large, and is left out"},
+    {"command_refused", IIWA14_STATUS_COMMAND_REFUSED, "the command is refused: equilibrium and stiffness stay where they are"},
+    {"wrench_refused", IIWA14_STATUS_WRENCH_REFUSED, "the measured wrench is not finite or too large, and is not used"},
     {"moving", IIWA14_STATUS_MOVING, "the equilibrium is on its way to the wanted one"},
     {"governor", IIWA14_STATUS_GOVERNOR, "the equilibrium is held back by the energy or the engagement limit"},
     {"stiffness_changing", IIWA14_STATUS_STIFFNESS_CHANGING, "the applied stiffness is on its way to the wanted one"},
     {"tank_limited", IIWA14_STATUS_TANK_LIMITED, "the stiffness or the scale is held back because the tank cannot pay"},
-    {"tank_deficit", IIWA14_STATUS_TANK_DEFICIT, "more was put out than tank and springs held: the account does not know why"},
-    {"reserve", IIWA14_STATUS_RESERVE, "damping or scale is lowered: tank and stored energy do not cover more torque"},
+    {"tank_deficit", IIWA14_STATUS_TANK_DEFICIT, "more was put out than tank and springs had: an assumption of the theorem does not hold"},
+    {"reserve", IIWA14_STATUS_RESERVE, "damping or scale is reduced: tank and stored energy do not cover more torque (tank_initial)"},
     {"joint_limit", IIWA14_STATUS_JOINT_LIMIT, "a position is in the limit zone or beyond"},
-    {"saturated", IIWA14_STATUS_SATURATED, "the torque would pass its effort limit: the scale falls, or it was cut"},
+    {"saturated", IIWA14_STATUS_SATURATED, "the torque would exceed its effort limit: the scale falls, or the torque was cut"},
     {"rate_limited", IIWA14_STATUS_RATE_LIMITED, "a torque was cut to its rate limit"},
     {"damping_capped", IIWA14_STATUS_DAMPING_CAPPED, "the damping is capped: M^-1 B T would be too large for the sample time"},
-    {"stiffness_capped", IIWA14_STATUS_STIFFNESS_CAPPED, "the scale is lowered: M^-1 L T^2 would be too large for the sample time"},
-    {"indefinite", IIWA14_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not"},
+    {"stiffness_capped", IIWA14_STATUS_STIFFNESS_CAPPED, "the scale is lowered: M^-1 K T^2 would be too large for the sample time"},
+    {"indefinite", IIWA14_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable"},
     {"mass_matrix", IIWA14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
-    {"limits_kept", IIWA14_STATUS_LIMITS_KEPT, "a changed limit avoidance waits: it would store more energy at the present position than the tank can pay"},
+    {"limits_kept", IIWA14_STATUS_LIMITS_KEPT, "a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay"},
     {"config", IIWA14_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
 };
 
@@ -2303,7 +2303,7 @@ static const choice outcomes[] = {
     {"reason", "state", IIWA14_REASON_STATE},
 };
 
-/* The buffer of count structs of the given size at least, or NULL with an exception. */
+/* Return a buffer that holds at least `count` structs of a size, or NULL with an exception. */
 static void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
 {
     if (count < 0 || (size_t)buffer->len / size < (size_t)count || (uintptr_t)buffer->buf % sizeof(double) != 0) {
@@ -2328,7 +2328,7 @@ static PyObject *default_config(PyObject *module, PyObject *arguments)
     return c != NULL ? Py_NewRef(Py_None) : NULL;
 }
 
-/* initialise(config, state, torque): torque is a buffer of DOF doubles. */
+/* Initialise: arguments (config, state, torque), torque a buffer of DOF doubles. */
 static PyObject *initialise(PyObject *module, PyObject *arguments)
 {
     Py_buffer config, state, torque;
@@ -2382,7 +2382,7 @@ static PyObject *reset(PyObject *module, PyObject *arguments)
     return result;
 }
 
-/* run(config, state, inputs, outputs, count): steps, without the GIL; the code of the first that fails ends it. */
+/* Run steps without the GIL, up to the first error: arguments (config, state, inputs, outputs, count). */
 static PyObject *run(PyObject *module, PyObject *arguments)
 {
     Py_buffer config, state, inputs, outputs;
@@ -2430,19 +2430,19 @@ static PyMethodDef controller_methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-/* Add a list under a name; takes the reference. */
+/* Add a list to the module; steals the reference. */
 static int add(PyObject *module, const char *name, PyObject *list)
 {
-    const int failed = list == NULL || PyModule_AddObjectRef(module, name, list) < 0;
+    const int error = list == NULL || PyModule_AddObjectRef(module, name, list) < 0;
     Py_XDECREF(list);
-    return failed ? -1 : 0;
+    return error ? -1 : 0;
 }
 
 static int append(PyObject *list, PyObject *item)
 {
-    const int failed = item == NULL || PyList_Append(list, item) < 0;
+    const int error = item == NULL || PyList_Append(list, item) < 0;
     Py_XDECREF(item);
-    return failed ? -1 : 0;
+    return error ? -1 : 0;
 }
 
 static PyObject *words(const choice *first, size_t count)
@@ -2461,10 +2461,10 @@ static int add_controller(PyObject *module)
     PyObject *list = PyList_New(0);
     for (size_t i = 0; list != NULL && i < sizeof fields / sizeof *fields; ++i) {
         const field *f = &fields[i];
-        PyObject *shape = f->rank == 0 ? PyTuple_New(0)
-            : f->rank == 1 ? Py_BuildValue("(i)", f->extent[0])
-            : f->rank == 2 ? Py_BuildValue("(ii)", f->extent[0], f->extent[1])
-                           : Py_BuildValue("(iii)", f->extent[0], f->extent[1], f->extent[2]);
+        PyObject *shape = PyTuple_New(f->rank);
+        for (int k = 0; shape != NULL && k < f->rank; ++k) {
+            PyTuple_SET_ITEM(shape, k, PyLong_FromLong(f->extent[k]));
+        }
         PyObject *item = shape == NULL ? NULL
             : Py_BuildValue("(sssnN)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape);
         if (append(list, item) < 0) {
@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "c0e414b65114dd5f") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "56711460775ab636") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

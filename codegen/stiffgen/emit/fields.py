@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""The fields of a robot's impedance controller, its status bits, faults and reasons: the only list of them.
+"""Table of the controller's fields, status bits, faults and reasons: the only list of them.
 
-The C structs and enumerations, the error codes and texts, the check of every configuration field, their
-documentation, and the layout that Python reads are made from it. What the controller does with the fields is C:
-``runtime/``.
+C structs and enumerations, error codes and texts, the check of every configuration field, documentation and the
+layout that Python reads are made from this table. The C in ``runtime/`` uses the fields.
 """
 
 from __future__ import annotations
@@ -12,18 +11,18 @@ import math
 from dataclasses import dataclass
 
 MAX_DOF = 40
-"""Robots with more coordinates get kernels and no controller."""
+"""Most coordinates of a robot with a controller."""
 
 Extent = int | str
-"""A fixed extent, "n", the number of coordinates, or "tips", the number of tips (left out where there is one)."""
+"""Extent of a field: a number, "n" for the coordinates, or "tips" for the tips (left out if there is one)."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """A member of a controller's struct.
+    """Member of a controller's struct.
 
-    ``shape`` is row-major; () is a scalar. ``choices`` are the words that Python takes for an int, each a C constant
-    NAME_<FIELD>_<CHOICE>. Configuration only: ``default`` is a C expression ("{name}" is the robot's prefix and i the
+    ``shape`` is row-major; () is a scalar. ``choices`` are the words that Python accepts for an int, each a C constant
+    NAME_<FIELD>_<CHOICE>. Configuration only: ``default`` is a C expression ("{name}" is the robot's prefix, i the
     index), and every entry must lie between ``least`` and ``most`` (both allowed).
     """
 
@@ -37,13 +36,13 @@ class Field:
     type: str = "double"
     choices: tuple[str, ...] = ()
     when: str = ""
-    """Present only in controllers that have it: "tool", a tool given at run time."""
+    """Condition for the field: "tool", a tool pose at run time."""
     memory: str = ""
-    """Output only: the member of the state's memory that is reported; "=" if it has the same name."""
+    """Member of the state's memory that an output reports; "=" for the same name."""
 
     @property
     def rule(self) -> str:
-        """What every entry must be."""
+        """Condition on every entry, in words."""
         if self.choices:
             words = [*self.choices[:-2], " or ".join(self.choices[-2:])]
             return "must be " + ", ".join(words)
@@ -63,12 +62,12 @@ def _choice(name: str, meaning: str, choices: tuple[str, ...], default: str) -> 
 
 
 CONFIG: tuple[Field, ...] = (
-    Field("sample_time", _SCALAR, "s", "T, between two calls of the step", "0.001", 1e-5, 0.1),
+    Field("sample_time", _SCALAR, "s", "time T from one call of step to the next", "0.001", 1e-5, 0.1),
     Field(
         "delay_samples",
         _SCALAR,
         "samples",
-        "between the sample that a torque is computed from and the one from which on it acts; 0 if it acts at once",
+        "delay from the sample that a torque is computed from to the sample at which it acts; 0 if it acts at once",
         "0",
         0,
         2,
@@ -76,103 +75,153 @@ CONFIG: tuple[Field, ...] = (
     ),
     _choice(
         "law",
-        "potential: the torque is the gradient of a spring's energy; paper: Kq(q, wrench) (q0 - q), for reproducing "
-        "the paper, within bounds",
+        "control law; potential: the torque is the negative gradient of a spring's energy; paper: Kq(q, wrench) "
+        "(q0 - q), to reproduce the paper, within bounds",
         ("potential", "paper"),
         "potential",
     ),
     _choice(
         "stiffness_formula",
-        "paper's law only: corrected (symmetric) or conventional (without the connection's correction)",
+        "formula of Kq in the paper's law: corrected (symmetric) or conventional (without the connection's correction)",
         ("corrected", "conventional"),
         "corrected",
     ),
-    Field("posture_stiffness", _N, "N m/rad", "k of the joint-space potential k (q - posture)^2 / 2", "1.0", 0.0, 1e4),
-    Field("translation_stiffness_limit", _SCALAR, "N/m", "largest entry accepted (absolute)", "5e3", 1.0, 1e6),
-    Field("rotation_stiffness_limit", _SCALAR, "N m/rad", "largest entry accepted (absolute)", "500.0", 0.1, 1e5),
+    Field(
+        "posture_stiffness", _N, "N m/rad", "stiffness k of the posture spring k (q - posture)^2 / 2", "1.0", 0.0, 1e4
+    ),
+    Field("translation_stiffness_limit", _SCALAR, "N/m", "largest accepted entry (absolute value)", "5e3", 1.0, 1e6),
+    Field("rotation_stiffness_limit", _SCALAR, "N m/rad", "largest accepted entry (absolute value)", "500.0", 0.1, 1e5),
     Field("stiffness_time", _SCALAR, "s", "time constant of a change of stiffness", "0.05", 1e-4, 100.0),
     _choice(
         "damping_design",
-        "modal (double diagonalisation of tangent and mass matrix) or task, J^T task_damping J; to each "
-        "joint_damping I is added",
+        "design of the damping: modal (tangent and mass matrix diagonalised together) or task (J^T task_damping J); "
+        "joint_damping I is added to both",
         ("modal", "task"),
         "modal",
     ),
-    Field("damping_ratio", _N, "1", "modal: of the modes, softest first", "0.7", 0.0, 100.0),
+    Field("damping_ratio", _N, "1", "damping ratio of each mode, softest first; modal design only", "0.7", 0.0, 100.0),
     Field(
         "task_damping",
         (6, 6),
         "N s/m, N s, N m s",
-        "task: on twists of every tip, hybrid axes; symmetric, positive semidefinite",
+        "damping of every tip's twist in hybrid axes; symmetric, positive semidefinite; task design only",
         "0.0",
         -1e5,
         1e5,
     ),
-    Field("joint_damping", _SCALAR, "N m s/rad", "d, added as d I", "0.1", 0.0, 1e4),
+    Field("joint_damping", _SCALAR, "N m s/rad", "damping d of every joint, added as d I", "0.1", 0.0, 1e4),
     Field(
         "motor_inertia",
         _N,
         "kg m^2",
-        "of the rotors, seen at the joints; a URDF has none, and the damping of light joints is wrong without",
+        "inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are damped wrongly",
         "0.0",
         0.0,
         1e4,
     ),
-    Field("lower_limit", _N, "rad or m", "of the position; may be -infinity", "{name}_lower[i]", -math.inf, math.inf),
-    Field("upper_limit", _N, "rad or m", "of the position; may be infinity", "{name}_upper[i]", -math.inf, math.inf),
+    Field(
+        "lower_limit",
+        _N,
+        "rad or m",
+        "lower limit of the position; may be -infinity",
+        "{name}_lower[i]",
+        -math.inf,
+        math.inf,
+    ),
+    Field(
+        "upper_limit",
+        _N,
+        "rad or m",
+        "upper limit of the position; may be infinity",
+        "{name}_upper[i]",
+        -math.inf,
+        math.inf,
+    ),
     Field(
         "position_tolerance",
         _SCALAR,
         "rad or m",
-        "how far beyond its limit a position is still no fault",
+        "distance beyond a position limit up to which there is no fault",
         "0.1",
         0.0,
         10.0,
     ),
-    Field("limit_zone", _SCALAR, "rad or m", "width of the zone inside each limit that pushes back", "0.1", 1e-6, 10.0),
+    Field(
+        "limit_zone",
+        _SCALAR,
+        "rad or m",
+        "width of the zone inside each limit where the limit avoidance acts",
+        "0.1",
+        1e-6,
+        10.0,
+    ),
     Field(
         "limit_stiffness",
         _N,
         "N m/rad",
-        "slope of the limit avoidance torque over the depth in the zone, up to the effort limit; softened to what "
-        "torque rate and sample time can follow; 0 turns it off",
+        "stiffness of the limit avoidance in the zone, up to the effort limit; softened to what torque rate and sample "
+        "time can follow; 0 turns it off",
         "{name}_effort[i]",
         0.0,
         1e6,
     ),
-    Field("velocity_limit", _N, "rad/s or m/s", "of the arm; beyond it a limit fault", "{name}_velocity[i]", 1e-6, 1e3),
+    Field(
+        "velocity_limit",
+        _N,
+        "rad/s or m/s",
+        "velocity limit of the arm; exceeding it is a limit fault",
+        "{name}_velocity[i]",
+        1e-6,
+        1e3,
+    ),
     Field(
         "reference_velocity_limit",
         _N,
         "rad/s or m/s",
-        "of the posture that the springs pull to, which uses 0.8 of it; from 0.9 on the arm's own joint is braked",
+        "velocity limit of the equilibrium, which uses 0.8 of it; from 0.9 of it on the arm's joint is braked",
         "0.5 * {name}_velocity[i]",
         1e-6,
         1e3,
     ),
-    Field("tip_velocity_limit", _SCALAR, "m/s", "of an equilibrium's translation", "0.5", 1e-6, 100.0),
-    Field("tip_rotation_limit", _SCALAR, "rad/s", "of an equilibrium's rotation", "1.5", 1e-6, 100.0),
-    Field("ramp_time", _SCALAR, "s", "in which the equilibrium reaches its largest velocity", "0.2", 1e-4, 100.0),
-    Field("energy_limit", _SCALAR, "J", "elastic energy that moving the equilibrium may store", "5.0", 1e-6, 1e4),
+    Field("tip_velocity_limit", _SCALAR, "m/s", "velocity limit of the equilibrium's translation", "0.5", 1e-6, 100.0),
+    Field("tip_rotation_limit", _SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "1.5", 1e-6, 100.0),
+    Field("ramp_time", _SCALAR, "s", "time in which the equilibrium reaches its largest velocity", "0.2", 1e-4, 100.0),
+    Field(
+        "energy_limit",
+        _SCALAR,
+        "J",
+        "largest elastic energy that a move of the equilibrium may store",
+        "5.0",
+        1e-6,
+        1e4,
+    ),
     Field(
         "engagement_limit",
         _SCALAR,
         "J",
-        "work that moving the equilibrium may cost after a start or a reset, and per second of a command's travel at "
+        "work that moves of the equilibrium may cost after a start or a reset, and per second of a command's travel at "
         "the governor's velocity limits",
         "20.0",
         1e-6,
         1e5,
     ),
-    Field("effort_limit", _N, "N m or N", "of the torque", "{name}_effort[i]", 1e-6, 1e5),
-    Field("torque_rate_limit", _N, "N m/s or N/s", "of the torque", "10.0 * {name}_effort[i]", 1e-6, 1e8),
-    Field("force_limit", _SCALAR, "N", "largest given force (norm) that is believed", "500.0", 1e-3, 1e6),
-    Field("moment_limit", _SCALAR, "N m", "largest given moment (norm) that is believed", "100.0", 1e-3, 1e6),
+    Field("effort_limit", _N, "N m or N", "largest torque", "{name}_effort[i]", 1e-6, 1e5),
+    Field(
+        "torque_rate_limit",
+        _N,
+        "N m/s or N/s",
+        "largest change of the torque per second",
+        "10.0 * {name}_effort[i]",
+        1e-6,
+        1e8,
+    ),
+    Field("force_limit", _SCALAR, "N", "largest measured force (norm) that is believed", "500.0", 1e-3, 1e6),
+    Field("moment_limit", _SCALAR, "N m", "largest measured moment (norm) that is believed", "100.0", 1e-3, 1e6),
     Field(
         "missed_limit",
         _SCALAR,
         "samples",
-        "missed, skipped or bad samples that are a fault; each good one takes half of one back",
+        "number of missed, skipped or bad samples that is a fault; each good sample takes half of one back",
         "3",
         1,
         1000,
@@ -182,8 +231,8 @@ CONFIG: tuple[Field, ...] = (
         "position_quantum",
         _SCALAR,
         "rad or m",
-        "resolution of the positions that velocities are differenced from; with it, the damping's velocity is the mean "
-        "of as many samples (up to 8) as the torque's rate limit needs",
+        "resolution of the positions that velocities are computed from; the damping then uses the mean velocity of as "
+        "many samples (up to 8) as the torque's rate limit needs",
         "0.0",
         0.0,
         0.1,
@@ -192,7 +241,7 @@ CONFIG: tuple[Field, ...] = (
         "frozen_window",
         _SCALAR,
         "samples",
-        "after which a value that stands still while the other signal moves is a bad sample",
+        "number of samples after which a value that stands still while the other signal moves is a bad sample",
         "20",
         2,
         1000000,
@@ -202,7 +251,7 @@ CONFIG: tuple[Field, ...] = (
         "automatic_reset_time",
         _SCALAR,
         "s",
-        "of good samples after which a fault resets itself; 0: never",
+        "time of good samples after which a fault resets itself; 0: never",
         "0.0",
         0.0,
         1e4,
@@ -211,7 +260,7 @@ CONFIG: tuple[Field, ...] = (
         "tank_initial",
         _SCALAR,
         "J",
-        "tank energy at the start: with what is stored it covers the torques, so it bounds what the arm can hold "
+        "tank energy at the start; with the stored energy it covers the torques, so it bounds what the arm can hold "
         "(status RESERVE; table in docs/controller.md)",
         "10.0",
         0.0,
@@ -221,7 +270,7 @@ CONFIG: tuple[Field, ...] = (
         "tank_maximum",
         _SCALAR,
         "J",
-        "tank energy above which income goes to the engagement, or is lost, unless torques on their way need it",
+        "tank energy above which income goes to the engagement or is lost, unless the reserve is larger",
         "10.0",
         0.0,
         1e4,
@@ -233,150 +282,177 @@ INPUT: tuple[Field, ...] = (
         "sample_valid",
         _SCALAR,
         "",
-        "1: the other fields are a new sample; 0: the sample was missed, they are not read",
+        "1: the other fields are a new sample; 0: the sample was missed, and they are not read",
         type="int",
     ),
-    _choice("command", "what q0 means, and whether equilibrium is read", ("position", "equilibrium"), ""),
-    Field(
-        "wrench_valid", _SCALAR, "", "1: wrench is measured (the paper's law needs it); 0: it is not read", type="int"
+    _choice(
+        "command", "meaning of q0; equilibrium is read by the command of that name", ("position", "equilibrium"), ""
     ),
-    Field("counter", _SCALAR, "", "of the samples; advances by one a sample time, missed ones too", type="uint32_t"),
+    Field(
+        "wrench_valid",
+        _SCALAR,
+        "",
+        "1: wrench is measured (the paper's law needs it); 0: wrench is not read",
+        type="int",
+    ),
+    Field(
+        "counter",
+        _SCALAR,
+        "",
+        "sample counter; advances by one per sample time, also for missed samples",
+        type="uint32_t",
+    ),
     Field("q", _N, "rad or m", "measured joint positions"),
     Field("dq", _N, "rad/s or m/s", "measured, differenced or filtered joint velocities"),
     Field(
         "q0",
         _N,
         "rad or m",
-        "command position: zero-force positions, the equilibrium is forward_kinematics(q0) and the posture q0; command "
-        "equilibrium: the posture",
+        "command position: the wanted joint positions, with equilibrium forward_kinematics(q0) and posture q0; command "
+        "equilibrium: the wanted posture",
     ),
-    Field("equilibrium", _POSE, "m", "command equilibrium: pose [R p; 0 1] of the tip where its spring is at rest"),
+    Field(
+        "equilibrium",
+        _POSE,
+        "m",
+        "pose [R p; 0 1] of the tip where its spring is to be at rest; command equilibrium only",
+    ),
     Field("tool_pose", _POSE, "m", "pose of the tool in the tip's frame; constant while engaged", when="tool"),
     Field(
         "translation_stiffness",
         _SPRING,
         "N/m",
-        "Kt of the spring kernels, in their axes (the base's by default); symmetric, positive semidefinite",
+        "wanted stiffness Kt, in the axes of the spring kernels (default: base); symmetric, positive semidefinite",
     ),
     Field(
         "rotation_stiffness",
         _SPRING,
         "N m/rad",
-        "Ko of the spring kernels, in their axes (the equilibrium's by default); symmetric, positive semidefinite",
+        "wanted stiffness Ko, in the axes of the spring kernels (default: equilibrium's); symmetric, positive "
+        "semidefinite",
     ),
     Field(
         "wrench",
         _WRENCH,
         "N, N m",
         "(force, moment) that the ENVIRONMENT APPLIES TO THE ROBOT at the tip, hybrid axes; negate the reading of a "
-        "sensor that reports what the robot applies",
+        "sensor that reports the robot's wrench",
     ),
-    Field("task_stiffness", _TASK, "N/m, N, N m", "paper's law only: symmetric, positive semidefinite, hybrid axes"),
+    Field(
+        "task_stiffness",
+        _TASK,
+        "N/m, N, N m",
+        "task stiffness of the paper's law, hybrid axes; symmetric, positive semidefinite",
+    ),
 )
 
 OUTPUT: tuple[Field, ...] = (
-    Field("torque", _N, "N m or N", "command, without gravity: elastic + damping + limit torque, within all limits"),
-    Field("status", _SCALAR, "", "NAME_STATUS_ bits", type="uint32_t"),
-    Field("mode", _SCALAR, "", "NAME_MODE_ of the step", type="int"),
-    Field("fault", _SCALAR, "", "NAME_FAULT_, the class of the latched fault", type="int", memory="="),
-    Field("reason", _SCALAR, "", "NAME_REASON_ for it", type="int", memory="="),
-    Field("missed", _SCALAR, "samples", "since the last believed one", type="int", memory="="),
-    Field("unaccounted", _SCALAR, "", "times the energy account had to begin anew", type="uint32_t", memory="="),
-    Field("fault_time", _SCALAR, "s", "since the fault was latched", memory="="),
+    Field("torque", _N, "N m or N", "command without gravity: elastic + damping + limit torque, within all limits"),
+    Field("status", _SCALAR, "", "bits NAME_STATUS_...", type="uint32_t"),
+    Field("mode", _SCALAR, "", "mode of the step, NAME_MODE_...", type="int"),
+    Field("fault", _SCALAR, "", "class of the latched fault, NAME_FAULT_...", type="int", memory="="),
+    Field("reason", _SCALAR, "", "reason for the fault, NAME_REASON_...", type="int", memory="="),
+    Field("missed", _SCALAR, "samples", "samples missed since the last believed one", type="int", memory="="),
+    Field(
+        "unaccounted", _SCALAR, "", "number of times that the energy account began anew", type="uint32_t", memory="="
+    ),
+    Field("fault_time", _SCALAR, "s", "time since the fault was latched", memory="="),
     Field("position", _N, "rad or m", "last believed q", memory="q"),
     Field(
         "velocity",
         _N,
         "rad/s or m/s",
-        "that the damping used: dq, its mean, or what is credible of it; 0 without a sample",
+        "velocity that the damping used: dq, its mean, or the credible part of it; 0 without a sample",
     ),
-    Field("reference", _N, "rad or m", "posture that the springs pull to, the governor's r", memory="posture"),
-    Field("reference_velocity", _N, "rad/s or m/s", "dr, that the damping is relative to"),
-    Field("equilibrium", _POSE, "m", "pose where the spring is at rest", memory="="),
-    Field("translation_stiffness", _SPRING, "N/m", "as applied, before the scale", memory="="),
-    Field("rotation_stiffness", _SPRING, "N m/rad", "as applied, before the scale", memory="="),
+    Field("reference", _N, "rad or m", "posture r that the springs pull to", memory="posture"),
+    Field("reference_velocity", _N, "rad/s or m/s", "velocity dr of the reference; the damping acts on dr - velocity"),
+    Field("equilibrium", _POSE, "m", "pose where the spring is at rest now", memory="="),
+    Field("translation_stiffness", _SPRING, "N/m", "stiffness Kt in force, before the scale", memory="="),
+    Field("rotation_stiffness", _SPRING, "N m/rad", "stiffness Ko in force, before the scale", memory="="),
     Field(
         "scale",
         _SCALAR,
         "1",
-        "l, that multiplies the elastic energy: 1 in normal operation, 0 after a fault",
+        "scale l of the elastic energy: 1 in normal operation, 0 after a fault",
         memory="=",
     ),
-    Field("elastic_torque", _N, "N m or N", "- l dU/dq; paper: l Kq (r - q)"),
+    Field("elastic_torque", _N, "N m or N", "torque of the springs, -l dU/dq; paper: l Kq (r - q)"),
     Field(
         "damping_torque",
         _N,
         "N m or N",
-        "B (dr - velocity), and what brakes joints beyond 0.9 of reference_velocity_limit",
+        "B (dr - velocity), and the brake of joints beyond 0.9 of reference_velocity_limit",
     ),
-    Field("limit_torque", _N, "N m or N", "joint limit avoidance"),
-    Field("spring_wrench", _WRENCH, "N, N m", "l dU: what the environment applies in equilibrium, hybrid axes"),
-    Field("wrench", _WRENCH, "N, N m", "the given one; 0 without"),
-    Field("joint_stiffness", _NN, "N m/rad", "tangent that designed the damping, d2U/dq2 with posture and limits"),
-    Field("damping", _NN, "N m s/rad", "B, symmetric positive semidefinite"),
-    Field("mass_matrix", _NN, "kg m^2", "M(q) + motor inertia"),
-    Field("eigenvalues", _N, "1/s^2", "of the tangent against the mass matrix, ascending"),
-    Field("elastic_energy", _SCALAR, "J", "l U", memory="="),
-    Field("limit_energy", _SCALAR, "J", "of the joint limit avoidance", memory="="),
-    Field("tank_energy", _SCALAR, "J", "left for sampling and stiffness", memory="tank"),
+    Field("limit_torque", _N, "N m or N", "torque of the joint limit avoidance"),
+    Field("spring_wrench", _WRENCH, "N, N m", "wrench l dU that the environment applies at rest, hybrid axes"),
+    Field("wrench", _WRENCH, "N, N m", "measured wrench that was believed; 0 without"),
+    Field(
+        "joint_stiffness", _NN, "N m/rad", "tangent that the damping is designed from: d2U/dq2 with posture and limits"
+    ),
+    Field("damping", _NN, "N m s/rad", "damping matrix B, symmetric positive semidefinite"),
+    Field("mass_matrix", _NN, "kg m^2", "mass matrix M(q) + motor inertia"),
+    Field("eigenvalues", _N, "1/s^2", "eigenvalues of the tangent with respect to the mass matrix, ascending"),
+    Field("elastic_energy", _SCALAR, "J", "energy l U of the springs", memory="="),
+    Field("limit_energy", _SCALAR, "J", "energy of the joint limit avoidance", memory="="),
+    Field("tank_energy", _SCALAR, "J", "energy in the tank, which pays for sampling and stiffness", memory="tank"),
     Field(
         "tank_reserve",
         _SCALAR,
         "J",
-        "what the torques on their way can put out; tank and stored energy cover it",
+        "worst-case work of the torques in transit; tank and stored energy cover it",
         memory="reserve",
     ),
-    Field("engagement", _SCALAR, "J", "reference work left to this engagement", memory="="),
+    Field("engagement", _SCALAR, "J", "work left for moves of the equilibrium", memory="="),
     Field("port_total", _SCALAR, "J", "work put out at the robot's port, the sum of torque . change of q", memory="="),
     Field(
         "sampling_total",
         _SCALAR,
         "J",
-        "s: put in by holding and cutting the torque; damping counts against it",
+        "energy s put in by holding and cutting the torque; damping counts against it",
         memory="=",
     ),
-    Field("reference_total", _SCALAR, "J", "p: put in by moving the equilibrium", memory="="),
-    Field("stiffness_total", _SCALAR, "J", "v: put in by changing stiffness or scale", memory="="),
+    Field("reference_total", _SCALAR, "J", "energy p put in by moves of the equilibrium", memory="="),
+    Field("stiffness_total", _SCALAR, "J", "energy v put in by changes of stiffness or scale", memory="="),
     Field("start_total", _SCALAR, "J", "energy of the limit avoidance where the account began", memory="="),
 )
 
 STATUS: tuple[tuple[str, str], ...] = (
-    ("fault", "a fault is latched: fault, reason and fault_time tell which"),
-    ("missed", "no sample, or none that advances the counter by one"),
+    ("fault", "a fault is latched: see fault, reason and fault_time"),
+    ("missed", "no sample, or one whose counter did not advance by one"),
     ("bad_sample", "the sample was not believed: two of three are a fault"),
-    ("command_refused", "wanted equilibrium or stiffness is refused: both stay where they are"),
-    ("wrench_refused", "the given wrench is not finite or too large, and is left out"),
+    ("command_refused", "the command is refused: equilibrium and stiffness stay where they are"),
+    ("wrench_refused", "the measured wrench is not finite or too large, and is not used"),
     ("moving", "the equilibrium is on its way to the wanted one"),
     ("governor", "the equilibrium is held back by the energy or the engagement limit"),
     ("stiffness_changing", "the applied stiffness is on its way to the wanted one"),
     ("tank_limited", "the stiffness or the scale is held back because the tank cannot pay"),
-    ("tank_deficit", "more was put out than tank and springs held: the account does not know why"),
-    ("reserve", "damping or scale is lowered: tank and stored energy do not cover more torque"),
+    ("tank_deficit", "more was put out than tank and springs had: an assumption of the theorem does not hold"),
+    ("reserve", "damping or scale is reduced: tank and stored energy do not cover more torque (tank_initial)"),
     ("joint_limit", "a position is in the limit zone or beyond"),
-    ("saturated", "the torque would pass its effort limit: the scale falls, or it was cut"),
+    ("saturated", "the torque would exceed its effort limit: the scale falls, or the torque was cut"),
     ("rate_limited", "a torque was cut to its rate limit"),
     ("damping_capped", "the damping is capped: M^-1 B T would be too large for the sample time"),
-    ("stiffness_capped", "the scale is lowered: M^-1 L T^2 would be too large for the sample time"),
+    ("stiffness_capped", "the scale is lowered: M^-1 K T^2 would be too large for the sample time"),
     (
         "indefinite",
-        "the tangent has a negative eigenvalue: in its mode the posture is unstable, and damped as if it were not",
+        "the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable",
     ),
     ("mass_matrix", "the mass matrix is not positive definite: damping is joint_damping only"),
     (
         "limits_kept",
-        "a changed limit avoidance waits: it would store more energy at the present position than the tank can pay",
+        "a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay",
     ),
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
 )
-"""Bits of the status in their order: NAME_STATUS_<NAME> and their meaning."""
+"""Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
 
 MODES: tuple[tuple[str, str], ...] = (
     ("start", "no sample with a command seen yet"),
-    ("active", "control"),
+    ("active", "the arm is under control"),
     ("release", "a fault is latched: the elastic energy is scaled to zero"),
     ("follow", "a fault is latched: damping and limit avoidance, the equilibrium follows the arm"),
 )
-"""Modes of a step, NAME_MODE_<NAME>, and their meaning."""
+"""Modes of a step, NAME_MODE_<NAME>, with their meaning."""
 
 FAULTS: tuple[tuple[str, str], ...] = (
     ("none", "no fault"),
@@ -390,23 +466,31 @@ FAULTS: tuple[tuple[str, str], ...] = (
 
 REASONS: tuple[tuple[str, str, str], ...] = (
     ("none", "none", "no fault"),
-    ("not_finite", "sensor", "q or dq is NaN or infinite, or beyond all measure"),
-    ("jump", "sensor", "q moved by more than twice the velocity limit allows"),
-    ("mismatch", "sensor", "dq does not agree with the change of q"),
-    ("frozen", "sensor", "q or dq stands still while the other moves"),
+    ("not_finite", "sensor", "q or dq is NaN, infinite, or absurdly large"),
+    ("jump", "sensor", "q moved by more than twice the velocity limit allows (velocity_limit, position_quantum)"),
+    ("mismatch", "sensor", "dq does not agree with the change of q (position_quantum, velocity_limit)"),
+    ("frozen", "sensor", "q or dq stands still while the other moves (frozen_window, position_quantum)"),
     ("stale", "sensor", "the sample counter does not advance"),
-    ("wrench", "sensor", "paper's law: no wrench, or one that is not believed"),
-    ("missed", "communication", "missed_limit samples were missed, or more than one of three for long"),
-    ("skipped", "communication", "the sample counter says that calls are missing"),
-    ("position", "limit", "a position is beyond its limit and tolerance"),
-    ("overspeed", "limit", "a velocity is beyond its limit"),
-    ("paper_bound", "limit", "paper's law: load or deflection beyond the bound where it is a spring"),
-    ("reserve", "energy", "the tank is almost empty and the springs' torque is not covered"),
+    ("wrench", "sensor", "paper's law: no wrench, or one that is not believed (force_limit, moment_limit)"),
+    ("missed", "communication", "missed_limit samples were missed, or more than one of three for long (missed_limit)"),
+    ("skipped", "communication", "the sample counter shows that calls are missing (missed_limit)"),
+    (
+        "position",
+        "limit",
+        "a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance)",
+    ),
+    ("overspeed", "limit", "a velocity is beyond its limit (velocity_limit)"),
+    ("paper_bound", "limit", "paper's law: load or deflection beyond the bound where the law is a spring (law)"),
+    (
+        "reserve",
+        "energy",
+        "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)",
+    ),
     ("config", "configuration", "the configuration was refused"),
     ("changed", "configuration", "law or tool pose changed while engaged"),
-    ("state", "configuration", "the state's checksum does not fit: memory was overwritten"),
+    ("state", "configuration", "the state's checksum is wrong: its memory was overwritten"),
 )
-"""Reasons for faults, NAME_REASON_<NAME> from 0 on, with the fault's class."""
+"""Reasons for faults, NAME_REASON_<NAME> from 0 on: class, meaning, and in brackets the fields to look at."""
 
 ERRORS: tuple[tuple[str, str], ...] = (
     ("null", "a pointer is NULL"),
@@ -415,6 +499,6 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("task_damping_sign", "task_damping: must be symmetric and positive semidefinite"),
     ("position_limits", "lower_limit, upper_limit: lower must be below upper by more than two limit zones"),
     ("tank", "tank_initial: must not be above tank_maximum"),
-    ("paper_tips", "law: the paper's law is made for one tip"),
+    ("paper_tips", "law: the paper's law needs a robot with one tip"),
 )
-"""Errors beside those of single configuration fields, NAME_E_<NAME>, from -1 down."""
+"""Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""
