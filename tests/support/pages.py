@@ -5,6 +5,8 @@ Every block is fenced and says its language. A comment of HTML before a block ca
 
     <!-- held by tests/FILE.py::TEST -->       that test does
     <!-- quoted from FILE -->                  it is a part of that file
+    <!-- edit FILE after TEXT -->              an edit of a recipe (CONTRIBUTING.md): the line with TEXT is unique;
+    <!-- edit FILE at the end -->              tests/contract/docs/test_contributing.py makes it in a copy
     <!-- not run: REASON -->                   nobody does
 
 and one that begins with a language has code that is run with the page's but not shown: what a reader has at hand, and
@@ -24,7 +26,7 @@ PAGES = (
     *sorted((ROOT / "docs").glob("*.md")),
 )
 _PARTS = re.compile(
-    r"^<!-- (?P<marker>held by|quoted from|not run:) (?P<what>[^\n]*) -->$"
+    r"^<!-- (?P<marker>held by|quoted from|edit|not run:) (?P<what>[^\n]*) -->$"
     r"|^<!-- (?P<unseen>python|cpp|c)\n(?P<given>.*?)^-->$"
     r"|^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<code>.*?)^(?P=indent)```$",
     re.MULTILINE | re.DOTALL,
@@ -43,7 +45,7 @@ class Block:
     prints: bool = False
     """It follows the word "prints": what the blocks before it write to standard output."""
     marker: str = ""
-    """``held by``, ``quoted from`` or ``not run:``; empty where the page's own test runs it."""
+    """``held by``, ``quoted from``, ``edit`` or ``not run:``; empty where the page's own test runs it."""
     what: str = ""
     """The test, the file, or the reason."""
 

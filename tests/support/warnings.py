@@ -46,7 +46,7 @@ def sources_of_random_robot(
 
 
 def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[str, list[Path]]:
-    """Write a robot with options by the seed, none, derivatives, every spring, a floating base; return both"""
+    """Write a robot with options by the seed, none, derivatives, every spring, a floating base; return both."""
     kind = ("plain", "derivatives", "plain", "springs", "plain", "floating")[seed % 6]
     options = SpringOptions(kinds=tuple(KINDS) if kind == "springs" else (), derivatives=kind == "derivatives")
     try:

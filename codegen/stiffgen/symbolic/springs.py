@@ -217,19 +217,22 @@ COUPLED_STIFFNESS = Argument(
 
 
 def spring(kind: str = "trace", placement: Placement | None = None) -> Spring:
-    """One of the springs that stiffgen has: "trace", "rotation_vector", "quaternion" or "coupled".
+    """Return one of stiffgen's springs: "trace", "rotation_vector", "quaternion" or "coupled".
 
     Args:
-        kind: which energy the rotation has; "coupled" is the trace form with one 6x6 stiffness.
+        kind: energy of the rotation; "coupled" is the trace form with one 6x6 stiffness.
         placement: axes and centre of stiffness; the arguments of the kernels stay the same.
 
     Raises:
         KeyError: there is no such spring.
 
     """
-    where = placement or Placement()
-    rotation, centre = where.rotation_axes, where.centre
-    translation: Axes = where.translation_axes or ("equilibrium" if kind == "coupled" else "base")
+    return _kinds(placement or Placement())[kind]
+
+
+def _kinds(where: Placement) -> dict[str, Spring]:
+    """Return every spring by its kind: the only list of them."""
+    rotation, translation, centre = where.rotation_axes, where.translation_axes or "base", where.centre
     remote = (
         f" Displacements are those of the centre of stiffness at ({', '.join(map(repr, centre))}) m in the tip's frame."
     )
@@ -249,29 +252,17 @@ def spring(kind: str = "trace", placement: Placement | None = None) -> Spring:
         turn = 2 * half_angle_ratio(q[0]) * _seen_from(q[1:], H, rotation)
         return linear(p, R, H, Kt) + half_form(turn, symmetric_from_upper(Ko))
 
-    def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX) -> ca.SX:
-        away, stiffness = _displacement(p, R, H, translation, centre), symmetric_from_upper(K)
-        D = H[:3, :3].T @ (R - H[:3, :3])
-        sine = 0.5 * ca.vertcat(D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1])
-        cross = ca.dot(away, stiffness[:3, 3:] @ _seen_from(sine, H, rotation))
-        return half_form(away, stiffness[:3, :3]) + _trace_form(R, H, stiffness[3:, 3:], rotation) + cross
-
     stiffnesses = (EQUILIBRIUM, _placed(TRANSLATION_STIFFNESS, translation), _placed(ROTATION_STIFFNESS, rotation))
-    if kind == "coupled":
-        axes = _AXES_TEXT[translation] if translation == rotation else (
-            f"translation {_AXES_TEXT[translation]}, rotation {_AXES_TEXT[rotation]}"
-        )  # fmt: skip
-        given = replace(COUPLED_STIFFNESS, meaning=COUPLED_STIFFNESS.meaning.replace(_AXES_TEXT["equilibrium"], axes))
-        return Spring(
-            "spring_coupled", (EQUILIBRIUM, given), coupled,
-            "U = e^T K11 e/2 + tr(G (I - R0^T R)) + e^T K12 s, e the displacement, s = u sin a, G = tr(K22)/2 I - K22",
-            f"U >= 0, and 0 at the equilibrium alone or at a turn by pi. {_SOFTENS.replace('Ko', 'K22')}{note}",
-        )  # fmt: skip
     away = "U = (p - p0)^T Kt (p - p0)/2"
-    kinds = {
+    return {
         "trace": Spring(
             "spring", stiffnesses, trace,
             f"{away} + tr(G (I - R0^T R)), G = tr(Ko)/2 I - Ko (Bullo and Murray 1999)", _SOFTENS + note,
+        ),
+        "rotation_vector": Spring(
+            "spring_rotation_vector", stiffnesses, rotation_vector,
+            f"{away} + (a^2/2) u^T Ko u, a the angle and u the axis of R0^T R",
+            f"The rotation does not soften: it stores (a u)^T Ko (a u)/2 at any angle. {_CUT}{note}", turned=True,
         ),
         "quaternion": Spring(
             "spring_quaternion", stiffnesses, by_quaternion,
@@ -279,16 +270,33 @@ def spring(kind: str = "trace", placement: Placement | None = None) -> Spring:
             f"The rotation's moment grows with 2 sin a/2: it softens less than the trace form. {_CUT}{note}",
             turned=True,
         ),
-        "rotation_vector": Spring(
-            "spring_rotation_vector", stiffnesses, rotation_vector,
-            f"{away} + (a^2/2) u^T Ko u, a the angle and u the axis of R0^T R",
-            f"The rotation does not soften: it stores (a u)^T Ko (a u)/2 at any angle. {_CUT}{note}", turned=True,
-        ),
+        "coupled": _coupled(where, note),
     }  # fmt: skip
-    return kinds[kind]
 
 
-KINDS = ("trace", "rotation_vector", "quaternion", "coupled")
+def _coupled(where: Placement, note: str) -> Spring:
+    """Return the trace form with one 6x6 stiffness of translation and rotation."""
+    rotation, translation = where.rotation_axes, where.translation_axes or "equilibrium"
+
+    def energy(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX) -> ca.SX:
+        away, stiffness = _displacement(p, R, H, translation, where.centre), symmetric_from_upper(K)
+        D = H[:3, :3].T @ (R - H[:3, :3])
+        sine = 0.5 * ca.vertcat(D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1])
+        cross = ca.dot(away, stiffness[:3, 3:] @ _seen_from(sine, H, rotation))
+        return half_form(away, stiffness[:3, :3]) + _trace_form(R, H, stiffness[3:, 3:], rotation) + cross
+
+    axes = _AXES_TEXT[translation] if translation == rotation else (
+        f"translation {_AXES_TEXT[translation]}, rotation {_AXES_TEXT[rotation]}"
+    )  # fmt: skip
+    stiffness = replace(COUPLED_STIFFNESS, meaning=COUPLED_STIFFNESS.meaning.replace(_AXES_TEXT["equilibrium"], axes))
+    return Spring(
+        "spring_coupled", (EQUILIBRIUM, stiffness), energy,
+        "U = e^T K11 e/2 + tr(G (I - R0^T R)) + e^T K12 s, e the displacement, s = u sin a, G = tr(K22)/2 I - K22",
+        f"U >= 0, and 0 at the equilibrium alone or at a turn by pi. {_SOFTENS.replace('Ko', 'K22')}{note}",
+    )  # fmt: skip
+
+
+KINDS = tuple(_kinds(Placement()))
 TRACE = spring()
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""CONTRIBUTING.md, "Add a kernel", followed in a scratch copy of the package."""
+"""Follow the recipes of CONTRIBUTING.md in a scratch copy of the package: make the edits, then run the check."""
 
 from __future__ import annotations
 
@@ -7,48 +7,60 @@ import os
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
 
-from support.pages import blocks
+from support.pages import Block, blocks
 from support.project import ROOT, URDF
 
-USED = """
-import numpy, sys
-import stiffgen
-model = stiffgen.StiffnessModel(stiffgen.load_chain(sys.argv[1]))
-q = numpy.linspace(-1, 1, 7)
-assert float(model.tip_height(q)) == float(model.forward_kinematics(q)[2, 3])
-folder = stiffgen.generate(sys.argv[1], build=False)
-for file in ("iiwa14.h", "iiwa14.hpp", "iiwa14_python.c", "__init__.pyi", "README.md"):
-    assert "tip_height" in (folder / file).read_text(), file
-"""
+PAGE = ROOT / "CONTRIBUTING.md"
 
 
-def inserted(file: Path, *changes: tuple[str, str]) -> None:
-    text = file.read_text()
-    for before, new in changes:
-        assert text.count(before) == 1, before
-        text = text.replace(before, before + new)
-    file.write_text(text)
+def recipes() -> dict[str, list[Block]]:
+    """Return the blocks of every section that edits the package, by its heading."""
+    headings = [(k, line[3:]) for k, line in enumerate(PAGE.read_text().splitlines(), 1) if line.startswith("## ")]
+    sections: dict[str, list[Block]] = {}
+    for block in blocks(PAGE):
+        heading = [title for line, title in headings if line < block.line][-1]
+        sections.setdefault(heading, []).append(block)
+    return {title: each for title, each in sections.items() if any(block.marker == "edit" for block in each)}
+
+
+def edit(package: Path, block: Block) -> None:
+    """Make the edit of a block: a new file, text at the end, or text below the only line with the words."""
+    name, _, place = block.what.partition(" ")
+    file = package / Path(name).relative_to("codegen/stiffgen")
+    if place in ("", "at the end"):
+        before = file.read_text() if place else ""
+        file.write_text(before + ("\n\n" if place else "") + block.code)
+        return
+    words = place.removeprefix("after ").strip("`")
+    lines = file.read_text().splitlines(keepends=True)
+    (at,) = [k for k, line in enumerate(lines) if words in line]
+    margin = lines[at][: len(lines[at]) - len(lines[at].lstrip())]
+    code = textwrap.indent(textwrap.dedent(block.code), margin)
+    file.write_text("".join([*lines[: at + 1], code, *lines[at + 1 :]]))
+
+
+def test_there_are_recipes() -> None:
+    assert len(recipes()) >= 2
 
 
 @pytest.mark.slow
-def test_add_a_kernel(tmp_path: Path) -> None:
-    program, record = (b.code for b in blocks(ROOT / "CONTRIBUTING.md") if b.language == "python" and not b.marker)
+@pytest.mark.parametrize("title", recipes())
+def test_recipe(title: str, tmp_path: Path) -> None:
     package = tmp_path / "stiffgen"
     shutil.copytree(ROOT / "codegen" / "stiffgen", package, ignore=shutil.ignore_patterns("__pycache__"))
-    with (package / "symbolic" / "programs.py").open("a") as file:
-        file.write(f"\n\nfrom stiffgen.symbolic.kinematics import Expressions\n\n\n{program}")
-    kernels = package / "symbolic" / "kernels.py"
-    indented = "".join(f"    {line}" for line in record.splitlines(keepends=True))
-    before = "        programs.forward_kinematics,\n    )  # fmt: skip\n"
-    inserted(kernels, (before, indented), ("        pose,\n", "        height,\n"))
-    inserted(package / "robot" / "chain.py", ("_GROUPS_AND_KERNELS = (\n", '    "tip_height",\n'))
-    inserted(package / "symbolic" / "potentials.py", ("_TAKEN = (\n", '    "tip_height",\n'))
+    section = recipes()[title]
+    for block in section:
+        if block.marker == "edit":
+            edit(package, block)
+    check = "".join(block.code for block in section if not block.shown)
+    assert check, "no code checks the recipe"
     done = subprocess.run(
-        [sys.executable, "-c", USED, str(URDF)], cwd=tmp_path, capture_output=True, text=True, check=False,
+        [sys.executable, "-c", check, str(URDF)], cwd=tmp_path, capture_output=True, text=True, check=False,
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
