@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from stiffgen.emit.build import build_module
-from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
+from stiffgen.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError, OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
@@ -145,14 +145,14 @@ def refuse_another_robot(target: Path, chain: Chain, scalar: Scalar = DOUBLE) ->
     if manifest is None:
         return
     try:
-        before, numbers = chain_from_manifest(manifest), scalar_of_manifest(manifest)
-    except (KeyError, TypeError, ValueError):  # of another version of stiffgen
+        before = _meaning(chain_from_manifest(manifest), scalar_of_manifest(manifest))
+        changed = [
+            f"{what} {listed(old) or 'none'} would become {listed(new) or 'none'}"
+            for (what, old), (_, new) in zip(before, _meaning(chain, scalar), strict=True)
+            if old != new
+        ]
+    except DAMAGE:  # of another version of stiffgen
         return
-    changed = [
-        f"{what} {listed(old) or 'none'} would become {listed(new) or 'none'}"
-        for (what, old), (_, new) in zip(_meaning(before, numbers), _meaning(chain, scalar), strict=True)
-        if old != new
-    ]
     if changed:
         raise OutputError(
             f"{target}: holds another robot ({'; '.join(changed)}). What uses the folder would get other results: "

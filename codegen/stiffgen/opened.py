@@ -13,8 +13,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from stiffgen.emit.manifest import MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
-from stiffgen.errors import OutputError, StiffgenError
+from stiffgen.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
+from stiffgen.errors import OutputError, StiffgenError, printable
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
@@ -150,8 +150,8 @@ def open_robot(folder: str | Path) -> GeneratedRobot:
         springs = springs_of_manifest(manifest)
         scalar = scalar_of_manifest(manifest)
         chain_kernels(chain, springs)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, StiffgenError) as error:
-        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    except (*DAMAGE, NotImplementedError, RuntimeError, StiffgenError) as error:  # also what CasADi raises
+        what = f"{type(error).__name__}: {printable(str(error), 150)}" if str(error) else type(error).__name__
         raise OutputError(
             f"{folder / MANIFEST}: is damaged or of another version ({what}); generate it again"
         ) from error

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""How a page of stiffgen looks in a browser: colours on light and dark pages, type and tables. Reports share it."""
+"""Appearance and security policy of HTML pages: colours on light and dark pages, type, tables. Reports share them."""
 
 from __future__ import annotations
 
 PAGE, DARK_PAGE = ("#ffffff", "#1f2328"), ("#0d1117", "#e6edf3")
 """Background and text on light and on dark pages."""
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' file: data:"
+"""Content security policy of reports: no script, nothing from the network, pictures beside the page."""
 STYLE = f"""\
 :root {{
   color-scheme: light dark;
@@ -24,4 +26,4 @@ table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; font-siz
 img {{ max-width: 100%; }}
 figure {{ margin: 1.5rem 0; }}
 """
-"""The style sheet's part that all pages have; none of it is text that a template has to escape."""
+"""Part of the style sheet that all pages share; templates insert it without escaping."""

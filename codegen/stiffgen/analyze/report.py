@@ -22,6 +22,7 @@ from stiffgen.analyze.measures import (
     stiffness_unit,
 )
 from stiffgen.analyze.recording import Array, Recording
+from stiffgen.page import POLICY
 from stiffgen.page import STYLE as PAGE_STYLE
 from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain
@@ -141,6 +142,7 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
             figures=shown,
             envelope=result.envelope is not None and result.envelope.shift > 0,
             bin_rows=1 << result.envelope.shift if result.envelope else 1,
+            policy=POLICY,
             style=Markup(PAGE_STYLE),
         )
     )

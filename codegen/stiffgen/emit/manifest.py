@@ -6,21 +6,26 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import stat
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 from stiffgen._version import __version__
+from stiffgen.errors import printable
 from stiffgen.lower.graph import Operations
 from stiffgen.lower.rounding import Ranges, Stated
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
-from stiffgen.robot.chain import Body, Chain, Coordinate, Joint, Tip, Tool
+from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.potentials import SpringOptions
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
+_MOST_BYTES = 1 << 26
+DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""Errors with which a damaged manifest, or one of another version, ends."""
 
 
 def manifest_text(
@@ -70,9 +75,13 @@ def manifest_text(
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
     """The manifest of a generated folder, or None if it has none."""
+    file = folder / MANIFEST
     try:
-        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_BYTES:  # a device has no end
+            return None
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return None
     known = isinstance(content, dict) and content.get("generator") == _GENERATOR
     return content if known and isinstance(content.get("files"), dict) else None
@@ -93,28 +102,25 @@ def _finite(value: Any) -> Any:
 
 
 def chain_from_manifest(content: dict[str, Any]) -> Chain:
-    """The chain that a folder was generated from."""
-    data = content["chain"]
+    """Return the chain that a folder was generated from; one of DAMAGE if the manifest has none."""
+    chain = _record(Chain, content["chain"])
+    assert isinstance(chain, Chain)
+    return chain
 
-    def nested(value: Any) -> Any:
-        return tuple(nested(entry) for entry in value) if isinstance(value, list) else value
 
-    def joint(entry: dict[str, Any]) -> Joint:
-        return Joint(**fields(entry) | {"body": Body(**fields(entry["body"]))})
-
-    def coordinate(entry: dict[str, Any]) -> Coordinate:
-        limits = {key: float(entry[key]) for key in ("lower", "upper", "velocity", "effort")}
-        return Coordinate(name=entry["name"], type=entry["type"], **limits)
-
-    def fields(entry: dict[str, Any]) -> dict[str, Any]:
-        return {key: nested(value) for key, value in entry.items()}
-
-    structured = ("joints", "coordinates", "tips", "tool")
-    rest = fields({key: value for key, value in data.items() if key not in structured})
-    return Chain(
-        tips=tuple(Tip(**fields(entry)) for entry in data["tips"]),
-        tool=None if data["tool"] is None else Tool(**fields(data["tool"])),
-        joints=tuple(joint(entry) for entry in data["joints"]),
-        coordinates=tuple(coordinate(entry) for entry in data["coordinates"]),
-        **rest,
-    )
+def _record(kind: Any, value: Any) -> Any:
+    """Turn an entry of the manifest into a value of an annotated type: a record, a tuple, a number, a text."""
+    if hasattr(kind, "__dataclass_fields__"):
+        kinds = get_type_hints(kind)
+        return kind(**{name: _record(kinds[name], entry) for name, entry in value.items()})
+    options = get_args(kind)
+    if type(None) in options:
+        return None if value is None else _record(options[0], value)
+    if get_origin(kind) is tuple and isinstance(value, list):
+        each = (options[0],) * len(value) if options[-1] is Ellipsis else options
+        return tuple(_record(one, entry) for one, entry in zip(each, value, strict=True))
+    if kind is float and (type(value) in (int, float) or value in ("inf", "-inf")):
+        return float(value)
+    if type(value) is not kind:
+        raise TypeError(f"{printable(repr(value))} stands where {kind} is expected")
+    return value

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -181,8 +182,16 @@ def _page(name: str, chain: Chain, answers: Answers, tool: Tool | None, file: st
         rotors=tuple(1.0 if coordinate.type == "prismatic" else 0.1 for coordinate in coordinates),
         effort={k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5},
         velocity={k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3},
-        regenerate=shlex.join(parts),
+        regenerate=" ".join(map(_quoted, parts)),
     )
+
+
+def _quoted(word: str) -> str:
+    """Quote a word for a shell, on one line of printable ASCII whatever a link or a file is called."""
+    if word.isascii() and word.isprintable():
+        return shlex.quote(word)
+    plain = set(range(0x20, 0x7F)) - {ord("'"), ord("\\")}
+    return "$'" + "".join(chr(b) if b in plain else f"\\{b:03o}" for b in os.fsencode(word)) + "'"
 
 
 def _range(coordinate: Coordinate) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from typing import Any
 
 from stiffgen._version import __version__
 from stiffgen.errors import OutputError, printable
+from stiffgen.folder import write_atomically
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.play.wasm import compile_wasm
 from stiffgen.robot.chain import Chain, Tip
@@ -72,13 +73,9 @@ def write_page(
     tell(f"compiling {robot.name} for WebAssembly")
     text = page_text(robot)
     tell(f"writing {target.name}")
-    partial = target.with_name(f".{target.name}.part")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(target)
+        write_atomically(target, text)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise OutputError(
             f"{printable(str(target), 200)}: cannot be written ({error.strerror}); choose another --output"
         ) from error

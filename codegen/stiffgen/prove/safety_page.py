@@ -16,7 +16,7 @@ from markupsafe import Markup
 from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.page import STYLE
+from stiffgen.page import POLICY, STYLE
 from stiffgen.prove.targets import Target, read_targets
 from stiffgen.prove.verdict import Filed, Verdict, read_verdicts
 from stiffgen.rendering import environment
@@ -110,6 +110,7 @@ def write_page(
         environment("stiffgen.prove", escaped=True)
         .get_template("safety.html.j2")
         .render(
+            policy=POLICY,
             style=Markup(STYLE),
             robot=robot,
             manifest=robot.manifest,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import html
 import inspect
 import json
 import shutil
@@ -530,6 +531,10 @@ def test_report(here, robot_folder, capsys):
     files = {"report.html", "summary.json", "stiffness.svg", "eigenvalues.svg", "wrench.svg", "moment.svg"}
     assert {p.name for p in folder.iterdir()} == files
     page = (folder / "report.html").read_text()
+    assert "content=\"default-src 'none'; style-src 'unsafe-inline'; img-src 'self' file: data:\"" in html.unescape(
+        page
+    )
+    assert "<script" not in page
     assert "<b>log" not in page and "&lt;b&gt;log &amp; co.csv" in page
     assert "10 of 299 rows left out" in page
     for file in sorted(files):

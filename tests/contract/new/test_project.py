@@ -12,13 +12,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
 
 from stiffgen.cli import main
 from stiffgen.errors import StiffgenError
-from stiffgen.new.project import FILES
+from stiffgen.new.project import FILES, new_project
 from stiffgen.new.questions import Answers, Given, decide
 from stiffgen.robot.reader import read_description
 from support.c_program import STRICT
@@ -88,6 +89,30 @@ def test_bad_input_is_one_message_and_leaves_nothing(arguments, named, tmp_path,
     assert captured.out == "" and named in captured.err
     assert captured.err.splitlines()[-1].startswith("stiffgen: ")
     assert [path.name for path in tmp_path.iterdir()] == ["taken"] and not list((tmp_path / "taken").iterdir())
+
+
+def test_names_with_ends_of_lines_and_html(tmp_path):
+    """No name of the robot's file begins a line of the README, nor a command of its own; a shell gets it back whole."""
+    tip = "a\n\n<script>alert(1)</script>\n    rm -rf 'x'\\é\x7f"
+    urdf = tmp_path / b"x\xff\n<b>.urdf".decode("utf-8", "surrogateescape")
+    escaped = escape(tip, {"\n": "&#10;", "'": "&apos;"})
+    urdf.write_text(chain_urdf("rrr").replace('"l3"', f'"{escaped}"'), encoding="utf-8")
+    assert escaped in urdf.read_text(encoding="utf-8")
+    project = new_project(urdf, output=tmp_path / "project", build=False)
+    readme = (project / "README.md").read_text(encoding="utf-8")
+    assert readme.isascii() and "<script" not in readme.replace(regenerate(readme), "")
+    assert not re.search(r"^\s*(<|rm)", readme, re.MULTILINE)
+    command = regenerate(readme).replace("stiffgen generate", "printf '%s\\0'")
+    words = subprocess.run(["bash", "-c", command], capture_output=True, check=True).stdout.split(b"\0")
+    assert words[words.index(b"--tip") + 1] == tip.encode()
+    assert os.fsdecode(words[0]) == f"urdf/{urdf.name}" and (project / os.fsdecode(words[0])).is_file()
+
+
+def regenerate(readme: str) -> str:
+    """Return the README's command that generates the functions again."""
+    found = re.search(r"^    (stiffgen generate .*)$", readme, re.MULTILINE)
+    assert found
+    return found[1]
 
 
 @pytest.mark.slow
@@ -171,10 +196,9 @@ def test_the_project_builds_runs_and_passes_its_own_test(case, tmp_path):
     numbers = re.findall(r"-?\d+\.\d*", Kq[: Kq.index("antisymmetric")].split("\n", 1)[1])
     np.testing.assert_allclose(in_c.ravel(), [float(number) for number in numbers], atol=1.1e-3)
 
-    again = re.search(r"^    (stiffgen generate .*)$", readme, re.MULTILINE)
-    assert again
+    again = regenerate(readme)
     before = (project / "generated" / name / f"{name}.c").read_bytes()
-    assert main_in(project, again[1]) == 0
+    assert main_in(project, again) == 0
     assert (project / "generated" / name / f"{name}.c").read_bytes() == before
 
 

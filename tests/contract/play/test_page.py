@@ -291,3 +291,13 @@ def test_wheel_holds_the_page(tmp_path: Path) -> None:
 def test_functions_are_those_of_every_tip(scripts: Scripts) -> None:
     """Every kernel that the page calls is one of the robot's table, once for each tip."""
     assert len(scripts.data["functions"]) == len(page.KERNELS) * len(scripts.robot.chain.tips)
+
+
+def test_a_planted_link_is_not_followed(robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever a name could be guessed: the file behind the link keeps its content."""
+    monkeypatch.setattr(page, "page_text", lambda robot: "page")
+    (tmp_path / "mine").write_text("mine")
+    for name in (".play.html.part", "play.html"):
+        (tmp_path / name).symlink_to(tmp_path / "mine")
+    assert page.write_page(robot_folder, tmp_path / "play.html").read_text() == "page"
+    assert (tmp_path / "mine").read_text() == "mine"
