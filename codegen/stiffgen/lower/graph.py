@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -92,6 +93,17 @@ class Graph:
         if kind in ("const", "input"):
             return ()
         return (int(a), b) if kind in _TWO_OPERANDS else (int(a),)
+
+    def uses(self, outputs: Sequence[int]) -> dict[int, int]:
+        """Count how often each operation that ``outputs`` depend on is used; a sign is transparent."""
+        uses: dict[int, int] = {}
+        pending = list(outputs)
+        while pending:
+            number = pending.pop()
+            uses[number] = uses.get(number, 0) + 1
+            if uses[number] == 1 or self.keys[number][0] == "neg":
+                pending.extend(self.operands(number))
+        return uses
 
 
 _BINARY = {

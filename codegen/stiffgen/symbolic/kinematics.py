@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 
 import casadi as ca
 
@@ -24,20 +25,42 @@ from stiffgen.symbolic.connection import Representation
 _IDENTITY = ca.SX.eye(3)
 
 
+class Kind(Enum):
+    """Kind of a quantity whose size is known for reasons that its operations do not show."""
+
+    NUMBER = "nothing is known"
+    ROTATION = "entry of a rotation or of a unit vector: at most 1"
+    POINT = "coordinate of a point of the chain, or an arm to one: at most the chain's reach"
+    ZERO = "zero"
+    ONE = "one"
+
+
 @dataclass
 class Section:
-    """A titled group of named intermediate matrices of a pose recursion, in order of computation."""
+    """A titled group of named intermediate matrices of a pose recursion, in order of computation.
+
+    ``kinds`` has the kinds of the values of which something is known, by the same names.
+    """
 
     title: str
     values: dict[str, ca.SX] = field(default_factory=dict)
+    kinds: dict[str, Kind] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Expressions:
-    """A result together with the sections that lead to it."""
+    """A result together with the sections that lead to it; ``kinds``, if any, of the result's entries, row-major."""
 
     result: ca.SX
     sections: tuple[Section, ...]
+    kinds: tuple[Kind, ...] = ()
+
+
+FRAME = Kind.ROTATION, Kind.POINT
+"""Kinds of a frame's rotation and origin."""
+
+_POSE = (*(3 * (3 * (Kind.ROTATION,) + (Kind.POINT,))), Kind.ZERO, Kind.ZERO, Kind.ZERO, Kind.ONE)
+"""Kinds of the entries of a pose."""
 
 
 def constant(matrix: Matrix | Vector) -> ca.SX:
@@ -136,7 +159,7 @@ class PoseRecursion:
         """Name the entries R<index>_ij and p<index>_i of a joint's frame, seen in base or tip axes."""
         title = f"{frame_title(self.chain, index)}: rotation R{index}, origin p{index}, in {axes} axes"
         values = {f"R{index}_": ca.densify(rotation), f"p{index}_": ca.densify(translation)}
-        self.sections.append(Section(title, values))
+        self.sections.append(Section(title, values, dict(zip(values, FRAME, strict=True))))
 
     def local(self, index: int) -> ca.SX:
         """Rotation of joint ``index``'s auxiliary frame at zero, in the frame before it."""
@@ -236,7 +259,7 @@ def forward_kinematics(chain: Chain, *given: ca.SX) -> Expressions:
     posture = Posture.of(chain, given)
     r, frames = outward_frames(chain, posture)
     rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
-    return Expressions(_pose(rotation, tip), tuple(r.sections))
+    return Expressions(_pose(rotation, tip), tuple(r.sections), _POSE)
 
 
 def _pose(rotation: ca.SX, origin: ca.SX) -> ca.SX:
@@ -251,8 +274,8 @@ def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) 
     r, frames = outward_frames(chain, posture)
     _, tip = _tip_in_base(chain, frames, posture.tool_pose)
     if representation == "hybrid":
-        r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
-    return Expressions(_outward_columns(chain, frames, tip, representation), tuple(r.sections))
+        r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}, {"p_": Kind.POINT}))
+    return Expressions(_outward_columns(chain, frames, tip, representation), tuple(r.sections), _kinds(chain))
 
 
 def hybrid_jacobian_and_pose(chain: Chain, *given: ca.SX) -> Expressions:
@@ -260,9 +283,16 @@ def hybrid_jacobian_and_pose(chain: Chain, *given: ca.SX) -> Expressions:
     posture = Posture.of(chain, given)
     r, frames = outward_frames(chain, posture)
     rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
-    r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}))
+    r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}, {"p_": Kind.POINT}))
     columns = _outward_columns(chain, frames, tip, "hybrid")
-    return Expressions(ca.vertcat(ca.vec(columns.T), ca.vec(_pose(rotation, tip).T)), tuple(r.sections))
+    result = ca.vertcat(ca.vec(columns.T), ca.vec(_pose(rotation, tip).T))
+    return Expressions(result, tuple(r.sections), (*_kinds(chain), *_POSE))
+
+
+def _kinds(chain: Chain) -> tuple[Kind, ...]:
+    """Return the kinds of the entries of Jacobian columns, row by row."""
+    linear = [Kind.ROTATION if joint.prismatic else Kind.POINT for joint in chain.joints]
+    return (*(3 * linear), *(3 * len(linear) * [Kind.ROTATION]))
 
 
 def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representation: Representation) -> ca.SX:
@@ -300,6 +330,7 @@ def _body_jacobian(chain: Chain, posture: Posture) -> Expressions:
     own = chain.joints[: chain.base_joints]
     if own:
         values = {"Rb_": ca.densify(rotation), "pb_": ca.densify(origin)}
-        r.sections.append(Section("base link: rotation Rb, origin pb, in tip axes", values))
+        kinds = dict(zip(values, FRAME, strict=True))
+        r.sections.append(Section("base link: rotation Rb, origin pb, in tip axes", values, kinds))
     columns += [spatial_column(joint, origin, rotation[:, k % 3]) for k, joint in reversed(list(enumerate(own)))]
-    return Expressions(ca.densify(ca.horzcat(*reversed(columns))), tuple(r.sections))
+    return Expressions(ca.densify(ca.horzcat(*reversed(columns))), tuple(r.sections), _kinds(chain))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""CasADi graph -> C statements.
+"""Print the statements of a body as C.
 
-Nodes that are used more than once or named by a section become ``const double`` locals; the rest is nested into
+Nodes that are used more than once or named by a section become ``const double`` locals; every other node is nested into
 the expression that uses it. The order of statements follows the graph, which follows the Python code that built
 it: no hash, address or platform enters, so the same chain prints the same bytes everywhere.
 """
@@ -9,12 +9,11 @@ it: no hash, address or platform enters, so the same chain prints the same bytes
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
-
-from stiffgen.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Graph, Operations, build_graph
+from stiffgen.lower.form import Access, Body, Entry
+from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.lower.scalar import Scalar
 from stiffgen.lower.variant import Variant
 
@@ -23,134 +22,79 @@ _SUM, _PRODUCT, _UNARY, _ATOM = range(4)
 
 
 @dataclass(frozen=True)
-class Named:
-    """A group of intermediate values that the code shall show under these names, below a comment."""
-
-    comment: str
-    values: Sequence[tuple[str, ca.SX]]
-
-
-@dataclass(frozen=True)
 class Printed:
     """C statements, one a line (long ones wrapped), with the operations they cost.
 
-    ``values`` are the C texts of the outputs where these were defined rather than assigned, ``reads`` the numbers of
-    the inputs that the statements read, ``calls`` the C functions that they call.
+    ``values`` are the C texts of the outputs where these were defined rather than assigned, ``calls`` the C functions
+    that the statements call.
     """
 
     lines: list[str]
     operations: Operations
     values: tuple[str, ...]
-    reads: frozenset[int]
     calls: frozenset[str]
     temporaries: int
     """One past the last number of an unnamed local, t0, t1, ..."""
-    poison: str = ""
-    """The local that makes NaN of what depends on choices, if there is one."""
 
 
-def print_statements(
-    inputs: Sequence[tuple[ca.SX, str]],
-    outputs: Sequence[tuple[str, ca.SX]],
-    named: Sequence[Named] = (),
-    *,
-    variant: Variant,
-    heading: str = "",
-    wide: Container[str] = (),
-    wide_outputs: bool = False,
-    define: int = 0,
-    temporaries: int = 0,
-    accumulate: bool = False,
-    poison: str = "poison",
-) -> Printed:
-    """Print the statements that compute ``outputs``.
+def print_body(body: Body, variant: Variant, text: Callable[[Entry], str], temporaries: int = 0) -> Printed:
+    """Print the statements of a body, without indentation.
 
     Args:
-        inputs: scalar symbols with their C text.
-        outputs: C lvalues with scalar expressions, printed in this order.
-        named: groups of scalar intermediates to name, in order of computation.
-        variant: what the statements are for.
-        heading: comment over the outputs.
-        wide: the C texts among the inputs that are entries of rows; what depends on them is, too, the rest is scalar.
-        wide_outputs: the lvalues are entries of rows.
-        define: of so many outputs, the first ones, take the lvalues as names of new locals; what is a constant or has a
-            name already gets no second one.
+        body: operations on entries.
+        variant: way of printing.
+        text: C text of an entry.
         temporaries: number of the first unnamed local.
-        accumulate: add to the lvalues.
-        poison: name of the local that makes NaN of what depends on choices.
-
-    Returns:
-        Lines without indentation.
 
     """
-    symbols = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
-    named_values = [(name, value) for group in named for name, value in group.values]
-    everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value in named_values)))
-    graph, numbers = build_graph(ca.Function("f", [symbols], [everything]))
-    writer = _Writer(graph, numbers[: len(outputs)], [text for _, text in inputs], wide, variant)
+    writer = _Writer(body, variant, [text(access) for access in body.inputs])
     writer.temporaries = temporaries
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
-    if any(kind in CONDITIONAL for kind, _, _ in (graph.keys[number] for number in writer.uses)):
-        writer.poison = poison
-        total = " + ".join(text for _, text in inputs)
-        writer.reads |= set(range(len(inputs)))
-        writer.poison_line(f"{variant.scalar.constant(0.0)} * ({total})", wide=bool(wide))
+    if body.poison:
+        total = " + ".join(writer.inputs)
+        writer.poison_line(f"{variant.scalar.constant(0.0)} * ({total})", wide=any(a.wide for a in body.inputs))
     writer.sines_and_cosines()
-    following = iter(zip(numbers[len(outputs) :], named_values, strict=True))
-    for group in named:
-        members = [(name, number) for _, (number, (name, _)) in zip(group.values, following, strict=False)]
-        writer.group(group.comment, members)
-    if heading:
-        writer.lines += ["", f"/* {heading} */"] if writer.lines else [f"/* {heading} */"]
+    for group in body.groups:
+        writer.group(group.comment, group.members)
+    if body.heading:
+        writer.lines += ["", f"/* {body.heading} */"] if writer.lines else [f"/* {body.heading} */"]
     values = []
-    for index, ((lvalue, _), number) in enumerate(zip(outputs, numbers, strict=False)):
-        if index < define:
-            values.append(writer.value(lvalue, number))
+    for index, output in enumerate(body.outputs):
+        lvalue = " = ".join(text(place) for place in reversed(output.places))
+        if index < body.define:
+            values.append(writer.value(lvalue, output.number))
         else:
-            writer.assign(lvalue, number, wide=wide_outputs, sign="+=" if accumulate else "=")
-    reads, calls = frozenset(writer.reads), frozenset(writer.calls)
-    return Printed(writer.lines, writer.operations, tuple(values), reads, calls, writer.temporaries, writer.poison)
+            sign = "+=" if body.accumulate else "="
+            writer.assign(lvalue, output.number, wide=body.wide_outputs, sign=sign)
+    return Printed(writer.lines, writer.operations, tuple(values), frozenset(writer.calls), writer.temporaries)
 
 
 class _Writer:
-    def __init__(
-        self, graph: Graph, outputs: Sequence[int], inputs: Sequence[str], wide: Container[str], variant: Variant
-    ) -> None:
-        self.graph = graph
+    def __init__(self, body: Body, variant: Variant, inputs: Sequence[str]) -> None:
+        self.graph = body.graph
         self.variant = variant
         self.inputs = inputs
-        self.wide = self._wide_nodes(wide)
+        self.poison = body.poison
+        self.wide = self._wide_nodes(body.inputs)
         self.lines: list[str] = []
         self.operations = Operations()
         self.text: dict[int, str] = {}  # nodes that have a C name
         self.inline: set[int] = set()  # nodes that were printed where they are used
         self.results: dict[int, str] = {}  # sines and cosines: where the call left them
         self.temporaries = 0
-        self.reads: set[int] = set()
         self.calls: set[str] = set()
-        self.poison = ""
-        self.uses = self._count_uses(outputs)
+        self.uses = body.graph.uses([output.number for output in body.outputs])
 
-    def _wide_nodes(self, inputs: Container[str]) -> set[int]:
+    def _wide_nodes(self, inputs: Sequence[Access]) -> set[int]:
         wide: set[int] = set()
         for number, (kind, a, _) in enumerate(self.graph.keys):  # operands come before what uses them
             if kind == "input":
-                is_wide = self.inputs[int(a)] in inputs
+                is_wide = inputs[int(a)].wide
             else:
                 is_wide = any(operand in wide for operand in self.graph.operands(number))
             if is_wide:
                 wide.add(number)
         return wide
-
-    def _count_uses(self, outputs: Sequence[int]) -> dict[int, int]:
-        uses: dict[int, int] = {}
-        pending = list(outputs)
-        while pending:
-            number = pending.pop()
-            uses[number] = uses.get(number, 0) + 1
-            if uses[number] == 1 or self.graph.keys[number][0] == "neg":  # a sign is transparent
-                pending.extend(self.graph.operands(number))
-        return uses
 
     def sines_and_cosines(self) -> None:
         """Take the sines and cosines of all angles in one call; the nodes get the names of its results."""
@@ -285,7 +229,6 @@ class _Writer:
         if kind == "const":
             return self.variant.scalar.constant(float(a)), _ATOM
         if kind == "input":
-            self.reads.add(int(a))
             return self.inputs[int(a)], _ATOM
         if kind in ("sin", "cos"):
             return self.results[number], _ATOM

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""C text of entries, pointers and declarations of arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stiffgen.lower.form import (
+    Access,
+    Argument,
+    Count,
+    Declaration,
+    Declared,
+    Entry,
+    Layout,
+    Local,
+    Pointer,
+    Scope,
+    Storage,
+    Stride,
+    Table,
+)
+from stiffgen.lower.statements import indices
+from stiffgen.lower.variant import Variant
+from stiffgen.symbolic.program import Array
+
+
+def element(array: Array, k: int) -> str:
+    """Return the C text of the k-th entry of a local array with an index per dimension."""
+    return array.name + "".join(f"[{index}]" for index in indices(array.shape, k))
+
+
+@dataclass(frozen=True)
+class Elements:
+    """The spelling of arrays in functions of a scope and variant."""
+
+    scope: Scope
+    variant: Variant
+
+    def entry(self, entry: Entry) -> str:
+        """Return the C text of an entry."""
+        if isinstance(entry, Local):
+            return entry.name if entry.index is None else f"{entry.name}[{entry.index}]"
+        if entry.guard:
+            return entry.guard
+        storage, operand, k = entry.storage, entry.operand, entry.entry
+        if entry.as_passed:
+            return f"{storage.array.name}[{k}]"
+        if storage.elsewhere:
+            return self.entry(storage.elsewhere[k])
+        if storage.layout in (Layout.WEIGHTS, Layout.WEIGHTS_TRANSPOSED, Layout.WEIGHT_ROWS):
+            return self._weight(entry)
+        if storage.layout is Layout.LANES:
+            return self._in_vectors(entry)
+        array = storage.named
+        if operand.at == "":
+            return f"{array.name}[{k}]" if storage.layout is Layout.FLAT else element(array, k)
+        if operand.at != "ij":
+            return f"{array.name}[{k}][{operand.at}]" if len(array.shape) > 1 else f"{array.name}[{operand.at}]"
+        if operand.count == 1:
+            return self.pair(array, "i", "j")
+        return f"entry[{k}]" if storage.is_result else f"{array.name}[i][j][{k}]"
+
+    def _in_vectors(self, entry: Access) -> str:
+        array, k = entry.storage.array, entry.entry
+        if entry.wide:
+            return f"{array.name}[{k}][j]"
+        if entry.operand.at == "":
+            return element(Array(f"{array.name}_of", array.shape), k)
+        return f"{array.name}_of[{k}][{entry.operand.at}]"
+
+    def _weight(self, entry: Access) -> str:
+        storage, k, depth = entry.storage, entry.entry, entry.operand.count
+        if storage.layout is Layout.WEIGHT_ROWS:
+            row = "i" if depth == 1 else f"{depth} * i + {k}"
+            return f"{storage.array.name}[{row}][j]"
+        name = self.pointer(Pointer(storage.companion)) if storage.companion else storage.array.name
+        first, second = ("j", "i") if storage.layout is Layout.WEIGHTS_TRANSPOSED else ("i", "j")
+        place = f"{self.scope.size} * {first} + {second}"
+        return f"{name}[{place}]" if depth == 1 else f"{name}[{depth} * ({place}) + {k}]"
+
+    def pair(self, array: Array, first: str, second: str) -> str:
+        """Return the C text of the entry of a pair of joints."""
+        return f"{array.name}[{self.scope.size} * {first} + {second}]"
+
+    def base(self, entry: Entry) -> str:
+        """Return the name of what an entry lies in."""
+        return self.entry(entry).partition("[")[0]
+
+    def pointer(self, pointer: Pointer, *, written: bool = False) -> str:
+        """Return the C text of a pointer to numbers, or to a row."""
+        storage = pointer.storage
+        array = storage.named if pointer.as_read else storage.array
+        if pointer.plain:
+            row = "" if pointer.row is None else f"[{pointer.row}]"
+            return f"({'' if written else 'const '}{self.variant.scalar.name} *){array.name}{row}"
+        if pointer.row is not None:
+            return f"{array.name}[{pointer.row}]"
+        passed = storage.local is not None and not pointer.as_read
+        if passed or storage.layout is not Layout.SHAPED or (storage.place.is_parameter and not pointer.as_read):
+            return array.name
+        return array.name + "[0]" * (len(array.shape) - 1)
+
+    def argument(self, argument: Argument, *, written: bool = False) -> str:
+        """Return the C text of a helper's argument."""
+        if isinstance(argument, Pointer):
+            return self.pointer(argument, written=written)
+        if isinstance(argument, Table):
+            return f"{self.scope.prefix}{argument.name}"
+        if isinstance(argument, Stride):
+            return f"LANES * {self.scope.padded if argument.allocated else self.scope.blocks}"
+        if isinstance(argument, Count):
+            return {
+                Count.JOINTS: self.scope.size,
+                Count.COORDINATES: "N",
+                Count.USED: self.scope.blocks,
+                Count.ALLOCATED: self.scope.padded,
+            }[argument]
+        return str(argument)
+
+    def declaration(self, declaration: Declaration) -> str:
+        """Return the C text of a declaration."""
+        array, number, scalar = declaration.array, self.variant.number, self.variant.scalar.name
+        if declaration.kind is Declared.VIEW:
+            row = f"[LANES * {self.scope.padded}]"
+            return (
+                f"const {scalar} (*const {array.name}_of){row} = (const {scalar} (*){row}){array.name};"
+                " /* joint by joint */"
+            )
+        if declaration.kind is Declared.ALIAS and declaration.local:
+            if len(array.shape) < 2:
+                return f"const {number} *const {declaration.local.name} = {array.name};"
+            row = f"[{array.shape[1]}]"
+            return f"const {number} (*const {declaration.local.name}){row} = (const {number} (*){row}){array.name};"
+        if declaration.kind is Declared.ZEROS:
+            zeros = "" if self.variant.lanes else f" = {{{self.variant.scalar.constant(0.0)}}}"
+            return f"{number} {array.name}[{array.size}]{zeros};"
+        return self._array(declaration)
+
+    def _array(self, declaration: Declaration) -> str:
+        array, number = declaration.array, self.variant.number
+        if declaration.layout is Layout.LANES:
+            return f"lanes {array.name}[{array.shape[0]}][{self.scope.padded}];"
+        if declaration.layout is Layout.WEIGHT_ROWS:
+            depth = array.size // (array.shape[0] * array.shape[1])
+            return f"lanes {array.name}[{self.scope.size} * {depth}][{self.scope.padded}];"
+        flat = declaration.layout is not Layout.SHAPED
+        extents = f"[{array.size}]" if flat else "".join(f"[{extent}]" for extent in array.shape)
+        aligned = self.variant.aligned if declaration.kind is Declared.ALIGNED else ""
+        return f"{aligned}{number} {array.name}{extents};"
+
+    def passed(self, storage: Storage, *, columns: bool) -> str:
+        """Return the C text of an array that an internal function fills; ``columns``: as columns of joints."""
+        name = storage.array.name
+        if columns and not self.variant.joint_lanes and storage.is_result:
+            return f"({self.variant.number} (*)[{storage.array.shape[1]}]){name}"
+        return name

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: MIT
+"""Lower the kernels of a chain: each program becomes a :class:`~stiffgen.lower.form.Function`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+from stiffgen.lower.form import (
+    Access,
+    Call,
+    Count,
+    Declaration,
+    Declared,
+    Function,
+    Helpers,
+    Item,
+    Layout,
+    Place,
+    Pointer,
+    Scope,
+    Storage,
+    Unused,
+)
+from stiffgen.lower.graph import Operations
+from stiffgen.lower.variant import Variant
+from stiffgen.names import comment
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel
+from stiffgen.symbolic.program import Array, Operand, Program, Step, as_operand, entries_of
+from stiffgen.symbolic.steps import Gather, Map, Reduce, SparseSum, StraightLine, Term
+
+Rules = Mapping[type[Step], Callable[["Lowering", Any], None]]
+
+
+@dataclass
+class LoweredKernels:
+    """Kernels lowered so far for one variant, by name, and the internal functions that they share."""
+
+    chain: Chain
+    variant: Variant
+    rules: Rules
+    scopes: dict[str, Scope] = field(default_factory=dict)
+    shared: dict[str, Function] = field(default_factory=dict)
+    kernels: dict[str, Function] = field(default_factory=dict)
+
+    def scope(self, chain: Chain, name: str, title: str = "") -> Scope:
+        """Return the scope of functions with a prefix."""
+        prefix = f"{name}_" if name else ""
+        return self.scopes.setdefault(prefix, Scope(chain, prefix, self.variant.scalar, title))
+
+    def kernel(self, kernel: Kernel) -> Function:
+        """Return a kernel's function, lowered once."""
+        name = kernel.qualified_name
+        if name not in self.kernels:
+            title = comment(kernel.tip.link) if kernel.tip else ""
+            scope = self.scope(kernel.scope(self.chain), kernel.scope_name(self.chain), title)
+            inputs = tuple(argument.array(self.chain) for argument in kernel.arguments)
+            outputs = tuple(result.array(self.chain) for result in kernel.results)
+            self.kernels[name] = self._lowered(Function(name, scope, inputs, outputs), kernel.steps(self.chain))
+        return self.kernels[name]
+
+    def term(self, term: Term, results: Sequence[Array]) -> Function:
+        """Return the kernel that a term calls."""
+        if term.function not in self.kernels:
+            tips = term.chain.tips
+            name = tips[0].name if len(self.chain.tips) > 1 and len(tips) == 1 else ""
+            inputs = tuple(array for array, _ in term.arguments)
+            function = Function(term.function, self.scope(term.chain, name), inputs, tuple(results))
+            self.kernels[term.function] = self._lowered(function, term.program)
+        return self.kernels[term.function]
+
+    def _lowered(self, function: Function, program: Program) -> Function:
+        lowering = Lowering(self, function)
+        lowering.read_arguments(program)
+        lowering.lower(program)
+        lowering.guard_results()
+        return function
+
+
+class Lowering:
+    """Lowering of one function under way."""
+
+    def __init__(self, kernels: LoweredKernels, function: Function) -> None:
+        self.kernels = kernels
+        self.variant = kernels.variant
+        self.function = function
+        self.scope = function.scope
+        self.chain = function.scope.chain
+        self.storages = {array.name: Storage(array, Place.ARGUMENT, Layout.FLAT) for array in function.inputs}
+        self.storages.update((array.name, Storage(array, Place.RESULT, Layout.FLAT)) for array in function.outputs)
+        self.braces = False
+        self.guarded: set[str] = set()
+        """Guarded copies of arguments' entries, and the local that makes NaN, defined so far outside of braces."""
+
+    def lower(self, program: Program) -> None:
+        """Lower the steps in order."""
+        for step in program:
+            self.kernels.rules[type(step)](self, step)
+
+    def storage(self, array: Array) -> Storage:
+        """Return the record of an array."""
+        return self.storages.setdefault(array.name, Storage(array))
+
+    def add(self, item: Item) -> None:
+        """Append an item."""
+        self.function.items.append(item)
+
+    def call(self, helper: str, *arguments: object, cost: Operations | None = None) -> None:
+        """Append the call of a helper that only copies or guards."""
+        self.add(Helpers((Call(helper, tuple(arguments)),), cost=cost or Operations()))  # type: ignore[arg-type]
+
+    def declare(self, storage: Storage, at: str) -> None:
+        """Declare a local that is written as a whole (at ""), by joints ("j") or by pairs of joints ("ij")."""
+        if at == "j" and self.variant.joint_lanes:
+            storage.layout = Layout.LANES
+        elif at == "ij" and len(storage.array.shape) == 2:
+            storage.layout = Layout.FLAT
+        kind = Declared.ALIGNED if at == "ij" else Declared.ARRAY
+        self.function.declare(Declaration(kind, storage.array, storage.layout))
+
+    def declare_flat(self, storage: Storage) -> None:
+        """Declare a local of numbers one after the other."""
+        storage.layout = Layout.FLAT
+        self.function.declare(Declaration(Declared.ARRAY, storage.array))
+
+    def declare_as(self, storage: Storage) -> None:
+        """Declare a local in the layout that it has."""
+        self.function.declare(Declaration(Declared.ARRAY, storage.array, storage.layout))
+
+    def declare_zeros(self, count: int) -> None:
+        """Declare zeros to pass for arguments that are left out."""
+        if count:
+            self.function.declare(Declaration(Declared.ZEROS, Array("nothing", (count,))))
+
+    def _note_reads(self, program: Program) -> list[Map | Gather | Reduce]:
+        """Note in the records how arrays are read; return the steps that read operands."""
+        plain = [step.whole() if isinstance(step, SparseSum) else step for step in program]
+        steps = [step for step in plain if isinstance(step, (Map, Gather, Reduce))]
+        for operand in (operand for step in steps for operand in step.operands if operand.at):
+            self.storage(operand.array).by_joints = True
+        for array in (array for step in program for array in step.reads_whole):
+            self.storage(array).whole = True
+        return steps
+
+    def read_parameters(self, program: Program) -> None:
+        """Prepare internal steps: what they are passed was guarded, and columns of joints are rows of vectors."""
+        self._note_reads(program)
+        for name in self.function.columns:
+            self.storages[name].layout = Layout.LANES if self.variant.joint_lanes else Layout.SHAPED
+
+    def read_arguments(self, program: Program) -> None:
+        """Give arguments their short names, as copies in which infinity has become NaN where that is needed.
+
+        Kernels that end in sums over pairs need no copies: no sum and no product brings a number that is not finite
+        back among the finite ones, so that guarding the sums is enough (put_row).
+        """
+        steps = self._note_reads(program)
+        pairs = any(isinstance(step, Gather) or step.over.is_pairs for step in steps)
+        copies = self.variant.joint_lanes and not pairs
+        read = {
+            operand.array.name
+            for step in steps
+            for operand in step.operands
+            if operand.at != "j" or not self.variant.joint_lanes  # else copied to vectors
+        }
+        # Statements that take sines and name frames stand in braces of their own, where there are several.
+        lines = [step for step in program if isinstance(step, StraightLine) and not step.name]
+        self.braces = len(lines) > 1 and any(array.name == "q" for step in lines for array in step.arguments)
+        used = {array.name for step in program for array in step.reads}
+        for array in self.function.inputs:
+            if array.name not in used:
+                self.add(Unused(self.storages[array.name]))
+            if array.name in read:
+                self._rename(self.storages[array.name], copies=copies)
+
+    def _rename(self, storage: Storage, *, copies: bool) -> None:
+        array = storage.array
+        storage.local, storage.layout = Array(array.symbol, array.shape or (1,)), Layout.SHAPED
+        if copies:
+            self.function.declare(Declaration(Declared.ARRAY, storage.local, Layout.SHAPED))
+            cost = Operations(add=array.size, multiply=array.size)
+            self.call("copy_finite", Pointer(storage), array.size, Pointer(storage, as_read=True), cost=cost)
+        elif storage.local.name != array.name:
+            self.function.declare(Declaration(Declared.ALIAS, array, local=storage.local))
+
+    def stored(self, outputs: Iterable[Array], arguments: Iterable[Array]) -> None:
+        """Note results that may overflow. Sines of q are bounded, and so is what depends on them alone."""
+        slides = any(joint.prismatic for joint in self.chain.joints[self.chain.base_joints :])
+        if slides or any(array.name != "q" for array in arguments):
+            for storage in map(self.storage, outputs):
+                storage.overflows |= storage.is_result
+
+    def guard_results(self) -> None:
+        """Make NaN of what overflowed; the stores of vectors do that themselves."""
+        for array in self.function.outputs if self.variant.joint_lanes else ():
+            if self.storages[array.name].overflows:
+                cost = Operations(add=array.size, multiply=array.size)
+                pointer = Pointer(self.storages[array.name])
+                call = Call("copy_finite", (pointer, array.size, pointer))
+                self.add(Helpers((call,), "NaN in place of infinity", cost=cost))
+
+    def access(self, operand: Operand, entry: int, *, rows: bool = False) -> Access:
+        """Return the access to an operand's entry; with ``rows``, in a loop over vectors of joints."""
+        storage, lanes = self.storage(operand.array), self.variant.joint_lanes
+        if storage.layout in (Layout.WEIGHTS, Layout.WEIGHTS_TRANSPOSED, Layout.WEIGHT_ROWS):
+            return Access(storage, operand, entry, wide=True)
+        if operand.at == "j" and rows and lanes and storage.layout is not Layout.LANES:
+            storage = self._in_vectors(storage)
+        if storage.layout is not Layout.LANES:
+            return Access(storage, operand, entry, wide=not lanes)
+        wide = operand.at == "j" and rows
+        if not wide:
+            self.function.declare(Declaration(Declared.VIEW, storage.array, Layout.LANES))
+        return Access(storage, operand, entry, wide)
+
+    def _in_vectors(self, storage: Storage) -> Storage:
+        """Return the rows over joints of a plain array, copied to vectors of joints."""
+        if storage.companion is None:
+            array = storage.array
+            rows = 1 if len(array.shape) == 1 else array.shape[0]
+            copy = Storage(Array(f"rows_of_{array.name}", (rows, array.shape[-1])))
+            storage.companion = copy
+            self.declare(copy, "j")
+            columns = array.shape[-1]
+            count = Count.JOINTS if columns == len(self.chain.joints) else columns
+            self.call("pack_rows", Pointer(storage), rows, count, Count.ALLOCATED, Pointer(copy, row=0))
+        return storage.companion
+
+    def apply(
+        self, operands: Sequence[Operand], expression: Callable[..., ca.SX], *, rows: bool
+    ) -> tuple[list[tuple[ca.SX, Access]], list[ca.SX]]:
+        """Return the inputs of an expression of operands, entries that are always zero left out, and its entries."""
+        inputs: list[tuple[ca.SX, Access]] = []
+        values = []
+        for operand in operands:
+            storage = self.storage(operand.array)
+            zeros = storage.known_zeros() if operand.at == "" else storage.zeros
+            entries = []
+            for k in range(operand.count):
+                if k in zeros:
+                    entries.append(ca.SX(0))
+                    continue
+                symbol = ca.SX.sym(f"{operand.array.name}_{operand.at}{k}")
+                inputs.append((symbol, self.access(operand, k, rows=rows)))
+                entries.append(symbol)
+            values.append(as_operand(operand.shape, entries))
+        return inputs, entries_of(expression(*values))

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: MIT
+"""Lowering of straight-line steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import casadi as ca
+
+from stiffgen.lower.form import Access, Entry, Local, Place, Statements, Storage, make_body
+from stiffgen.lower.lowering import Lowering
+from stiffgen.names import c_comment
+from stiffgen.symbolic.kinematics import Expressions, Kind
+from stiffgen.symbolic.program import Operand, as_operand, entries_of
+from stiffgen.symbolic.steps import StraightLine
+
+_Inputs = list[tuple[ca.SX, Access]]
+
+
+def statements(f: Lowering, step: StraightLine, storages: Sequence[Storage]) -> Statements:
+    """Return the statements of a straight-line step that fill ``storages``.
+
+    Entries of local outputs that are always zero are not stored, which their records note.
+    """
+    inputs, values, spans = _inputs(f, step)
+    expressions = step.expressions(f.chain, *values)
+    outputs, kinds = _outputs(f, step, storages, expressions)
+    rows = tuple(storages[: step.columns]) if f.variant.joint_lanes else ()
+    known = set() if f.braces else f.guarded
+    poison = "poison_of_gradients" if "poison" in known else "poison"
+    body = make_body(
+        inputs,
+        outputs,
+        _groups(expressions),
+        kinds,
+        poison=poison,
+        heading=step.heading,
+        define=sum(storage.array.size for storage in rows),
+        wide_outputs=not f.variant.joint_lanes,
+    )
+    reads = body.reads
+    guards = [access for k, (_, access) in enumerate(inputs) if access.guard and k in reads]
+    new = tuple(access for access in guards if access.guard not in known)
+    known |= {body.poison, *(access.guard for access in new)}
+    unused = tuple(first for span, first in spans if reads.isdisjoint(span))
+    return Statements(body, tuple(step.outputs), new, unused, rows, f.braces)
+
+
+def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list[tuple[range, Entry]]]:
+    """Return the inputs, the arguments of the expressions, and for each array its inputs and its first entry.
+
+    What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into NaN,
+    and what earlier steps wrote comes from guarded numbers.
+    """
+    base = f.chain.base_joints
+    sliding = {joint.coordinate - base for joint in f.chain.joints[base:] if joint.prismatic}
+    inputs: _Inputs = []
+    values, spans = list[ca.SX](), list[tuple[range, Entry]]()
+    for array in step.arguments:
+        storage, operand, start = f.storage(array), Operand(array, ""), len(inputs)
+        argument = storage.place is Place.ARGUMENT and array.name not in f.function.columns
+        zeros = set() if argument else storage.known_zeros()
+        symbols = [ca.SX(0) if k in zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
+        for k, symbol in enumerate(symbols):
+            access = f.access(operand, k) if not argument else _argument(f, storage, operand, k, sliding)
+            if k not in zeros:
+                inputs.append((symbol, access))
+            if k == 0:
+                first = access
+        values.append(as_operand(array.shape, symbols))
+        if argument or len(inputs) > start:
+            spans.append((range(start, len(inputs)), replace(first, guard="")))
+    return inputs, values, spans
+
+
+def _argument(f: Lowering, storage: Storage, operand: Operand, k: int, sliding: set[int]) -> Access:
+    """Return the access to an argument's entry, guarded unless it is the angle of a joint."""
+    array = operand.array
+    guard = ""
+    if array.name != "q" or k in sliding:
+        between = "_" if max(array.shape, default=0) > 10 else ""  # 1, 11 and 11, 1
+        guard = array.symbol + between.join(map(str, indices(array.shape, k)))
+    return Access(storage, operand, k, not f.variant.joint_lanes, as_passed=True, guard=guard)
+
+
+def _outputs(
+    f: Lowering, step: StraightLine, storages: Sequence[Storage], expressions: Expressions
+) -> tuple[list[tuple[tuple[Entry, ...], ca.SX]], list[Kind]]:
+    """Return the places of the outputs that are stored, with their expressions, and their kinds."""
+    entries, m = entries_of(expressions.result), len(f.chain.joints)
+    kinds = expressions.kinds or (Kind.NUMBER,) * len(entries)
+    outputs: list[tuple[tuple[Entry, ...], ca.SX]] = []
+    stored_kinds: list[Kind] = []
+    start = 0
+    for number, (array, storage) in enumerate(zip(step.outputs, storages, strict=True)):
+        is_column, operand, zeros = number < step.columns, Operand(array, ""), set[int]()
+        values = entries[start : start + array.size]
+        if not (is_column or storage.is_result or storage.whole):
+            zeros = storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
+            storage.zero_rows = False
+        for k, value in enumerate(values):
+            if k in zeros:
+                continue
+            place: Entry = Access(storage, operand, k)
+            if is_column and f.variant.joint_lanes:
+                place = Local(f"{storage.array.name}{k // m}_{k % m}", None, operand, k)
+            outputs.append(((place,), value))
+            stored_kinds.append(kinds[start + k])
+        start += array.size
+    return outputs, stored_kinds
+
+
+def _groups(expressions: Expressions) -> list[tuple[str, list[tuple[str, ca.SX, Kind]]]]:
+    """Return the sections of expressions, entry by entry."""
+    groups = []
+    for section in expressions.sections:
+        members = []
+        for name, value in section.values.items():
+            kind = section.kinds.get(name, Kind.NUMBER)
+            rows, columns = value.shape
+            for r in range(rows):
+                for c in range(columns):
+                    tag = "" if rows == columns == 1 else f"{r}" if columns == 1 else f"{r}{c}"
+                    members.append((name + tag, value[r, c], kind))
+        groups.append((c_comment(section.title), members))
+    return groups
+
+
+def indices(shape: tuple[int, ...], k: int) -> list[int]:
+    """Return the indices of the k-th entry of an array of a shape."""
+    found = []
+    for extent in reversed(shape):
+        k, index = divmod(k, extent)
+        found.append(index)
+    return found[::-1]
