@@ -84,7 +84,7 @@ def test_a_width_runs_clean(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "title",
-    ["a shift beyond the width", "an argument is written", "a rate too many", "an invalid configuration is taken"],
+    ["a shift beyond the width", "an argument is written", "a rate too many", "an invalid number is taken"],
 )
 def test_a_fault_is_caught(title: str, tmp_path: Path) -> None:
     (fault,) = (each for each in FAULTS if each.title == title)
