@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def ratio(column: dict[str, float]) -> str:
-    """The bar: 0.22 with AVX-512."""
+    """Return the bar: 0.22 with AVX-512."""
     return f"{column['the batch'] / column['seven libm sincos']:.3f}"
 
 

@@ -26,7 +26,7 @@ JOINT = (
 
 
 def long_chain(joints: int) -> str:
-    """A URDF with arbitrary origins and axes, the same every time."""
+    """Return a URDF with arbitrary origins and axes, the same every time."""
     source = random.Random(1)
 
     def vector(size: float) -> str:

@@ -48,7 +48,7 @@ class Batches:
         self.library = ctypes.CDLL(str(build_library(folder, self.name, work, flags)))
 
     def call(self, kernel: Kernel, given: Sequence[np.ndarray], results: Sequence[np.ndarray]) -> Callable[[], None]:
-        """A call of a batch; the arrays have this folder's type and must outlive it."""
+        """Return a call of a batch; the arrays have this folder's type and must outlive it."""
         function = self.library[f"{self.name}_{kernel.qualified_name}_batch"]
         arguments: list[object] = [ctypes.c_size_t(len(given[0]))]
         for each in given:

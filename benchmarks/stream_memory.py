@@ -19,7 +19,7 @@ from stiffgen import open_robot
 
 
 def resident(what: str) -> int:
-    """A figure of /proc/self/status in kB."""
+    """Return a figure of /proc/self/status in kB."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith(what)).split()[1])
 

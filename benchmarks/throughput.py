@@ -40,7 +40,7 @@ Rates = tuple[str, list[float | None]]
 
 
 def rate(call: Callable[[], object], count: int, rounds: int = ROUNDS) -> float:
-    """Configurations a second of the fastest round: others on a shared machine can only take away."""
+    """Return configurations per second of the fastest round: other programs can only slow a round down."""
     call()
     fastest = np.inf
     for _ in range(rounds):
@@ -51,7 +51,7 @@ def rate(call: Callable[[], object], count: int, rounds: int = ROUNDS) -> float:
 
 
 def in_blocks(work: Callable[[slice], object], count: int, pool: ThreadPoolExecutor) -> None:
-    """The work on blocks of configurations by a pool's threads, as docs/threads.md has it."""
+    """Run the work on blocks of configurations by a pool of threads, as docs/threads.md does."""
     for _ in pool.map(work, [slice(start, start + BLOCK) for start in range(0, count, BLOCK)]):
         pass
 
@@ -76,7 +76,7 @@ class Problem:
         self.hessian_cotangent = random.normal(size=(COUNT, 7, 7, 6))
 
     def calls(self, part: slice) -> tuple[Callable[..., Any], ...]:
-        """What WHAT names, on a part of the configurations."""
+        """Run what WHAT names on a part of the configurations."""
         q, F, K, robot = self.q[part], self.wrench[part], self.task_stiffness, self.robot
         return (
             lambda **out: robot.joint_stiffness(q, F, K, **out),
@@ -110,7 +110,7 @@ def of_stiffgen(problem: Problem) -> list[Rates]:
 
 
 def of_pinocchio(problem: Problem, library: Path | None) -> list[Rates]:
-    """The kinematic Hessian in C++, one Data a thread; ``library`` is contenders/pinocchio.cpp, compiled."""
+    """Return the kinematic Hessian in C++, one Data per thread; ``library`` is contenders/pinocchio.cpp, compiled."""
     if library is None:
         return []
     loaded, cores = ctypes.CDLL(str(library)), os.cpu_count() or 1

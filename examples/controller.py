@@ -37,7 +37,7 @@ ZERO = np.zeros(3)
 def simulate(
     robot: ModuleType, duration: float, law: str, wanted: Callable[[float], Array], load: Callable[[float], Array]
 ) -> dict[str, Array]:
-    """The controller with a simulated arm from rest at Q0; arrays with a leading time axis."""
+    """Run the controller with a simulated arm from rest at Q0; arrays with a leading time axis."""
     controller = robot.Impedance(law=law, motor_inertia=MOTOR, record=round(duration / T))
     if law == "potential":
         gains: dict[str, Any] = {"translation_stiffness": TRANSLATION, "rotation_stiffness": ROTATION}
@@ -72,12 +72,12 @@ def jump(robot: ModuleType) -> dict[str, Array]:
 
 
 def loaded(robot: ModuleType, law: str) -> dict[str, Array]:
-    """A load is put on at once and stays."""
+    """Apply a load at once and keep it."""
     return simulate(robot, 2.5, law, lambda t: Q0, lambda t: LOAD * (t >= LOAD_TIME))
 
 
 def figure(robot: ModuleType) -> str:
-    """The SVG text: the governor on a jump of q0, its energy, and the load under both laws."""
+    """Return the SVG text: the governor on a jump of q0, its energy, and the load under both laws."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -123,7 +123,7 @@ def figure(robot: ModuleType) -> str:
 
 
 def loop_figure() -> str:
-    """The SVG text: the parts of the controller and what goes between them."""
+    """Return the SVG text: the parts of the controller and what goes between them."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
     from matplotlib.patches import FancyArrowPatch, FancyBboxPatch

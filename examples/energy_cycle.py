@@ -42,7 +42,7 @@ LAWS = (*FORMULAS, "gradient")
 
 
 def centre() -> Array:
-    """The posture (n,) in the middle of the paper's zero-force trajectory [rad]."""
+    """Return the posture (n,) in the middle of the paper's zero-force trajectory [rad]."""
     trajectory = np.loadtxt(TRAJECTORY, delimiter=",")
     return np.asarray(trajectory[:, trajectory.shape[1] // 2])
 
@@ -82,7 +82,7 @@ def following(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float
 
 
 def rest(robot: ModuleType, q: Array) -> Array:
-    """The equilibrium (4, 4) from which the spring, deflected to q, has the wrench WRENCH.
+    """Return the equilibrium (4, 4) from which the spring, deflected to q, has the wrench WRENCH.
 
     The trace spring with Ko = k I has the moment k sin(angle) axis.
     """
@@ -97,7 +97,7 @@ def rest(robot: ModuleType, q: Array) -> Array:
 
 
 def area_integral(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float, formula: str) -> float:
-    """The net work of :func:`held` by the closed form [J]."""
+    """Return the net work of :func:`held` by the closed form [J]."""
     K = stiffness(robot, q, formula)
     u, v = plane
     return float(np.pi * radius**2 * (K[u, v] - K[v, u]))
@@ -128,7 +128,7 @@ def table(robot: ModuleType, q: Array) -> None:
 
 
 def figure(robot: ModuleType, q: Array) -> str:
-    """The SVG text: three laps with the stiffness held; net work over the radius, with the torque of each posture."""
+    """Return the SVG text: three laps with a constant stiffness; net work over the radius with each torque."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 

@@ -33,7 +33,7 @@ TRANSLATION, ROTATION = 400.0, 25.0  # N/m, N m/rad
 
 
 def fr3() -> Any:
-    """The FR3's module, generated from the description that franky-sim brings.
+    """Return the FR3's module, generated from the description that franky-sim brings.
 
     libfranka adds <position_based_velocity_limits> to joints, which no URDF has: it is left out.
     """
@@ -66,7 +66,7 @@ def simulator(address: str) -> Iterator[None]:
 
 
 def connected(address: str, patience: float = 30.0) -> Any:
-    """The robot; waits until it is there."""
+    """Wait for the robot and return it."""
     franka = import_module("pylibfranka")
     end = time.monotonic() + patience
     while True:

@@ -34,7 +34,7 @@ def cross_matrix(w: Array) -> Array:
 
 
 def vector(A: Array) -> Array:
-    """The vector w whose cross-product matrix is A."""
+    """Return the vector w whose cross-product matrix is A."""
     return np.array([A[2, 1], A[0, 2], A[1, 0]])
 
 
@@ -48,7 +48,7 @@ def turn(w: Array) -> Array:
 
 
 def rotation_vector(R: Array) -> Array:
-    """The w of :func:`turn`, for angles below pi."""
+    """Return the w of :func:`turn`, for angles below pi."""
     axis = vector(R - R.T) / 2
     sine = float(np.linalg.norm(axis))
     return axis if sine == 0 else axis * (np.arctan2(sine, (np.trace(R) - 1) / 2) / sine)
@@ -133,7 +133,7 @@ def tables(robot: ModuleType) -> str:
 
 
 def draw() -> dict[str, str]:
-    """The page's figures: file name to SVG text."""
+    """Return the page's figures: file name to SVG text."""
     import matplotlib as mpl
 
     from examples.style import STYLE, themed_svg
@@ -156,7 +156,7 @@ def _arrow(
     text: str = "",
     shift: tuple[float, float] = (0.04, 0.04),
 ) -> None:
-    """An arrow [start, start + way] with a name at its end."""
+    """Draw an arrow [start, start + way] with a name at its end."""
     start, way = np.asarray(start), np.asarray(way)
     axes.annotate(
         "", xy=(start[0] + way[0], start[1] + way[1]), xytext=start,

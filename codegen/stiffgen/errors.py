@@ -22,7 +22,7 @@ def terminal_text(text: str) -> str:
 
 
 def listed(names: Sequence[str], most: int = 20) -> str:
-    """The first names of a list, and how many are left."""
+    """Return the first names of a list, and how many more there are."""
     shown = ", ".join(printable(name) for name in names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 

@@ -73,7 +73,7 @@ _RESERVED = _HIDDEN | frozenset((_C_AND_CPP + _GLOBALS).split()) | _PYTHON
 
 
 def identifier(name: str) -> str:
-    """The identifier that stands for a robot's name (rule in the module's docstring)."""
+    """Return the identifier that stands for a robot's name (rule in the module's docstring)."""
     plain = unicodedata.normalize("NFKD", name[:1000]).encode("ascii", "ignore").decode()
     made = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_") or "robot"
     made = made[:MAX_LENGTH].rstrip("_")
@@ -83,7 +83,7 @@ def identifier(name: str) -> str:
 
 
 def checked_identifier(name: str) -> str:
-    """A name that the user chose, which must already follow the rule.
+    """Return a name that the user chose, which must already follow the rule.
 
     Raises:
         StiffgenError: it does not; the message has the nearest name that does.
@@ -99,7 +99,7 @@ def checked_identifier(name: str) -> str:
 
 
 def c_string(text: str) -> str:
-    """A C string literal; everything but plain ASCII as octal escapes of its UTF-8 bytes."""
+    """Return a C string literal; everything but plain ASCII as octal escapes of its UTF-8 bytes."""
     plain = set(range(0x20, 0x7F)) - {ord(c) for c in '"\\?'}
     return '"' + "".join(chr(b) if b in plain else f"\\{b:03o}" for b in text.encode("utf-8", "replace")) + '"'
 
@@ -111,5 +111,5 @@ def comment(text: str) -> str:
 
 
 def c_comment(text: str) -> str:
-    """A line of our own with names from a file in it, made safe for a C comment: no end of comment, no line splice."""
+    """Return a line with names from a file, safe for a C comment: no end of comment, no line splice."""
     return "".join(c if " " <= c <= "~" and c not in "*\\?" else "_" for c in text)

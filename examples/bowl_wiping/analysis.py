@@ -92,7 +92,7 @@ class Findings:
     balance: float
 
     def failed_bars(self) -> list[str]:
-        """The bars that do not hold, in words; empty if all do. Nothing that is no number holds."""
+        """Return the bars that do not hold, in words; empty if all do. Nothing that is no number holds."""
         failed = []
         if not self.antisymmetric_entry[0] <= SYMMETRY_BAR:
             failed.append(f"antisymmetric part with correction: {self.antisymmetric_entry[0]:.1e} N m/rad")
@@ -183,7 +183,7 @@ class Row:
 
 
 def summary(found: Findings) -> list[Row]:
-    """The paper's statements beside the measured figures."""
+    """Return the paper's statements beside the measured figures."""
     low, high = found.per_moment
     unknown = "no figure"
     return [
@@ -266,7 +266,7 @@ def summary(found: Findings) -> list[Row]:
 
 
 def trajectory_rows(stated: Comparison, measured: Comparison) -> list[Row]:
-    """The regenerated trajectories against the recording."""
+    """Return the regenerated trajectories against the recording."""
     wrist = np.degrees(recorded()[measured.worst, 5])
     return [
         Row(

@@ -44,7 +44,7 @@ def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: C
 
 
 def antisymmetric(robot: ModuleType, trials: list[Trace]) -> Figure:
-    """The central figure: largest singular value of the antisymmetric part, with and without the correction."""
+    """Plot the central figure: largest singular value of the antisymmetric part, with and without the correction."""
     corrected, conventional = trials
     figure = Figure(figsize=(7.5, 3.2), layout="constrained")
     axes = figure.subplots()
@@ -91,7 +91,7 @@ def joints(trials: list[Trace]) -> Figure:
 
 
 def wrench(trials: list[Trace]) -> Figure:
-    """Forces and moments of the environment on the robot at the tool point, base axes, as the controller used them."""
+    """Plot forces and moments of the environment on the robot at the tool point, in base axes, as controlled on."""
     figure = Figure(figsize=(7.5, 5.2), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes, first, symbol, unit in ((panels[0], 0, "f", "force [N]"), (panels[1], 3, "m", "moment [N m]")):
@@ -140,7 +140,7 @@ def eigenvalues(trials: list[Trace]) -> Figure:
 
 
 def energy(trials: list[Trace]) -> Figure:
-    """The controller's energy account: work at the port in all trials, and all of it in the potential law's."""
+    """Plot the controller's energy account: work at the port in all trials, and all of it in the potential law's."""
     figure = Figure(figsize=(7.5, 5.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes in panels:
@@ -163,7 +163,7 @@ def energy(trials: list[Trace]) -> Figure:
 
 
 def trajectory(robot: ModuleType, stated: Comparison, measured: Comparison) -> Figure:
-    """The recorded zero-force trajectory and the two made anew: the tool point from above, and the joints."""
+    """Plot the recorded zero-force trajectory and the two computed ones: the tool point from above, and the joints."""
     record = recorded()
     figure = Figure(figsize=(7.5, 3.9), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -185,7 +185,7 @@ def trajectory(robot: ModuleType, stated: Comparison, measured: Comparison) -> F
 
 
 def _column(name: str, index: int | None = None, factor: float = 1.0) -> Column:
-    """An array of the trace, or one of its columns, times a factor."""
+    """Return an array of the trace, or one of its columns, times a factor."""
     return lambda trace: factor * (trace[name] if index is None else trace[name][:, index])
 
 

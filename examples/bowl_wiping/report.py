@@ -74,7 +74,7 @@ class Content:
 
 
 def page(content: Content) -> str:
-    """The HTML text; self-contained, the same for the same content."""
+    """Return the HTML text; self-contained, the same for the same content."""
     verdict = (
         "All bars of the experiment hold."
         if not content.failed

@@ -62,7 +62,7 @@ INERTIA: NDArray[np.float64] = np.round(np.sum([part.inertia(COM) for part in PA
 
 
 def tool() -> stiffgen.Tool:
-    """The tool as the generator takes it, in the flange's frame."""
+    """Return the tool as the generator takes it, in the flange's frame."""
     ixx, iyy, izz = map(float, INERTIA)
     return stiffgen.Tool(
         xyz=(0.0, 0.0, TOOL_POINT), mass=MASS, com=(0.0, 0.0, COM), inertia=(ixx, 0.0, 0.0, iyy, 0.0, izz)

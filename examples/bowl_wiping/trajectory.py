@@ -96,7 +96,7 @@ def minimum_jerk(s: ArrayLike) -> Array:
 
 
 def reference(sample_time: float) -> Reference:
-    """The whole trial: the approach, then the recorded trajectory, at any sample time [s].
+    """Return the whole trial: the approach, then the recorded trajectory, at any sample time [s].
 
     The record has four decimals, which is coarse for a velocity; so dq0 is its Savitzky-Golay derivative.
     """

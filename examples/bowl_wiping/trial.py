@@ -67,7 +67,7 @@ COLUMNS = {
 
 
 def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> Any:
-    """The controller of a trial: the paper's gains, limits that do not bind, no limit avoidance.
+    """Return the controller of a trial: the paper's gains, limits that do not bind, no limit avoidance.
 
     The paper's law has the paper's task damping, the potential law its own design, from the tangent.
 

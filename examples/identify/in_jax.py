@@ -20,7 +20,7 @@ def unpacked(parameters: Any) -> tuple[Any, Any]:
 
 
 def objective(robot: Any, recording: Recording) -> Callable[[Array], tuple[float, Array]]:
-    """The loss of :mod:`examples.identify.recording` and its gradient; ``robot`` is NAME.jax."""
+    """Return the loss of :mod:`examples.identify.recording` and its gradient; ``robot`` is NAME.jax."""
     q, wrench, push, deflection = map(
         jnp.asarray, (recording.q, recording.wrench, recording.push, recording.deflection)
     )

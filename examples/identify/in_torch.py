@@ -19,7 +19,7 @@ def unpacked(parameters: Any) -> tuple[Any, Any]:
 
 
 def objective(robot: Any, recording: Recording) -> Callable[[Array], tuple[float, Array]]:
-    """The loss of :mod:`examples.identify.recording` and its gradient; ``robot`` is NAME.torch."""
+    """Return the loss of :mod:`examples.identify.recording` and its gradient; ``robot`` is NAME.torch."""
     q, wrench, push, deflection, deflection_variance, push_variance, load_covariance = map(
         torch.as_tensor,
         (

@@ -66,14 +66,14 @@ class Recording:
 
 
 def pose_of(tool: Array) -> Array:
-    """The tool's frame (4, 4) in the flange: moved by ``tool`` [m], not turned."""
+    """Return the tool's frame (4, 4) in the flange: moved by ``tool`` [m], not turned."""
     pose = np.eye(4)
     pose[:3, 3] = tool
     return pose
 
 
 def true_stiffness(random: np.random.Generator) -> Array:
-    """A full symmetric, positive definite task stiffness, no entry of which is near zero."""
+    """Return a full symmetric, positive definite task stiffness, no entry of which is near zero."""
     while True:
         coupling = np.triu(random.uniform(0.12, 0.4, (6, 6)) * random.choice([-1, 1], (6, 6)), 1)
         normal = np.eye(6) + coupling + coupling.T
@@ -143,7 +143,7 @@ class Certainty:
 
 
 def certainty(robot: ModuleType, recording: Recording, stiffness: Array, tool: Array) -> Certainty:
-    """Standard deviations at a solution, from the derivative of the torque left over in units of its noise."""
+    """Return standard deviations at a solution, from the derivative of the torque left over in units of its noise."""
     at = np.concatenate([stiffness[UPPER], tool])
     size = np.concatenate([np.outer(SCALE, SCALE)[UPPER], np.full(3, 0.1)])
     whiten = np.linalg.inv(np.linalg.cholesky(residuals(robot, recording, at[:21], at[21:])[1]))

@@ -72,7 +72,7 @@ class Solution:
 
 
 def bowl_task(robot: Any, knots: int) -> Task:
-    """The recorded bowl trajectory at equally spaced samples of its way there; ``robot`` is the NumPy module."""
+    """Return the recorded bowl trajectory at equally spaced samples of its way there; ``robot`` is the NumPy module."""
     recorded = np.loadtxt(RECORDED, delimiter=",").T
     half = recorded[: len(recorded) // 2]
     samples = np.linspace(0, len(half) - 1, knots).round().astype(int)

@@ -76,7 +76,7 @@ def _modes(loaded: Loaded) -> Figure:
 
 
 def _displaced(stance: Stance, mode: Mode, sign: int, rest: list[Array]) -> Stance:
-    """The stance moved along a mode until its farthest point has moved LARGEST."""
+    """Move the stance along a mode until its farthest point has moved LARGEST."""
     small = 1e-4 / np.abs(mode.direction).max()
     moved = skeleton(stance.moved(small * mode.direction))
     farthest = max(float(np.linalg.norm(a - b, axis=1).max()) for a, b in zip(moved, rest, strict=True))

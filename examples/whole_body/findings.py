@@ -68,7 +68,7 @@ class Findings:
     not_supplied: Trace
 
     def failed_bars(self) -> list[str]:
-        """What does not hold, in words."""
+        """Return the findings that do not hold, in words."""
         failed = []
         for name, loaded in (("standing", self.standing), ("with a load", self.leaning)):
             failed += [
@@ -93,7 +93,7 @@ class Findings:
 
 
 def _resting(trace: Trace) -> int:
-    """The last sample before the push."""
+    """Return the last sample before the push."""
     return int(np.searchsorted(trace.time, trials.PUSHED[0])) - 1
 
 
@@ -131,7 +131,7 @@ def _loaded(robot: ModuleType, load: Array, softest: int, rung: Callable[[], Non
 
 
 def _row(stance: Stance, mode: Mode, found: list[identify.Found]) -> Row:
-    """The found mode whose direction is nearest, whatever its frequency."""
+    """Return the found mode whose direction is nearest, whatever its frequency."""
     M = stance.mass_matrix()
     agreements = [identify.agreement(M, mode.direction, each.shape) for each in found]
     best = int(np.argmax(agreements))
@@ -141,7 +141,7 @@ def _row(stance: Stance, mode: Mode, found: list[identify.Found]) -> Row:
 
 
 def tables(findings: Findings) -> str:
-    """The report's tables as text."""
+    """Return the report's tables as text."""
     parts = [
         _mode_table("standing, no load", findings.standing),
         _mode_table("load (2, -1.5, -35) N on the base", findings.leaning),

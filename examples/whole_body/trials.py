@@ -27,14 +27,14 @@ DIRECTIONS = 6
 
 
 def simulated(stance: Stance) -> Plant:
-    """The plant at a stance: same contact springs, same load."""
+    """Return the plant at a stance: same contact springs, same load."""
     places = zip(FEET, stance.contacts.equilibria, stance.contacts.translation, strict=True)
     contacts = {foot: (equilibrium[:3, 3], stiffness) for foot, equilibrium, stiffness in places}
     return Plant(stance.base_pose, stance.q, contacts, stance.load)
 
 
 def legs_law(stance: Stance) -> Callable[[Array, Array, Array], Array]:
-    """The springs between feet and base as torques; no damping."""
+    """Return the springs between feet and base as torques; no damping."""
     springs, robot = stance.legs.parameters, stance.robot
 
     def law(_: Array, q: Array, __: Array) -> Array:

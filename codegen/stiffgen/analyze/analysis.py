@@ -123,7 +123,7 @@ def analyze(options: AnalysisOptions) -> Analysis:
 
 
 def checked_stiffness(value: ArrayLike) -> Array:
-    """A task stiffness as a symmetric (6, 6) matrix.
+    """Return a task stiffness as a symmetric (6, 6) matrix.
 
     Raises:
         RecordingError: it is not of that shape, not finite, or not symmetric.
@@ -151,7 +151,7 @@ def checked_stiffness(value: ArrayLike) -> Array:
 
 
 def read_stiffness(path: str | Path) -> Array:
-    """A task stiffness from a CSV file of six lines of six numbers, separated by commas.
+    """Return a task stiffness from a CSV file of six lines of six numbers, separated by commas.
 
     Raises:
         RecordingError: it cannot be read, or see :func:`checked_stiffness`.
@@ -317,7 +317,7 @@ def _nothing_left(recording: Recording, result: Summary) -> str:
 
 
 def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) -> dict[str, Any]:
-    """The contents of summary.json; docs/analyze.md lists them."""
+    """Return the contents of summary.json; docs/analyze.md lists them."""
     assert result.q_least is not None and result.q_most is not None
     unit = units(chain)
     measures = {}

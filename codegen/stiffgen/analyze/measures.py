@@ -87,7 +87,7 @@ class Task:
 
 
 def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
-    """The MEASURES of rows.
+    """Compute the MEASURES of rows.
 
     Args:
         robot: a generated module.
@@ -322,7 +322,7 @@ class Summary:
         )
 
     def quantile(self, measure: str, share: float) -> float:
-        """A quantile of a measure from its histogram: the middle of a bin that is 2.3 % wide, or the extreme in it.
+        """Return a quantile of a measure from its histogram: the middle of a bin (2.3 % wide), or the extreme in it.
 
         0 below the grid. For measures of one sign: the histogram has absolute values.
         """
@@ -336,7 +336,7 @@ class Summary:
 
 
 def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Summary:
-    """The summary of one block: its bad rows are counted and named, the others measured."""
+    """Return the summary of one block: its bad rows are counted and named, the others measured."""
     dof = len(layout.q)
     values = block.values
     timed = int(layout.time is not None)
@@ -452,7 +452,7 @@ def bad_rows(recording: Recording, result: Summary, most: int = 5) -> list[str]:
 
 
 def late_rows(recording: Recording, result: Summary, most: int = 3) -> str:
-    """A sentence about time that runs backwards, or ""."""
+    """Return a sentence about time that runs backwards, or ""."""
     if not result.backwards:
         return ""
     shown = ", ".join(recording.row_name(row) for row in result.backwards_named[:most])
@@ -461,7 +461,7 @@ def late_rows(recording: Recording, result: Summary, most: int = 3) -> str:
 
 
 def stiffness_unit(chain: Chain) -> str:
-    """Unit of joint stiffness: one for arms whose joints all turn, all slide, or are mixed."""
+    """Return the unit of joint stiffness: one for arms whose joints all turn, all slide, or are mixed."""
     sliding = [coordinate.type == "prismatic" for coordinate in chain.coordinates]
     if all(sliding):
         return "N/m"
@@ -469,7 +469,7 @@ def stiffness_unit(chain: Chain) -> str:
 
 
 def units(chain: Chain) -> Mapping[str, str]:
-    """Unit of each of MEASURES."""
+    """Return the unit of each of MEASURES."""
     stiffness = stiffness_unit(chain)
     result = {}
     for name in MEASURES:

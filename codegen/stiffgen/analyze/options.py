@@ -46,7 +46,7 @@ GROUPS = {
 
 
 def told(field: Field[Any]) -> Told:
-    """What there is to say of a field of :class:`AnalysisOptions`."""
+    """Return the metadata of a field of :class:`AnalysisOptions`."""
     said = field.metadata["told"]
     assert isinstance(said, Told)
     return said

@@ -31,7 +31,7 @@ class Operations:
         )
 
     def times(self, count: int) -> Operations:
-        """The same, ``count`` times over."""
+        """Return these operations ``count`` times."""
         return Operations(self.add * count, self.multiply * count, self.sincos * count, self.call * count)
 
     @property
@@ -48,7 +48,7 @@ class Graph:
     numbers: dict[Key, int] = field(default_factory=dict)
 
     def add(self, kind: str, a: int | float = 0, b: int = 0) -> int:
-        """The number of an operation, a new one if there is none like it."""
+        """Return the number of an operation, a new one if there is none like it."""
         key = self._canonical(kind, a, b)
         if isinstance(key, int):
             return key
@@ -88,7 +88,7 @@ class Graph:
         return self.keys[number][0] != "const", number
 
     def operands(self, number: int) -> tuple[int, ...]:
-        """The numbers of what an operation takes."""
+        """Return the numbers of what an operation takes."""
         kind, a, b = self.keys[number]
         if kind in ("const", "input"):
             return ()
@@ -136,7 +136,7 @@ OWN = ("less", "at_most", "equal", "unequal", "both", "either", "where", "sign",
 
 
 def build_graph(function: ca.Function) -> tuple[Graph, list[int]]:
-    """The operations of a function of one vector, and the numbers of those that give its outputs."""
+    """Return the operations of a function of one vector, and the numbers of those that give its outputs."""
     graph = Graph()
     registers: dict[int, int] = {}
     outputs = [graph.add("const", 0.0)] * function.nnz_out(0)

@@ -55,7 +55,7 @@ class Scalar:
         return 2.0**-self.bits
 
     def constant(self, value: float) -> str:
-        """The shortest C constant of this type that reads back as the number nearest to ``value``.
+        """Return the shortest C constant of this type that reads back as the number nearest to ``value``.
 
         Raises:
             ChainError: the type has no number so large.
@@ -81,5 +81,5 @@ SCALARS = {scalar.name: scalar for scalar in (DOUBLE, FLOAT)}
 
 
 def scalar_of(values: Any) -> Scalar:
-    """The type of an array's numbers."""
+    """Return the type of an array's numbers."""
     return FLOAT if np.asarray(values).dtype == FLOAT.dtype else DOUBLE

@@ -205,7 +205,7 @@ def _range(coordinate: Coordinate) -> tuple[float, float]:
 
 
 def _start(index: int, coordinate: Coordinate) -> float:
-    """A bent arm: joints alternately below and above the middle of their ranges."""
+    """Return a bent arm: joints alternately below and above the middle of their ranges."""
     lower, upper = _range(coordinate)
     return lower + (upper - lower) * (0.7 if index % 2 else 0.4)
 

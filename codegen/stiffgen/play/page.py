@@ -83,7 +83,7 @@ def write_page(
 
 
 def page_text(robot: GeneratedRobot) -> str:
-    """The page: HTML with style, script, the robot's data and its kernels in it.
+    """Return the page: HTML with style, script, the robot's data and its kernels in it.
 
     Raises:
         OutputError, BuildError: as :func:`write_page`.
@@ -104,7 +104,7 @@ def page_text(robot: GeneratedRobot) -> str:
 
 
 def page_data(robot: GeneratedRobot) -> dict[str, Any]:
-    """What the page knows of its robot: functions with their arrays, joints, coordinates, tips, springs' axes.
+    """Return the page's data of its robot: functions with their arrays, joints, coordinates, tips, springs' axes.
 
     Raises:
         OutputError: the folder lacks a function that the page calls.
@@ -163,7 +163,7 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
 
 
 def script() -> str:
-    """The page's modules as one: without their imports from each other, and without the word export."""
+    """Join the page's modules, without imports from each other and without the word export."""
     parts = []
     for file in SCRIPTS:
         text = re.sub(r'^import \{[^}]*\} from "\./\w+\.js";\n', "", _asset(file), flags=re.MULTILINE)
@@ -194,7 +194,7 @@ def _tip(tip: Tip) -> dict[str, Any]:
 
 
 def _papers_posture(chain: Chain) -> list[float] | None:
-    """The paper's posture [rad], for a KUKA LBR; else None."""
+    """Return the paper's posture [rad], for a KUKA LBR; else None."""
     if [each.name for each in chain.coordinates] != _LBR or chain.coupled or chain.floating:
         return None
     posture = [math.radians(angle) for angle in _PAPERS_POSTURE]

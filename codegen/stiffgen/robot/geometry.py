@@ -35,7 +35,7 @@ Real: TypeAlias = Any  # an mpmath number; its class is made at run time
 
 
 def exact(value: float | Real) -> Real:
-    """The decimal number that a double was read from (0.228 + 0.192 is then 0.42, as the file's author meant)."""
+    """Return the decimal number that a double was read from (0.228 + 0.192 is then 0.42, as the author meant)."""
     return mpf(repr(value)) if isinstance(value, float) else mpf(value)
 
 
@@ -51,7 +51,7 @@ class Pose:
 
     @staticmethod
     def identity() -> Pose:
-        """The frame itself."""
+        """Return the frame itself."""
         return Pose(_exact(IDENTITY), (mpf(0), mpf(0), mpf(0)))
 
     @staticmethod
@@ -80,12 +80,12 @@ class Pose:
 
     @staticmethod
     def translated(by: Sequence[float | Real]) -> Pose:
-        """A frame with the same axes whose origin is at ``by`` [m]."""
+        """Return a frame with the same axes whose origin is at ``by`` [m]."""
         return Pose(_exact(IDENTITY), tuple(exact(v) for v in by))
 
     @staticmethod
     def turned(rotation: Matrix) -> Pose:
-        """A frame with the same origin and other axes."""
+        """Return a frame with the same origin and other axes."""
         return Pose(_exact(rotation), (mpf(0),) * 3)
 
     def __matmul__(self, inner: Pose) -> Pose:
@@ -94,7 +94,7 @@ class Pose:
         return Pose(rotation, tuple(a + b for a, b in zip(turned, self.translation, strict=True)))
 
     def inverse(self) -> Pose:
-        """The outer frame in the inner one."""
+        """Return the outer frame in the inner one."""
         back = tuple(zip(*self.rotation, strict=True))
         return Pose(back, tuple(-v for v in apply(back, self.translation)))
 
@@ -116,7 +116,7 @@ def apply(a: Sequence[Sequence[Real]], v: Sequence[Real]) -> tuple[Real, ...]:
 
 
 def unit(vector: Sequence[float]) -> Vector:
-    """A vector (not zero) at unit length; entries within SNAP of zero are zero, as with angles."""
+    """Return a vector (not zero) at unit length; entries within SNAP of zero are zero, as with angles."""
     entries = [exact(v) for v in vector]
     length = _context.sqrt(sum(v * v for v in entries))
     kept = [v if abs(v) > SNAP * length else mpf(0) for v in entries]
@@ -125,7 +125,7 @@ def unit(vector: Sequence[float]) -> Vector:
 
 
 def aligning_rotation(axis: Vector) -> Matrix:
-    """A rotation A with A (0, 0, 1) = axis (unit), rounded: any joint then turns about its frame's z axis."""
+    """Return a rotation A with A (0, 0, 1) = axis (unit), rounded: any joint then turns about its frame's z axis."""
     sign = 1 if axis[2] >= 0 else -1
     x, y, z = (sign * mpf(v) for v in axis)
     k = 1 / (1 + z)
@@ -151,12 +151,12 @@ class Inertia:
 
     @staticmethod
     def of_body(mass: float, tensor: Sequence[float], frame: Pose) -> Inertia:
-        """A body whose (ixx, ixy, ixz, iyy, iyz, izz) is about its centre of mass, the origin of ``frame``."""
+        """Return a body whose (ixx, ixy, ixz, iyy, iyz, izz) is about its centre of mass, the origin of ``frame``."""
         xx, xy, xz, yy, yz, zz = (exact(v) for v in tensor)
         return Inertia(exact(mass), (mpf(0),) * 3, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))).seen_from(frame)
 
     def seen_from(self, frame: Pose) -> Inertia:
-        """The same body in the frame in which ``frame`` places the one that it is given in."""
+        """Return the body in the frame in which ``frame`` places the current one."""
         r, d, m = frame.rotation, frame.translation, self.mass
         before = apply(r, self.moment)
         after = tuple(a + m * b for a, b in zip(before, d, strict=True))
@@ -233,7 +233,7 @@ def _exact(matrix: Matrix) -> tuple[tuple[Real, ...], ...]:
 
 
 def rounded(value: Real, scale: Real = 1) -> float:
-    """The nearest double; what is left of a cancellation (below 1e-15 of the scale, here 1 m or 1) is zero."""
+    """Return the nearest double; what is left of a cancellation (below 1e-15 of the scale, here 1 m or 1) is zero."""
     return 0.0 if abs(value) <= _NEGLIGIBLE * scale else float(value)
 
 

@@ -102,7 +102,7 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _opened(path: Path) -> BinaryIO:
-    """The file, open; of a pipe with a name only if something writes to it, since reading would wait for ever."""
+    """Open the file; a named pipe only if something writes to it, since reading would wait for ever."""
     if not path.is_fifo():
         return path.open("rb")
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -258,6 +258,6 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
 
 
 def _type(joint: etree._Element) -> str:
-    """A joint's type; one that is unknown, and a problem of its own, is read as fixed."""
+    """Return a joint's type; one that is unknown, and a problem of its own, is read as fixed."""
     kind = str(joint.get("type"))
     return kind if kind in JOINT_TYPES else "fixed"

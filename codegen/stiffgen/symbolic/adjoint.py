@@ -49,7 +49,7 @@ def reverse(
     results: Sequence[Array],
     cotangents: Sequence[Array],
 ) -> Program:
-    """The program of the vector-Jacobian product of ``program``.
+    """Return the program of the vector-Jacobian product of ``program``.
 
     Args:
         chain: the robot that the program was made for.
@@ -95,7 +95,7 @@ class _Reverse(Gradients):
         return self._needed() + tuple(self.steps)
 
     def _with_columns(self, step: Step) -> Step:
-        """The pose alone says nothing of its change: it is computed together with the columns."""
+        """Compute the pose together with the columns: the pose alone does not give its derivative."""
         if isinstance(step, StraightLine) and step.moves and not step.columns:
             return programs.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.outputs[0])
         return step
@@ -114,7 +114,7 @@ class _Reverse(Gradients):
         self.steps = kept[::-1]
 
     def _needed(self) -> Program:
-        """The steps of the program whose values are read on the way back."""
+        """Return the steps whose values the reverse pass reads."""
         needed = {array.name for step in self.steps for array in step.reads}
         kept: list[Step] = []
         for step in reversed(self.forward):
@@ -144,7 +144,7 @@ class _Reverse(Gradients):
         self.steps.append(Map(result.name, Over.ONCE, Operand(result, ""), operands, body))
 
     def _finish_base(self, pose: Array, result: Array) -> None:
-        """The covector of the base's twist in its own axes, of motions and of gradients by the pose's entries."""
+        """Return the covector of the base's twist in its own axes, from motions and gradients of the pose."""
         entries = self.bars.get(pose.name, [])
         given = [Operand(each, "") for each in (*self.motions, *((pose, *entries) if entries else ()))]
 

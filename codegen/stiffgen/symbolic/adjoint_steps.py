@@ -182,7 +182,7 @@ def _moving(run: Gradients, step: StraightLine) -> None:
 
 
 def _columns(run: Gradients, moves: Representation, J: Array, covectors: list[Array], output: Array) -> None:
-    """What depends on columns, and on the pose where there is a covector: the same steps in every kernel."""
+    """Differentiate with respect to columns, and the pose where there is a covector: the same steps in every kernel."""
     columns, bar = Array("J", J.shape), Array("J_bar", J.shape)
     forces = tuple(Array(f"f{k}", each.shape) for k, each in enumerate(covectors))
     q_bar = Array(bar_name(Q.name), output.shape)
@@ -218,7 +218,7 @@ def turn(rotation: ca.SX, gradient: ca.SX) -> ca.SX:
 
 
 def _dots(J: Array, covectors: tuple[Operand, ...], output: Array, *, based: bool) -> Map:
-    """The rates that covectors have along the columns."""
+    """Return the rates that covectors have along the columns."""
 
     def dot(column: ca.SX, *values: ca.SX) -> ca.SX:
         return ca.SX(ca.dot(column, sum(values, ca.SX(0))))

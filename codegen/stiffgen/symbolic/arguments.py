@@ -38,7 +38,7 @@ class Argument:
     triangle: bool = False
 
     def of_all_tips(self, names: list[str]) -> Argument:
-        """The argument that holds one block of this a tip, in the order of ``names``."""
+        """Return the argument that holds one block of this a tip, in the order of ``names``."""
         order = "one a tip, in the order " + ", ".join(names)
         return replace(
             self,
@@ -49,7 +49,7 @@ class Argument:
         )
 
     def packed(self) -> Argument:
-        """The result as packed batches and CUDA store it: of a symmetric matrix the upper triangle, row by row."""
+        """Return the result as packed batches and CUDA store it: of a symmetric matrix the upper triangle by rows."""
         if not self.symmetric:
             return self
         rows = self.shape[0]
@@ -58,7 +58,7 @@ class Argument:
         return replace(self, shape=(extent,), symmetric=False, meaning=meaning)
 
     def array(self, chain: Chain) -> Array:
-        """The argument as an array of the chain's sizes."""
+        """Return the argument as an array of the chain's sizes."""
         n = chain.dof
         sizes = {"n": n, "q": len(chain.coordinates), "triangle": n * (n + 1) // 2}
         return Array(self.name, tuple(sizes[e] if isinstance(e, str) else e for e in self.shape), self.symbol)
@@ -90,7 +90,7 @@ _STIFFNESS_FRAME = {
 
 
 def wrench(representation: Representation) -> Argument:
-    """The wrench on the tip."""
+    """Return the wrench on the tip."""
     return Argument(
         "wrench",
         (6,),
@@ -102,7 +102,7 @@ def wrench(representation: Representation) -> Argument:
 
 
 def task_stiffness(representation: Representation, *, triangle: bool) -> Argument:
-    """The task stiffness, of which all entries are read or the upper ``triangle``."""
+    """Return the task stiffness, of which all entries are read or the upper ``triangle``."""
     reading = "symmetric, only the upper triangle is read" if triangle else "all 36 entries are read"
     return Argument(
         "task_stiffness",
@@ -119,7 +119,7 @@ POSE = Argument("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in 
 
 
 def posture(*, runtime_tool: bool, floating: bool = False) -> tuple[Argument, ...]:
-    """What the tip's pose depends on: q, before it the pose of a floating base, after it that of a tool at run time."""
+    """Return the configuration arguments: q, before it the base pose, after it the tool pose at run time."""
     return (*((BASE_POSE,) if floating else ()), Q, *((TOOL_POSE,) if runtime_tool else ()))
 
 
@@ -137,7 +137,7 @@ _IN_THE_WORLD = (
 
 
 def in_the_world(text: str) -> str:
-    """A text on a robot whose base stands, for one whose base floats: what was seen from the base is from the world."""
+    """Rewrite the text of a fixed base for a floating one: the world takes the place of the base."""
     for standing, floating in _IN_THE_WORLD:
         text = text.replace(standing, floating)
     return text

@@ -106,7 +106,7 @@ def connection_coefficients(representation: Representation) -> Coefficients:
 
 
 def _hybrid_from_body() -> Coefficients:
-    """The body connection in the hybrid frame field h_a = sum_i R_ai e_i (a, i both linear or both angular).
+    """Return the body connection in the hybrid frame field h_a = sum_i R_ai e_i (a, i both linear or both angular).
 
     grad_{h_b} h_a = h_b(R_ai) e_i + R_ai R_bj grad_{e_j} e_i. Cross products are equivariant under rotations, so
     the coefficients are those at R = 1, where h_b(R) = [e_b]x for a rotation and 0 for a translation.

@@ -93,7 +93,7 @@ def columns_and_covectors(chain: Chain, *given: ca.SX, representation: Represent
 
 
 def spring_terms(chain: Chain, *given: ca.SX, spring: Spring, parts: str) -> Expressions:
-    """What springs of one kind at all tips make together, as ``parts`` asks for it: entries row by row, in a column.
+    """Return what ``parts`` names of the springs of one kind at all tips: entries row by row, in a column.
 
     Args:
         chain: the tree.
@@ -183,7 +183,7 @@ def _covectors(chain: Chain, seen: _Seen, totals: Sequence[_Load | None]) -> lis
 
 
 def _blocks(values: ca.SX, count: int) -> list[ca.SX]:
-    """The blocks of an array with one a tip, as columns of entries row by row."""
+    """Return the blocks of an array with one a tip, as columns of entries row by row."""
     entries = ca.vec(ca.densify(values).T)
     size = entries.numel() // count
     return [entries[size * k : size * (k + 1)] for k in range(count)]

@@ -97,7 +97,7 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
 
 
 def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
-    """Forces (number of joints) that the joints need to move at constant rates: Coriolis, centrifugal and gravity's.
+    """Return the joint forces at constant rates: Coriolis, centrifugal and gravity.
 
     ``given``: the base's pose if it floats, q, velocity, gravity. A floating base's rates are those of its body twist,
     and what it needs is a wrench at the base link's origin in its axes.
@@ -176,13 +176,13 @@ def _shift(chain: Chain, joint: Joint, link: _Link, q: ca.SX) -> ca.SX:
 
 
 def _into_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:
-    """A vector of the link before in the axes of a link."""
+    """Rotate a vector from the axes of a link's parent to the link's."""
     vector = rotation.T @ vector
     return ca.densify(vector if turn is None else _turned(vector, (-turn[0], turn[1])))
 
 
 def _out_of_link(vector: ca.SX, rotation: ca.SX, turn: _Turn) -> ca.SX:
-    """The way back."""
+    """Rotate from the link's axes to its parent's."""
     return ca.densify(rotation @ (vector if turn is None else _turned(vector, turn)))
 
 
@@ -274,13 +274,13 @@ def _momenta(
 
 
 def _turned(vector: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
-    """A vector, turned about z by the angle whose sine and cosine are given."""
+    """Rotate a vector about z by the angle with this sine and cosine."""
     (s, c), (x, y, z) = turn, ca.vertsplit(vector)
     return ca.vertcat(c * x - s * y, s * x + c * y, z)
 
 
 def _turned_tensor(tensor: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
-    """An inertia tensor, turned about z."""
+    """Rotate an inertia tensor about z."""
     s, c = turn
     xx, xy, xz, yy, yz, zz = (tensor[r, k] for r in range(3) for k in range(r, 3))
     moved, product = s * (xx - yy) + 2 * (c * xy), c * (xx - yy) - 2 * (s * xy)
@@ -331,7 +331,7 @@ def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
 
 
 def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:
-    """The part of a body that moves in the same way if its joint (about or along z) is fixed at any position."""
+    """Return the part of a body that moves in the same way if its joint (about or along z) is fixed at any position."""
     zero = Inertia.zero()
     if prismatic:
         return replace(zero, tensor=body.tensor)

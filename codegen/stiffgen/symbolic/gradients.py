@@ -47,7 +47,7 @@ class Gradients:
         self.motions: list[Array] = []  # covectors of a floating base's twist and the joints' rates
 
     def new(self, of: Array) -> Array:
-        """A further contribution to the gradient by an array."""
+        """Add a contribution to the gradient with respect to an array."""
         self.count += 1
         name = f"bar{self.count}_{of.name}"
         array = Array(self.names.get(name, name), of.shape)
@@ -66,7 +66,7 @@ class Gradients:
         return Array(f"{name}{self.count}", shape)
 
     def one(self, columns: Array) -> Array:
-        """The gradient by columns of joints as one array of such columns."""
+        """Return the gradient with respect to columns of joints as one array of columns."""
         bars = self.bars[columns.name]
         made = {array.name for step in self.steps if isinstance(step, (Map, Gather)) for array in step.writes}
         if len(bars) == 1 and bars[0].name in made:
@@ -80,7 +80,7 @@ class Gradients:
         return total
 
     def known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
-        """The same with zeros where an operand is always zero: nothing flows through these."""
+        """Return the operands with zeros where they are always zero: no gradient flows there."""
         return [_cleared(value, self.zeros.get(o.array.name)) for o, value in zip(step.operands, values, strict=True)]
 
 
@@ -105,12 +105,12 @@ def _cleared(value: ca.SX, zeros: set[int] | None) -> ca.SX:
 
 
 def shown(array: Array) -> str:
-    """An array in comments."""
+    """Name an array in comments."""
     return array.symbol or array.name
 
 
 def extents(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """A shape as CasADi takes it."""
+    """Return a shape as CasADi takes it."""
     return shape if len(shape) == 2 else (Array("", shape).size,)
 
 

@@ -22,8 +22,8 @@ from stiffgen.symbolic.kinematics import Expressions, PoseRecursion, Section, co
 
 
 def axes_and_moment_rates(chain: Chain, q: ca.SX) -> Expressions:
-    """A (6 x number of joints) matrix, row by row: rows 0..2 the axes a_j of turning joints (sliding ones: 0), rows
-    3..5 w_j; below it the first moment (3) of all bodies about the base's origin.
+    """Return a (6 x number of joints) matrix by rows: 0..2 the axes a_j of turning joints (sliding ones: 0), 3..5
+    w_j; below it the first moment (3) of all bodies about the base's origin.
     """
     moved = _MovedMasses(chain, q)
     columns = []
@@ -43,7 +43,7 @@ def potential_energy(chain: Chain, first_moment: ca.SX, gravity: ca.SX, base_pos
 
 
 def in_base_axes(base_pose: ca.SX, gravity: ca.SX) -> ca.SX:
-    """The acceleration of free fall in the axes of a floating base."""
+    """Return the acceleration of free fall in the axes of a floating base."""
     return base_pose[:3, :3].T @ gravity
 
 

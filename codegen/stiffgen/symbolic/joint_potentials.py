@@ -46,7 +46,7 @@ def _posture_energy(q: ca.SX, posture: ca.SX, stiffness: ca.SX) -> ca.SX:
 
 
 def _cube(depth: ca.SX) -> ca.SX:
-    """The cube of what is positive, else 0: two derivatives are continuous."""
+    """Return the cube of a positive number, else 0: two derivatives are continuous."""
     return ca.if_else(depth <= 0, 0, depth**3)
 
 

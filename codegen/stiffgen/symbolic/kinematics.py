@@ -64,13 +64,13 @@ _POSE = (*(3 * (3 * (Kind.ROTATION,) + (Kind.POINT,))), Kind.ZERO, Kind.ZERO, Ki
 
 
 def constant(matrix: Matrix | Vector) -> ca.SX:
-    """A matrix or column of numbers."""
+    """Return a matrix or column of numbers."""
     # Exact zeros become structural ones, so that products with them vanish from the graph.
     return ca.SX(ca.sparsify(ca.DM(matrix)))
 
 
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:
-    """A x b of two 3-vectors."""
+    """Return a x b of two 3-vectors."""
     return ca.cross(ca.densify(a), ca.densify(b))
 
 
@@ -243,7 +243,7 @@ def _tip_in_base(chain: Chain, frames: list[Frame], tool_pose: ca.SX | None) -> 
 
 
 def frame_title(chain: Chain, index: int) -> str:
-    """What the sections of pose recursions are called."""
+    """Return the names of the sections of pose computations."""
     return f"frame of joint {chain.joints[index].name}"
 
 

@@ -90,5 +90,5 @@ def matrix_shape(shape: tuple[int, ...]) -> tuple[int, int]:
 
 
 def folded(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """A shape in at most two dimensions, rows of the last one kept together."""
+    """Return a shape in at most two dimensions, rows of the last one kept together."""
     return shape if len(shape) <= 2 else (math.prod(shape[:-1]), shape[-1])

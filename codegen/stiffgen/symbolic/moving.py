@@ -38,7 +38,7 @@ def move_stiffness(
     *,
     as_tensor: bool = False,
 ) -> tuple[Array, Array]:
-    """The wrench and task stiffness, in another representation, of the same spring.
+    """Return the wrench and task stiffness, in another representation, of the same spring.
 
     Leading dimensions broadcast.
 

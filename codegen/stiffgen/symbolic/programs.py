@@ -223,7 +223,7 @@ def joint_stiffness(
 def joint_stiffness_total(
     chain: Chain, representation: Representation, result: Argument, given: tuple[Argument, ...]
 ) -> Program:
-    """The sum over the tips of their joint stiffnesses, one triangle, mirrored; ``given``: the kernel's arguments."""
+    """Return the sum of the tips' joint stiffnesses, one triangle, mirrored; ``given``: the kernel's arguments."""
 
     def steps(output: Array) -> Program:
         S, u = (Array(name, (6, len(chain.joints))) for name in ("S", "u"))
@@ -242,7 +242,7 @@ def spring_total(
     given: tuple[Argument, ...],
     results: Mapping[str, Argument],
 ) -> Program:
-    """What is asked for of springs at all tips together, from one pass over the tree.
+    """Return what is asked for of springs at all tips, from one pass over the tree.
 
     ``given`` are the arguments, ``results`` some of "energy", "torque" and "joint_stiffness" by these names.
     """
@@ -316,7 +316,7 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
 def _pairs_on_the_way(
     chain: Chain, left: Array, right: Array, output: Array, formula: str, body: Callable[..., ca.SX]
 ) -> Program:
-    """A symmetric target_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
+    """Return a symmetric target_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
     operands = Operand(left, "i"), Operand(right, "j")
     if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
         return (Map(f"{formula} for i<=j, mirrored", Over.UPPER, Operand(output, "ij"), operands, body, mirror=True),)
@@ -328,7 +328,7 @@ def _pairs_on_the_way(
 
 
 def bias_forces(chain: Chain, result: Argument) -> Program:
-    """Forces at constant rates, joint by joint, gathered into coordinates."""
+    """Return the program of forces at constant rates, summed into coordinates."""
     given = (*posture(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
     return _vector_of_joints(
         chain,
@@ -366,7 +366,7 @@ def gravity_energy(chain: Chain, result: Argument) -> Program:
 
 
 def _gravity_in_base_axes(chain: Chain) -> tuple[Program, Operand]:
-    """The acceleration of free fall in the axes of :func:`_gravity_columns`."""
+    """Return the acceleration of free fall in the axes of :func:`_gravity_columns`."""
     given = Operand(GRAVITY.array(chain), "")
     if not chain.floating:
         return (), given
@@ -411,7 +411,7 @@ def _with_base_connection(
     operands: tuple[Operand, ...],
     generalised_force: Callable[..., ca.SX],
 ) -> Program:
-    """What ``pairs`` write, a second derivative joint after joint, as one along exponentials of the base's twist.
+    """Turn second derivatives, joint after joint, into those along exponentials of the base's twist.
 
     The base's joints are passed one after the other; its connection tells that from a motion along one twist.
     ``generalised_force(*operands)`` of a joint is the gradient that belongs to the second derivative.
@@ -446,7 +446,7 @@ def spring_joint_terms(
     torque: Argument | None = None,
     joint_stiffness: Argument | None = None,
 ) -> Program:
-    """What is asked for of energy, torque -J^T F and joint stiffness of a spring, from one pass over the joints."""
+    """Return what is asked for of energy, torque -J^T F and joint stiffness of a spring, from one pass."""
     pose, m = POSE.array(chain), len(chain.joints)
     J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
     columns = columns_and_pose(chain, J, pose)

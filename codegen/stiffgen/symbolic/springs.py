@@ -140,7 +140,7 @@ def _trace_form(R: ca.SX, H: ca.SX, Ko: ca.SX, axes: Axes) -> ca.SX:
 
 
 def quaternion(R: ca.SX, R0: ca.SX) -> ca.SX:
-    """Unit quaternion (w, v) of R0^T R with w >= 0."""
+    """Return the unit quaternion (w, v) of R0^T R with w >= 0."""
     E = R0.T @ R
     D = R0.T @ (R - R0)
     x, y, z = D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]
@@ -343,7 +343,7 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
 
 
 def terms(chain: Chain, pose: ca.SX, *parameters: ca.SX, spring: Spring, parts: str) -> Expressions:
-    """What ``parts`` names of U ("U"), F ("F"), K ("K") and K's upper triangle ("k"), row-major below each other."""
+    """Return what ``parts`` names of U ("U"), F ("F"), K ("K") and K's upper triangle ("k"), row-major, stacked."""
     U, F, K = derivatives(spring, pose[:3, 3], pose[:3, :3], parameters)
     values = {"U": U, "F": F, "K": ca.vec(symmetric_from_upper(K).T), "k": ca.vec(ca.triu(symmetric_from_upper(K)).T)}
     return Expressions(ca.vertcat(*(values[part] for part in parts)), ())

@@ -35,7 +35,7 @@ def _coefficients(representation: Representation) -> tuple[tuple[int, int, int, 
 
 
 def base_connection(generalised_force: ca.SX) -> ca.SX:
-    """What a floating base's connection adds to a symmetric matrix of second derivatives joint after joint (m x m).
+    """Return what a floating base's connection adds to symmetric second derivatives, joint after joint (m x m).
 
     Args:
         generalised_force: tau (m), joint by joint; its entries 3..5 are the moment on the base in its own axes.
@@ -57,7 +57,7 @@ def base_connection(generalised_force: ca.SX) -> ca.SX:
 
 
 def symmetric_from_upper(matrix: ca.SX) -> ca.SX:
-    """The symmetric matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
+    """Return the symmetric matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
     return ca.triu2symm(ca.triu(matrix))
 
 

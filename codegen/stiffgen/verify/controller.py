@@ -201,7 +201,7 @@ def check_controller(robot: GeneratedRobot, seed: int) -> list[Check]:
 
 
 def _law(bench: _Bench) -> list[Check]:
-    """A slow motion of arm and equilibrium into the limit zones: every term of the torque, and their sum."""
+    """Check a slow motion of arm and equilibrium into the limit zones: every term of the torque, and their sum."""
     errors: dict[str, float] = {}
 
     def hold(name: str, value: Any, reference: Any) -> None:
@@ -278,7 +278,7 @@ def _limits(bench: _Bench) -> list[str]:
 
 
 def _governor(bench: _Bench) -> list[str]:
-    """A jump of the command with a held arm: the equilibrium's velocity and energy."""
+    """Check a jump of the command with a held arm: the equilibrium's velocity and energy."""
     faults, n, T = [], len(bench.q), PERIOD
     goal = bench.q + bench.reach
     plans = (

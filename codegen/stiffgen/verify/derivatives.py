@@ -115,7 +115,7 @@ def _loss(function: object, values: list[Array], cotangents: list[Array]) -> tup
 
 
 def _noise(chain: Chain, of: Kernel, values: list[Array], cotangents: list[Array]) -> Array:
-    """What rounding of the function does to the difference of eighth order of L."""
+    """Return the effect of rounding on the difference of eighth order of L."""
     spread = math.sqrt(2 * sum(weight**2 for weight in _EIGHTH.values())) / _STEP
     errors = rounding_errors(chain, of, values) or []
     squares = [(_per_state(c) * _per_state(e)) ** 2 for c, e in zip(cotangents, errors, strict=bool(errors))]

@@ -32,7 +32,7 @@ def _second_moments(body: Body) -> ca.DM:
 def differentiated(
     chain: Chain, poses: Sequence[ca.SX], moves: ca.SX, q: ca.SX, base_pose: ca.SX, samples: Sequence[Array]
 ) -> dict[str, Array]:
-    """What the kernels of a robot's dynamics give, by qualified name.
+    """Return the values of the kernels of a robot's dynamics, by qualified name.
 
     Args:
         chain: the robot.

@@ -45,13 +45,13 @@ def bound_of(value: Any) -> float:
 
 
 def compared(kernel: str, oracle: str, value: Any, reference: Array) -> Check:
-    """The check that ``value`` is ``reference`` within its type's bound."""
+    """Check that ``value`` is ``reference`` within its type's bound."""
     errors = relative_errors(value, reference)
     return Check(kernel, oracle, _largest(errors), bound_of(value), errors=errors)
 
 
 def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:
-    """The check that there are no faults; the first ones are named."""
+    """Check that there are no faults; the first ones are named."""
     more = f" and {len(faults) - 3} more" if len(faults) > 3 else ""
     return Check(kernel, oracle, float(len(faults)), 0.0, "; ".join(faults[:3]) + more)
 
@@ -76,12 +76,12 @@ def _largest(errors: Array) -> float:
 
 
 def as_results(value: Any) -> tuple[Any, ...]:
-    """The results of a function that returns one, or several in a tuple."""
+    """Return the results of a function that returns one, or several in a tuple."""
     return tuple(value) if isinstance(value, (tuple, list)) else (value,)
 
 
 def one_by_one(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of stacks that calls ``kernel`` once for each configuration: never its batch."""
+    """Return a function of stacks that calls ``kernel`` once for each configuration: never its batch."""
 
     def call(*stacks: Array) -> Any:
         rows = [as_results(kernel(*each)) for each in zip(*stacks, strict=True)]

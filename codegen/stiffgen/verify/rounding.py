@@ -74,7 +74,7 @@ _RULES: dict[int, _Rule] = {
 def rounding_errors(
     chain: Chain, kernel: Kernel, stacks: Sequence[Array], scalar: Scalar = DOUBLE
 ) -> list[Array] | None:
-    """Standard errors of every entry of a kernel's results, one array a result, for stacks of its arguments.
+    """Return standard errors of every entry of a kernel's results, one array per result, for stacks of arguments.
 
     Where ``scalar`` has fewer digits than the arguments, which are doubles, these are rounded, too.
 
@@ -165,7 +165,7 @@ class Stages:
     def run(
         self, arguments: Sequence[Any], constant: Callable[[float], Any], operations: Mapping[int, Any]
     ) -> list[Any]:
-        """The results' entries, in any arithmetic: from the arguments' entries, row-major, and what operations do."""
+        """Evaluate the results in any arithmetic, from the arguments' entries, row-major, and ``operations``."""
         numbers = list(arguments)
         for function in self.functions:
             numbers += run(function, numbers, constant, operations)
@@ -179,7 +179,7 @@ def _is_plain(entry: ca.SX) -> bool:
 def run(
     function: ca.Function, given: Sequence[Any], constant: Callable[[float], Any], operations: Mapping[int, Any]
 ) -> list[Any]:
-    """A function of one vector, operation by operation, in any arithmetic.
+    """Evaluate a function of one vector, operation by operation, in any arithmetic.
 
     Raises:
         KeyError: an operation is not among ``operations``.
@@ -206,7 +206,7 @@ _OPERATIONS = {operation: evaluate_it for operation, (evaluate_it, _) in _RULES.
 
 
 def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> NDArray[np.longdouble]:
-    """The entries of a kernel's results, one after the other, in the longest numbers that this machine has.
+    """Return the entries of a kernel's results, one after the other, in the longest numbers that this machine has.
 
     Raises:
         KeyError: it has an operation without a rule here.
@@ -219,7 +219,7 @@ def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> N
 
 
 def beyond_rounding(difference: Array, errors: Array) -> Array:
-    """What of differences rounding does not explain."""
+    """Return the part of differences that rounding does not explain."""
     explained = np.nan_to_num(errors.reshape(difference.shape), nan=0.0, posinf=0.0)
     rest: Array = np.where(np.abs(difference) <= SIGMAS * explained, 0.0, difference)
     return rest

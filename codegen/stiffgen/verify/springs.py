@@ -63,7 +63,7 @@ def _quaternion(E: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def textbook(name: str, placement: Placement) -> Energy:
-    """The energy of one of stiffgen's springs by the group of its kernels, as textbooks have it."""
+    """Return the energy of one of stiffgen's springs by the group of its kernels, as textbooks have it."""
     kind = name.removeprefix("spring").removeprefix("_") or "trace"
     translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
 
@@ -84,7 +84,7 @@ def textbook(name: str, placement: Placement) -> Energy:
 def differentiated(
     spring: Spring, placement: Placement, pose: ca.SX, q: ca.SX, parameters: list[ca.SX]
 ) -> dict[str, ca.SX]:
-    """What the kernels of a spring compute, by differentiation of its energy; names as those of the results.
+    """Return the values of the kernels of a spring by differentiation of its energy, by name of the result.
 
     A user's potential is taken as it is, and differentiated along the pose.
     """
