@@ -61,7 +61,7 @@ def render(
     variants = [replace(variant, scalar=scalar) for variant in (SINGLE, BATCH, CUDA)]
     single, batch = (print_kernels(chain, name, variant, options) for variant in variants[:2])
     threads = contexts.cuda_pages(chain, name, _threads(chain, name, variants[2], options)) if cuda else None
-    error_bounds = ErrorBounds(chain, ranges, scalar)
+    error_bounds = ErrorBounds(chain, ranges, scalar, single.lowered)
     bounds = {kernel.qualified_name: error_bounds.stated(kernel) for kernel, _ in single.kernels}
     pages = _pages(chain, name, single, batch, threads, bounds, ranges)
     templates = _templates()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from stiffgen.emit.c.printer import Printer
 from stiffgen.lower.form import Function, Scope
 from stiffgen.lower.graph import Operations
+from stiffgen.lower.lowering import LoweredKernels
 from stiffgen.lower.steps import lowered
 from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
@@ -44,6 +45,8 @@ class VariantCode:
     scopes: tuple[Scope, ...]
     shared: tuple[tuple[Scope, CFunction], ...]
     kernels: tuple[tuple[Kernel, CFunction], ...]
+    lowered: LoweredKernels
+    """The lowered form that was printed."""
 
     @property
     def calls(self) -> frozenset[str]:
@@ -76,4 +79,4 @@ def print_kernels(chain: Chain, name: str, variant: Variant, options: SpringOpti
 
     shared = tuple((function.scope, print_function(function)) for function in code.shared.values())
     kernels = tuple((kernel, print_function(function)) for kernel, function in zip(table, functions, strict=True))
-    return VariantCode(variant, tuple(code.scopes.values()), shared, kernels)
+    return VariantCode(variant, tuple(code.scopes.values()), shared, kernels, code)

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: MIT
+"""Running error analysis of a graph of operations: a bound on each number's size and on its rounding error.
+
+Both bounds follow operation by operation from those of the operands. Each operation is taken to be rounded once. A
+compiler that contracts a product and a sum to one operation (fused multiply-add) rounds less often, so that the bounds
+hold with and without it. The bounds are computed with doubles, each step enlarged by far more than it can lose to
+rounding, with additions, products and square roots alone, so that they are the same on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from stiffgen.lower.graph import Graph
+
+ENLARGED = 1.0 + 2.0**-46
+"""After a few operations on doubles that are not negative, more than these can have lost."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """What is known of the arithmetic of a type of number.
+
+    Attributes:
+        unit: largest relative error of an operation, half the distance from 1 to the next number.
+        smallest: largest error of an operation whose result is too small for that.
+        largest: number.
+        far: largest angle of the fast path of sine and cosine [rad] (templates/sine_cosine.c).
+        sine: largest error of a sine or cosine of an exact angle up to ``far``.
+        digits: of which rotations in arguments are rotations.
+        rotation: what an entry of a product of at most 128 of these, or of the chain's, is at most.
+
+    """
+
+    unit: float
+    smallest: float
+    largest: float
+    far: float
+    sine: float
+    digits: int
+    rotation: float
+
+
+PRECISIONS = {
+    # Proved of templates/sine_cosine.c: 1.22 units (tests/support/sine_cosine_proof.py); CUDA documents two ulps.
+    "double": Precision(2.0**-53, 2.0**-1074, 2.0**1023, 1e4, 2.0**-52, 11, 1.0 + 2.0**-36),
+    # 0.96 units, of all floats up to far (tests/campaigns/float_sines.py); CUDA documents two ulps.
+    "float": Precision(2.0**-24, 2.0**-149, 2.0**127, 6e3, 2.0**-23, 6, 1.0 + 2.0**-19),
+}
+"""By the name of the type."""
+
+
+class NoBound(Exception):  # noqa: N818 - an answer, not a failure
+    """A function has an operation or an argument of which nothing is known here."""
+
+
+class Bound(NamedTuple):
+    """Bounds on the magnitude of a number in real arithmetic and on its rounding error."""
+
+    size: float
+    error: float = 0.0
+
+
+ZERO = Bound(0.0)
+
+
+@dataclass
+class Analysis:
+    """The bounds of a graph's operations, given those of its inputs."""
+
+    graph: Graph
+    inputs: Sequence[Bound]
+    precision: Precision
+    known: Mapping[int, float] = field(default_factory=dict)
+    """What operations are at most for reasons that their operands do not show."""
+    found: dict[int, Bound] = field(default_factory=dict)
+
+    def bounds(self, numbers: Sequence[int]) -> list[Bound]:
+        """The bounds of some of the operations."""
+        needed, pending = set(numbers), list(numbers)
+        while pending:
+            new = set(self.graph.operands(pending.pop())) - needed
+            needed |= new
+            pending += new
+        for number in sorted(needed):  # operands come before what uses them
+            bound = self._bound(number)
+            size = min(bound.size, self.known.get(number, math.inf))
+            self.found[number] = Bound(size, bound.error)
+            if not size + bound.error < self.precision.largest:
+                raise NoBound("numbers beyond the largest one")
+        return [self.found[number] for number in numbers]
+
+    def _bound(self, number: int) -> Bound:
+        kind, a, b = self.graph.keys[number]
+        if kind == "input":
+            return self.inputs[int(a)]
+        if kind == "const":
+            return self._constant(float(a))
+        if kind == "neg":
+            return self.found[int(a)]
+        if kind == "mul":
+            return self._product(int(a), b)
+        if kind in ("add", "sub"):
+            return self._sum(int(a), b)
+        if kind in ("sin", "cos"):
+            angle = self.found[int(a)]
+            if angle.size > self.precision.far:
+                raise NoBound(f"angles beyond {self.precision.far:g} rad")
+            return Bound(1.0, (self.precision.sine + angle.error) * ENLARGED)
+        raise NoBound(f"the operation {kind}")
+
+    def _constant(self, value: float) -> Bound:
+        unit = self.precision.unit
+        exact = unit == PRECISIONS["double"].unit or math.frexp(value)[0] / unit % 1 == 0
+        return Bound(abs(value), 0.0 if exact else abs(value) * unit * ENLARGED + self.precision.smallest)
+
+    def _is_power(self, number: int) -> bool:
+        kind, a, _ = self.graph.keys[number]
+        return kind == "const" and math.frexp(float(a))[0] == 0.5
+
+    def _product(self, a: int, b: int) -> Bound:
+        x, y = self.found[a], self.found[b]
+        if ZERO in (x, y):
+            return ZERO
+        size = x.size * y.size * ENLARGED
+        error = x.size * y.error + y.size * x.error + x.error * y.error
+        if self._is_power(a) or self._is_power(b):
+            return Bound(size, error * ENLARGED + self.precision.smallest)
+        return Bound(size, (error + self.precision.unit * (size + error)) * ENLARGED + self.precision.smallest)
+
+    def _sum(self, a: int, b: int) -> Bound:
+        x, y = self.found[a], self.found[b]
+        if x == ZERO:
+            return y
+        if y == ZERO:
+            return x
+        turned = self._turned(a, b)
+        size, error = turned or (x.size + y.size, x.error + y.error)
+        return Bound(size * ENLARGED, (error + self.precision.unit * (size + error)) * ENLARGED)
+
+    def _turned(self, a: int, b: int) -> Bound | None:
+        """Of c X + s Y, with the cosine and the sine of one angle, before the sum is rounded."""
+        for turn, x in self._with_turn(a):
+            for other, y in self._with_turn(b):
+                (kind, angle, _), (another, same, _) = self.graph.keys[turn], self.graph.keys[other]
+                if kind != another and angle == same:
+                    return self._of_turn((turn, x), (other, y))
+        return None
+
+    def _with_turn(self, number: int) -> list[tuple[int, int]]:
+        """The factors of a product that has a sine or a cosine: that one, and the other."""
+        kind, a, b = self.graph.keys[number]
+        if kind == "neg":
+            return self._with_turn(int(a))
+        pairs = ((int(a), b), (b, int(a))) if kind == "mul" else ()
+        return [(turn, other) for turn, other in pairs if self.graph.keys[turn][0] in ("sin", "cos")]
+
+    def _of_turn(self, *products: tuple[int, int]) -> Bound:
+        # |c X + s Y|, |c e_X + s e_Y| and |d_1 c X + d_2 s Y| <= unit sqrt(X^2 + Y^2): Cauchy and Schwarz; c and s are
+        # those of one angle, what they are off counts with the sizes of X and Y.
+        x, y = (self.found[other] for _, other in products)
+        size = math.sqrt(x.size * x.size + y.size * y.size) * ENLARGED
+        error = math.sqrt(x.error * x.error + y.error * y.error) * ENLARGED
+        for turn, other in products:
+            error += self.found[turn].error * (self.found[other].size + self.found[other].error)
+        rounded = self.precision.unit * (size + error) + 2 * self.precision.smallest
+        return Bound(size, (error + rounded) * ENLARGED)
+
+
+def added(x: Bound, y: Bound, precision: Precision) -> Bound:
+    """Return the bound of a rounded sum of two numbers."""
+    size, error = x.size + y.size, x.error + y.error
+    return Bound(size * ENLARGED, (error + precision.unit * (size + error)) * ENLARGED)

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: MIT
+"""Rules of the rounding bounds: each holds, each is needed, and none depends on a printed name."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from stiffgen.lower import rounding, statements
+from stiffgen.lower.analysis import PRECISIONS, Analysis, Bound, added
+from stiffgen.lower.form import Statements
+from stiffgen.lower.graph import Graph, build_graph
+from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, argument_sizes, chain_reach
+from stiffgen.lower.steps import lowered
+from stiffgen.lower.variant import SINGLE
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.kinematics import Kind, Section
+
+FLOAT = PRECISIONS["float"]
+OPERATIONS: dict[str, Callable] = {
+    "neg": np.negative, "mul": np.multiply, "add": np.add, "sub": np.subtract, "sin": np.sin, "cos": np.cos,
+}  # fmt: skip
+
+
+def values(graph: Graph, inputs: list, number: type) -> list:
+    """Return the value of every operation, computed with numbers of a type."""
+    found: list = []
+    for kind, a, b in graph.keys:
+        if kind in ("input", "const"):
+            found.append(np.asarray(inputs[int(a)] if kind == "input" else a, number))
+        else:
+            found.append(OPERATIONS[kind](*(found[k] for k in (int(a), b)[: 1 + (kind in ("mul", "add", "sub"))])))
+    return found
+
+
+@dataclass(frozen=True)
+class Case:
+    """An expression whose worst error or size comes near the bound that one rule gives."""
+
+    rule: str
+    expression: Callable[..., ca.SX]
+    size: float
+    error: float = 0.0
+    of_size: bool = False
+
+
+def constant(x: ca.SX, y: ca.SX, q: ca.SX) -> ca.SX:
+    return ca.SX(1 + 2.0**-24)
+
+
+CASES = (
+    Case("_constant", constant, 1.0),
+    Case("_product", lambda x, y, q: x * y, 2.95),
+    Case("_product", lambda x, y, q: x * y, 3.0, 0.1),
+    Case("_product", lambda x, y, q: 0.5 * x, 3.0, 0.1),
+    Case("_product", lambda x, y, q: x * y, 3.0, of_size=True),
+    Case("_sum", lambda x, y, q: x + y, 4.5),
+    Case("_sum", lambda x, y, q: x - y, 3.0, 0.1),
+    Case("_sum", lambda x, y, q: x + y, 3.0, of_size=True),
+    Case("_of_turn", lambda x, y, q: ca.cos(q) * x + ca.sin(q) * y, 3.0, 0.1),
+    Case("_of_turn", lambda x, y, q: ca.cos(q) * x + ca.sin(q) * y, 3.0, of_size=True),
+    Case("_bound", lambda x, y, q: ca.sin(x), 0.1, 0.1),
+    Case("_bound", lambda x, y, q: ca.cos(q), 1.0, of_size=True),
+)
+
+
+def holds(case: Case) -> bool:
+    """Whether the bound is at least what samples reach."""
+    x, y, q = (ca.SX.sym(name) for name in "xyq")
+    graph, (number,) = build_graph(ca.Function("f", [ca.vertcat(x, y, q)], [ca.densify(case.expression(x, y, q))]))
+    rng = np.random.default_rng(0)
+    exact = [case.size * rng.choice([-1, 1], 20000) * rng.uniform(0.98, 1, 20000) for _ in range(2)]
+    exact = [each.astype(np.float32).astype(float) for each in exact]
+    computed = [each + np.sign(each) * case.error for each in exact]
+    angle = rng.uniform(-3, 3, 20000).astype(np.float32).astype(float)
+    inputs = [Bound(case.size, case.error), Bound(case.size, case.error), Bound(3.0)]
+    (bound,) = Analysis(graph, inputs, FLOAT).bounds([number])
+    true = values(graph, [*exact, angle], np.float64)[number]
+    if case.of_size:
+        return bool(np.abs(true).max() <= bound.size)
+    return bool(np.abs(values(graph, [*computed, angle], np.float32)[number] - true).max() <= bound.error)
+
+
+@pytest.mark.parametrize("case", CASES, ids=[f"{k}{case.rule}" for k, case in enumerate(CASES)])
+def test_a_rule_holds_and_half_of_it_does_not(case, monkeypatch):
+    assert holds(case)
+    whole = getattr(Analysis, case.rule)
+    monkeypatch.setattr(Analysis, case.rule, lambda *args: Bound(*(0.5 * each for each in whole(*args))))
+    assert not holds(case)
+
+
+def test_a_sum_of_kernels_counts_both_errors_and_its_own():
+    bound = added(Bound(4.0, 0.1), Bound(5.0, 0.2), FLOAT)
+    assert 9.0 <= bound.size < 9.001
+    assert 0.3 + 9.3 * FLOAT.unit <= bound.error < 0.30001
+
+
+KINDS = (Kind.ROTATION, Kind.POINT)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_sizes_of_kinds_hold_and_half_of_them_do_not(factor, chain):
+    """Rotations and points of the chain, and columns and poses made of them, at random joint positions."""
+    reach = factor * chain_reach(chain, Ranges(), PRECISIONS["double"])
+    sizes = {Kind.ROTATION: factor * PRECISIONS["double"].rotation, Kind.POINT: reach, Kind.ZERO: 0.0, Kind.ONE: 1.0}
+    code, largest = lowered(chain, SINGLE), dict.fromkeys(Kind, 0.0)
+    table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
+    for name in ("forward_kinematics", "body_jacobian", "hybrid_jacobian", "spatial_jacobian"):
+        code.kernel(table[name])
+    joints = np.random.default_rng(0).uniform(-2, 2, (7, 2000))
+    for function in code.shared.values():
+        (item,) = function.items
+        assert isinstance(item, Statements)
+        assert item.body.kinds
+        found = values(item.body.graph, [joints[access.entry] for access in item.body.inputs], np.float64)
+        for number, kind in item.body.kinds:
+            largest[kind] = max(largest[kind], np.abs(found[number]).max())
+    assert largest[Kind.ONE] == 1.0
+    assert not largest[Kind.ZERO]
+    assert all((largest[kind] <= sizes[kind]) == (factor == 1.0) for kind in KINDS), largest
+
+
+def test_sizes_of_arguments_are_the_ranges(chain):
+    ranges, precision = Ranges(force=3.0, moment=5.0), PRECISIONS["double"]
+    wrench = next(a for kernel in chain_kernels(chain) for a in kernel.arguments if a.name == "wrench")
+    assert argument_sizes(chain, wrench, ranges, 1.0, precision) == [3.0] * 3 + [5.0] * 3
+    with pytest.raises(NoBound):
+        argument_sizes(chain, Argument("unknown", (3,), "", ""), ranges, 1.0, precision)
+
+
+def bounds_of(chain) -> dict[str, dict[str, list[float]]]:
+    analysis, found = ErrorBounds(chain), {}
+    for kernel in chain_kernels(chain):
+        try:
+            found[kernel.qualified_name] = analysis.of(kernel)
+        except NoBound:
+            continue
+    return found
+
+
+def test_bounds_do_not_depend_on_names(chain, monkeypatch):
+    """Every local of every section gets a random name, which may begin with any letter."""
+    before = bounds_of(chain)
+    rng, groups = random.Random(0), statements._groups
+
+    def renamed(expressions):
+        sections = []
+        for section in expressions.sections:
+            names = {name: f"{rng.choice('RpqsMKx')}{rng.randrange(10**9)}_" for name in section.values}
+            kinds = {names[name]: kind for name, kind in section.kinds.items()}
+            sections.append(Section(section.title, {names[n]: v for n, v in section.values.items()}, kinds))
+        return groups(replace(expressions, sections=tuple(sections)))
+
+    monkeypatch.setattr(statements, "_groups", renamed)
+    assert bounds_of(chain) == before
+    assert "hybrid_joint_stiffness" in before
+
+
+def test_bounds_are_those_of_the_form_that_is_printed(chain):
+    """A constant changed in the lowered form changes the bound: nothing is derived a second time."""
+    (kernel,) = (kernel for kernel in chain_kernels(chain) if kernel.qualified_name == "forward_kinematics")
+    code = lowered(chain, SINGLE)
+    before = ErrorBounds(chain, code=code).of(kernel)
+    graph = code.shared["tip_pose"].items[0].body.graph
+    graph.keys[:] = [("const", 7.0 * a, b) if kind == "const" else (kind, a, b) for kind, a, b in graph.keys]
+    assert rounding.ErrorBounds(chain, code=code).of(kernel) != before
