@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from stiffgen.errors import StiffgenError, listed, printable
 from stiffgen.robot.description import Description
+from stiffgen.robot.selection import possible_tips
 from stiffgen.robot.survey import TipSurvey, survey_tip
 from stiffgen.symbolic.springs import KINDS
 
@@ -77,8 +78,12 @@ def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
 def _tip(description: Description, given: Given, ask: Ask | None) -> TipSurvey:
     if given.tip is not None:
         return survey_tip(description, given.tip, given.base)
-    surveys = [survey_tip(description, tip, given.base) for tip in description.leaves[:_MOST_TIPS]]
+    tips = possible_tips(description, given.base)
+    surveys = [survey_tip(description, tip, given.base) for tip in tips[:_MOST_TIPS]]
     good = [survey for survey in surveys if survey.coordinates and not survey.hindrance]
+    hindered = [survey for survey in surveys if survey.hindrance]
+    if not good and hindered:
+        raise StiffgenError(f"{description.file}: tip '{printable(hindered[0].tip)}': {hindered[0].hindrance}")
     if not good:
         raise StiffgenError(
             f"{description.file}: no leaf link has a chain to it; 'stiffgen inspect' says what hinders each"

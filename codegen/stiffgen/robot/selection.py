@@ -49,7 +49,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
 
     """
     file = description.file
-    tips = _tips(description, options.tip)
+    tips = _tips(description, options)
     if options.tool is not None:
         _check_tool(file, options.tool, tips)
     base = description.root if options.base is None else options.base
@@ -206,28 +206,55 @@ def _beside(
     return *counted, *description.notes
 
 
-def _tips(description: Description, tip: str | Sequence[str] | None) -> list[str]:
-    if tip is None or isinstance(tip, str):
-        return [_tip(description, tip)]
+def possible_tips(description: Description, base: str | None = None) -> list[str]:
+    """Return the leaf links with a moving joint on the way from the base (default: the root) to them.
+
+    A leaf without one is a mark on its parent, such as ``base`` in descriptions of ROS-Industrial.
+    """
+    above = description.parent_joint
+    tips = []
+    for leaf in description.leaves:
+        link, moves = leaf, False
+        while link in above and link != base:
+            moves = moves or above[link].type in MOVING_TYPES
+            link = above[link].parent
+        if moves and base in (None, link):
+            tips.append(leaf)
+    return tips
+
+
+def _tips(description: Description, options: ChainOptions) -> list[str]:
+    tip = options.tip
+    if tip is None:
+        return [_only_tip(description, options.base)]
+    if isinstance(tip, str):
+        return [_known_tip(description, tip)]
     if not tip:
         raise ChainError(f"{description.file}: no tip named; leaf links: {listed(description.leaves)}")
-    tips = [_tip(description, each) for each in tip]
+    tips = [_known_tip(description, each) for each in tip]
     twice = next((each for each in tips if tips.count(each) > 1), None)
     if twice is not None:
         raise ChainError(f"{description.file}: tip '{printable(twice)}' is named twice; name each tip once")
     return tips
 
 
-def _tip(description: Description, tip: str | None) -> str:
-    leaves = listed(description.leaves)
-    if tip is None:
-        if len(description.leaves) != 1:
-            raise ChainError(f"{description.file}: has several leaf links; choose one with --tip: {leaves}")
-        return description.leaves[0]
+def _only_tip(description: Description, base: str | None) -> str:
+    tips = possible_tips(description, base if base in description.inertials else None)
+    if len(tips) == 1:
+        return tips[0]
+    if not tips:
+        raise ChainError(
+            f"{description.file}: has no moving joint on the way to a leaf link; choose another base or file "
+            f"(leaf links: {listed(description.leaves)})"
+        )
+    raise ChainError(f"{description.file}: has several leaf links; choose one with --tip: {listed(tips)}")
+
+
+def _known_tip(description: Description, tip: str) -> str:
     if tip not in description.inertials:
         raise ChainError(
-            f"{description.file}: tip link '{printable(tip)}' does not exist; leaf links: {leaves} "
-            "('stiffgen inspect' lists all links)"
+            f"{description.file}: tip link '{printable(tip)}' does not exist; leaf links: "
+            f"{listed(description.leaves)} ('stiffgen inspect' lists all links)"
         )
     return tip
 

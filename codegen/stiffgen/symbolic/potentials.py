@@ -36,7 +36,7 @@ _TAKEN = (
 )  # fmt: skip
 _WITHOUT_DERIVATIVES = {
     ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder", ca.OP_SIGN: "sign",
-    ca.OP_COPYSIGN: "copysign", ca.OP_FABS: "fabs", ca.OP_ERFINV: "erfinv", ca.OP_LIFT: "lift",
+    ca.OP_COPYSIGN: "copysign", ca.OP_ERFINV: "erfinv", ca.OP_LIFT: "lift",
 }  # fmt: skip
 
 

@@ -44,6 +44,7 @@ class Printer(Loops):
         self.lines: list[str] = []
         self.operations = Operations()
         self.temporaries = 0
+        self.sine_calls = 0
         self.cleared = False
 
     def print(self) -> list[str]:
@@ -85,7 +86,7 @@ class Printer(Loops):
         number, guard, text = self.variant.number, self.variant.guard, self.elements.entry
         lines = [f"const {number} {a.guard} = {guard}({a.storage.array.name}[{a.entry}]);" for a in item.guards]
         lines += [f"(void){self.elements.base(entry)};" for entry in item.unused]
-        printed = print_body(item.body, self.variant, text, self.temporaries)
+        printed = print_body(item.body, self.variant, text, self.temporaries, 0 if item.braces else self.sine_calls)
         lines += printed.lines
         values = list(printed.values)
         for storage in item.rows:
@@ -94,7 +95,7 @@ class Printer(Loops):
         self.operations = self.operations + printed.operations
         self.operations = self.operations + Operations(add=len(item.guards), multiply=len(item.guards))
         self.calls |= printed.calls | ({guard} if item.guards else set()) | ({"put_rows"} if item.rows else set())
-        self.temporaries = printed.temporaries
+        self.temporaries, self.sine_calls = printed.temporaries, printed.sine_calls
         lines = ["{", *indented(lines, 1), "}"] if item.braces else lines
         self.lines += ["", *lines] if self.lines else lines
 

@@ -9,11 +9,11 @@ it: no hash, address or platform enters, so the same chain prints the same bytes
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from stiffgen.lower.form import Access, Body, Entry
-from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN, Operations
+from stiffgen.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.lower.scalar import Scalar
 from stiffgen.lower.variant import Variant
 
@@ -35,9 +35,13 @@ class Printed:
     calls: frozenset[str]
     temporaries: int
     """One past the last number of an unnamed local, t0, t1, ..."""
+    sine_calls: int
+    """One past the number of the last call that computes sines and cosines."""
 
 
-def print_body(body: Body, variant: Variant, text: Callable[[Entry], str], temporaries: int = 0) -> Printed:
+def print_body(
+    body: Body, variant: Variant, text: Callable[[Entry], str], temporaries: int = 0, sine_calls: int = 0
+) -> Printed:
     """Print the statements of a body, without indentation.
 
     Args:
@@ -45,15 +49,17 @@ def print_body(body: Body, variant: Variant, text: Callable[[Entry], str], tempo
         variant: way of printing.
         text: C text of an entry.
         temporaries: number of the first unnamed local.
+        sine_calls: number of the first call that computes sines and cosines.
 
     """
     writer = _Writer(body, variant, [text(access) for access in body.inputs])
     writer.temporaries = temporaries
+    writer.sine_calls = sine_calls
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
     if body.poison:
         total = " + ".join(writer.inputs)
         writer.poison_line(f"{variant.scalar.constant(0.0)} * ({total})", wide=any(a.wide for a in body.inputs))
-    writer.sines_and_cosines()
+    writer.sines_and_cosines(of_level=0)
     for group in body.groups:
         writer.group(group.comment, group.members)
     if body.heading:
@@ -66,7 +72,8 @@ def print_body(body: Body, variant: Variant, text: Callable[[Entry], str], tempo
         else:
             sign = "+=" if body.accumulate else "="
             writer.assign(lvalue, output.number, wide=body.wide_outputs, sign=sign)
-    return Printed(writer.lines, writer.operations, tuple(values), frozenset(writer.calls), writer.temporaries)
+    calls = frozenset(writer.calls)
+    return Printed(writer.lines, writer.operations, tuple(values), calls, writer.temporaries, writer.sine_calls)
 
 
 class _Writer:
@@ -82,6 +89,11 @@ class _Writer:
         self.inline: set[int] = set()  # nodes that were printed where they are used
         self.results: dict[int, str] = {}  # sines and cosines: where the call left them
         self.temporaries = 0
+        self.sine_calls = 0
+        self.computed_levels = 0
+        self.levels = self._sine_levels()
+        self.spent: dict[int, int] = {}  # uses of angles by sines and cosines that have been computed
+        self.choices = self._above(number for number, key in enumerate(self.graph.keys) if key[0] in CONDITIONAL)
         self.calls: set[str] = set()
         self.uses = body.graph.uses([output.number for output in body.outputs])
 
@@ -96,13 +108,37 @@ class _Writer:
                 wide.add(number)
         return wide
 
-    def sines_and_cosines(self) -> None:
-        """Take the sines and cosines of all angles in one call; the nodes get the names of its results."""
-        used = [number for number in sorted(self.uses) if self.graph.keys[number][0] in ("sin", "cos")]
+    def _above(self, starts: Iterable[int]) -> set[int]:
+        """Return the nodes that depend on some nodes, and these."""
+        above = set(starts)
+        for number in range(len(self.graph.keys)):  # operands come before what uses them
+            if any(operand in above for operand in self.graph.operands(number)):
+                above.add(number)
+        return above
+
+    def _sine_levels(self) -> list[int]:
+        """Return how deep sines and cosines are nested in each node: 1 in sin(q), 2 in sin(3 cos(q)), 0 in q."""
+        levels: list[int] = []
+        for number, (kind, _, _) in enumerate(self.graph.keys):  # operands come before what uses them
+            below = max((levels[operand] for operand in self.graph.operands(number)), default=0)
+            levels.append(below + (kind in ("sin", "cos")))
+        return levels
+
+    def sines_and_cosines(self, *, of_level: int) -> None:
+        """Compute the sines and cosines of a level's angles in one call; the nodes get the names of its results."""
+        self.computed_levels = of_level + 1
+        used = [
+            number
+            for number in sorted(self.uses)
+            if self.graph.keys[number][0] in ("sin", "cos") and self.levels[number] == of_level + 1
+        ]
         angles = sorted({int(self.graph.keys[number][1]) for number in used}, key=self._first_input)
         if not angles:
             return
-        self._comment("sine and cosine of each joint angle")
+        call = str(self.sine_calls or "")
+        self.sine_calls += 1
+        array, sine, cosine = f"angle{call}", f"sine{call}", f"cosine{call}"
+        self._comment("sine and cosine of each joint angle" if of_level == 0 else "sines and cosines of what has sines")
         for angle in angles:
             self._prepare(angle)
         self.calls.add("sine_cosine")
@@ -114,25 +150,27 @@ class _Writer:
         else:
             count, padded = f"{scalar.filled(len(values))} / LANES", grouped(values, scalar)
         self.lines += [
-            f"const {self.variant.row} angle[{count}] = {{",
+            f"const {self.variant.row} {array}[{count}] = {{",
             *(f"    {line}" for entry in padded for line in wrap_list(f"{entry},")),
             "};",
-            f"{self.variant.row} sine[{count}], cosine[{count}];",
-            f"sine_cosine(angle, sine, cosine, {count});",
+            f"{self.variant.row} {sine}[{count}], {cosine}[{count}];",
+            f"sine_cosine({array}, {sine}, {cosine}, {count});",
         ]
-        view = {"sin": "sine", "cos": "cosine"}
+        view = {"sin": sine, "cos": cosine}
         if not batch:
-            self.lines += (
-                [f"const {scalar.name} *const s = (const {scalar.name} *)sine;"] if self._any(used, "sin") else []
-            )
-            self.lines += (
-                [f"const {scalar.name} *const c = (const {scalar.name} *)cosine;"] if self._any(used, "cos") else []
-            )
-            view = {"sin": "s", "cos": "c"}
+            # "s1" and "c1" are the names of a joint's own sine and cosine.
+            rows, view = view, {"sin": f"sines{call}" if call else "s", "cos": f"cosines{call}" if call else "c"}
+            self.lines += [
+                f"const {scalar.name} *const {view[kind]} = (const {scalar.name} *){rows[kind]};"
+                for kind in ("sin", "cos")
+                if self._any(used, kind)
+            ]
         for number in used:
             kind, argument, _ = self.graph.keys[number]
             self.operations.sincos += 1
             self.results[number] = f"{view[kind]}[{angles.index(int(argument))}]"
+            inner = int(self.graph.keys[int(argument)][1] if self.graph.keys[int(argument)][0] == "neg" else argument)
+            self.spent[inner] = self.spent.get(inner, 0) + 1
 
     def _first_input(self, number: int) -> tuple[int, int]:
         """Sorts angles as the coordinates that they depend on."""
@@ -159,6 +197,7 @@ class _Writer:
             # A negated value goes without a name of its own: its sign is written where it is used.
             kind = self.graph.keys[number][0]
             printed = number in self.text or (number in self.inline and self.uses[number] == 1)
+            printed = printed or self.spent.get(number) == self.uses.get(number)
             if number in self.uses and not printed and kind not in ("const", "input", "neg"):
                 if not opened and not all(self.graph.keys[n][0] in ("sin", "cos") for _, n in members):
                     self._comment(comment)
@@ -179,6 +218,11 @@ class _Writer:
     def value(self, name: str, number: int) -> str:
         """C text of a node, which is defined under ``name`` unless it is short already."""
         inner = int(self.graph.keys[number][1]) if self.graph.keys[number][0] == "neg" else number
+        if self.poison and number in self.choices:
+            self._prepare(number)
+            self.operations.add += 1
+            self._write(f"{self._type(number)} {name} = {self._expression(number)[0]} + {self.poison};")
+            return name
         if not (self._is_leaf(number) or inner in self.text):
             self._define(name, number)
         return self._expression(number)[0]
@@ -197,6 +241,8 @@ class _Writer:
 
     def _prepare(self, number: int) -> None:
         """Define the shared operands below a node, deepest first."""
+        while self.computed_levels < self.levels[number]:
+            self.sines_and_cosines(of_level=self.computed_levels)
         stack: list[tuple[int, Iterator[int]]] = [(number, iter(self._operands(number)))]
         visited = {number}
         while stack:

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""A user's potentials of every kind with every option: the C compiles without a warning, and its values are right."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from stiffgen.cli import main
+from stiffgen.verify.verify import verify
+from support.c_program import STRICT
+
+# Powers of 9 and 10: `verify` takes differences of eighth order, which a kink in a lower derivative disturbs.
+POTENTIALS = """
+import casadi as ca
+
+def polynomial(p, R, parameters):
+    return ca.dot(p, p) ** 2 / 4 + (1 - R[0, 0]) * p[2]
+
+def sines(p, R, parameters):
+    return ca.cos(3 * p[0]) + ca.sin(p[1]) * ca.sin(2 * ca.cos(p[2])) + ca.cos(R[0, 1])
+
+def roots(p, R, parameters):
+    return ca.sqrt(1 + ca.dot(p, p)) + ca.exp(-ca.dot(p, p)) + ca.atan2(p[0], 2 + p[1])
+
+def larger(p, R, parameters):
+    return ca.fmax(0, p[2] - 0.1) ** 9 + ca.fabs(p[0]) ** 9 + ca.fmin(p[1], 0.2) ** 9
+
+def pieces(p, R, parameters):
+    return ca.if_else(p[0] < 0, p[0] ** 10, ca.sin(p[0]) ** 9)
+
+def chosen(p, R, parameters):
+    away, turned = p - parameters.centre, R @ parameters.axes
+    return parameters.stiffness * ca.cos(ca.dot(away, away)) + ca.sin(parameters.rate * turned[0, 0])
+
+chosen.parameters = {"centre": (3,), "stiffness": (), "axes": (3, 2), "rate": ()}
+"""
+NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen")
+ROBOT = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.3"/><axis xyz="0 1 0"/>
+</joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="0 0 1"/>
+<axis xyz="0 1 0"/></joint><joint name="j3" type="prismatic"><parent link="a"/><child link="c"/>
+<origin xyz="0.4 0 0.1" rpy="0 0.3 1"/><axis xyz="0 1 0"/></joint></robot>
+"""
+TIPS = ("--tip", "b", "--tip", "c")
+OPTIONS = {
+    "one tip": ("--tip", "b"),
+    "derivatives": ("--tip", "b", "--derivatives"),
+    "two tips": TIPS,
+    "two tips, derivatives": (*TIPS, "--derivatives"),
+    "floating base, tool, CUDA": ("--tip", "b", "--floating-base", "--tool", "runtime", "--cuda", "--derivatives"),
+    "floats": (*TIPS, "--scalar", "float"),
+}
+
+
+def generated(work: Path, *options: str) -> Path:
+    (work / "robot.urdf").write_text(ROBOT)
+    (work / "mine.py").write_text(POTENTIALS)
+    potentials = [word for name in NAMES for word in ("--potential", f"{work / 'mine.py'}:{name}")]
+    command = ["generate", str(work / "robot.urdf"), "--no-masses", "--name", "made", "--output", str(work)]
+    assert main([*command, *potentials, *options]) == 0
+    return work / "made"
+
+
+SLOW = ("two tips, derivatives", "floating base, tool, CUDA", "floats")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in OPTIONS]
+)
+def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None:
+    folder = generated(tmp_path, "--no-build", *OPTIONS[name])
+    for file in folder.glob("made*.c"):
+        if file.stem in ("made", "made_batch"):
+            subprocess.run(["cc", "-std=c99", *STRICT, "-fsyntax-only", file], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["derivatives", "two tips"])
+def test_potentials_have_the_values_of_their_energies(name: str, tmp_path: Path, unoptimised: None) -> None:
+    folder = generated(tmp_path, *OPTIONS[name])
+    assert [check for check in verify(folder, count=5) if not check.passed] == []
