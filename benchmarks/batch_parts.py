@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffgen
-from benchmarks.run import AVX2, NATIVE, URDF, pinned, run
+from benchmarks.tools import AVX2, NATIVE, URDF, pinned, run
 from stiffgen.verify.verify import Samples
 
 ROBOT = URDF.parent.parent / "generated" / "iiwa14"

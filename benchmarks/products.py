@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 import stiffgen
-from benchmarks.run import AVX2, HERE, NATIVE, PLAIN, URDF, pinned, run
+from benchmarks.tools import AVX2, HERE, NATIVE, PLAIN, URDF, pinned, run
 from stiffgen.symbolic.potentials import SpringOptions
 
 ROUNDS = 301

@@ -12,12 +12,9 @@ import math
 import os
 import platform
 import shutil
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -28,41 +25,27 @@ from numpy.typing import NDArray
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.analyze.style import AXES, CORRECTED, THEME
+from stiffgen.style import AXES, CORRECTED, THEME
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.verify import Samples, joint_poses, product_of_poses
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from benchmarks import growth as joints
+from benchmarks.growth import SAME_FUNCTIONS, exponent, growth, growth_section
+from benchmarks.springs import of_springs, springs_section
 from benchmarks.throughput import section as throughput_section
 from benchmarks.throughput import throughput
+from benchmarks.tools import AVX2, COUNT, HERE, NATIVE, PLAIN, URDF, Row, pinned, quartiles, run, timed
 
-HERE = Path(__file__).resolve().parent
-URDF = HERE.parent / "urdf" / "iiwa14.urdf"
-COUNT = 4096
 ROUNDS = 61
-SPRING_ROUNDS = 1001
 BATCH = 65536
 STREAMED = (10**6, 10**7)
 AGREE = 1e-12
 BOOST = "-DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS"
-NATIVE, AVX2, PLAIN = "-O3 -march=native", "-O3 -mavx2 -mfma", "-O2"
-JOINTS = (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30)
-SAME_FUNCTIONS = f"10 to {MAX_BATCH_JOINTS} joints (longer chains have fewer functions)"
 left_out: list[str] = []
 Array = NDArray[np.float64]
-Row = tuple[str, float, float, float]
-"""Name, median, lower and upper quartile."""
-
-
-def run(command: list[str], cwd: Path | None = None) -> str:
-    return subprocess.run(command, check=True, capture_output=True, text=True, cwd=cwd).stdout
-
-
-def pinned(command: list[str]) -> list[str]:
-    core = max(os.sched_getaffinity(0))
-    return ["taskset", "-c", str(core), *command] if shutil.which("taskset") else command
 
 
 def differentiated(chain: stiffgen.Chain) -> ca.Function:
@@ -182,72 +165,6 @@ def in_c(chain: stiffgen.Chain, folder: Path, built: dict[str, Path]) -> list[tu
     return rows
 
 
-def of_springs(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, list[Row]]:
-    """For each compiler the rows (name, fastest, median, ninth decile) in ns: springs, and what they are held to."""
-    samples = Samples.draw(chain, COUNT, seed=1)
-    shared = ("task_stiffness", "equilibrium", "translation_stiffness", "rotation_stiffness")
-    inputs = folder / "spring_inputs"
-    inputs.write_bytes(
-        samples.q.tobytes() + samples.wrench.tobytes() + b"".join(samples[n][0].tobytes() for n in shared)
-    )
-    tables = {}
-    for compiler in ("gcc", "clang"):
-        if not shutil.which(compiler):
-            continue
-        program = folder / f"springs_{compiler}"
-        source = [f'-DROBOT_C="{robot / robot.name}.c"', f"-I{robot}", str(HERE / "contenders" / "springs.c")]
-        run([compiler, *NATIVE.split(), *source, "-o", str(program), "-lm"])
-        rows = []
-        for line in run(pinned([str(program), str(inputs), str(COUNT), str(SPRING_ROUNDS)])).splitlines():
-            name, values = line.split(";")
-            times = [float(each) for each in values.split()]
-            rows.append((name, min(times), statistics.median(times), statistics.quantiles(times, n=10)[-1]))
-        tables[f"{compiler} {NATIVE}"] = rows
-    return tables
-
-
-def springs_section(tables: dict[str, list[Row]]) -> list[str]:
-    """Ratios to the plain hybrid joint stiffness of the same run, singles to the single one, batches to the batch."""
-    lines = [
-        "## Springs, ns a configuration",
-        "",
-        "The trace spring: torque alone, and energy, torque and joint stiffness in one call (linearization), held to",
-        f"the plain hybrid joint stiffness in the same process, in turn, {SPRING_ROUNDS} rounds of {COUNT}. The",
-        "fastest rounds are compared: others on a shared machine can only add. Bars: 0.9 and 1.6.",
-        "",
-    ]
-    for title, rows in tables.items():
-        plain = {name.split()[0]: fastest for name, fastest, *_ in rows if name.endswith("hybrid.joint_stiffness")}
-        lines += [
-            f"| {title} | fastest, ns | median | ninth decile | to hybrid.joint_stiffness |",
-            "|---|---|---|---|---|",
-        ]
-        for name, fastest, median, late in rows:
-            ratio = fastest / plain[name.split()[0]]
-            lines.append(f"| {name} | {fastest:.1f} | {median:.1f} | {late:.1f} | {ratio:.2f} |")
-        lines.append("")
-    return lines
-
-
-def quartiles(values: list[float]) -> tuple[float, float, float]:
-    lower, median, upper = statistics.quantiles(values, n=4)
-    return median, lower, upper
-
-
-def timed(call: Callable[[], object], repeat: int = 15, target: float = 0.02) -> tuple[float, float, float]:
-    """Microseconds a call: median and quartiles of batches of calls."""
-    start = time.perf_counter()
-    call()
-    number = max(1, int(target / max(time.perf_counter() - start, 1e-7)))
-    values = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        for _ in range(number):
-            call()
-        values.append((time.perf_counter() - start) / number * 1e6)
-    return quartiles(values)
-
-
 def in_python(chain: stiffgen.Chain, robot: Path) -> tuple[list[Row], list[Row]]:
     """Rows (name, median, quartiles) for one call [us], and for a batch of BATCH [us a configuration]."""
     module = open_robot(robot).module
@@ -357,82 +274,6 @@ def in_jax(
     batch.append(("JAX, vmap and jit, forward mode", *timed(lambda: all_(q, F, K).block_until_ready(), 5)))
 
 
-def synthetic(n: int) -> str:
-    text = '<robot name="chain"><link name="l0"/>'
-    for k in range(n):
-        text += (
-            f'<link name="l{k + 1}"/><joint name="j{k}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/>'
-            f'<origin xyz="0 0.05 0.3" rpy="{(-1) ** k * math.pi / 2:.15f} 0 0"/><axis xyz="0 0 1"/></joint>'
-        )
-    return text + "</robot>"
-
-
-GROWTH = """
-#include "chain.c"
-#include <stdio.h>
-#include <time.h>
-static double q[256][N], F[6] = {1, 2, 3, 4, 5, 6}, K[36], out[N * N];
-int main(void)
-{
-    struct timespec a, b;
-    double best = 1e30;
-    for (int k = 0; k < 256 * N; ++k) { q[0][k] = 0.001 * (k % 3001); }
-    for (int k = 0; k < 36; ++k) { K[k] = k % 7 ? 1.0 : 300.0; }
-    for (int round = 0; round < 60; ++round) {
-        clock_gettime(CLOCK_MONOTONIC, &a);
-        for (int k = 0; k < 1024; ++k) { chain_hybrid_joint_stiffness(q[k % 256], F, K, out); }
-        clock_gettime(CLOCK_MONOTONIC, &b);
-        const double t = (1e9 * (double)(b.tv_sec - a.tv_sec) + (double)(b.tv_nsec - a.tv_nsec)) / 1024;
-        best = t < best ? t : best;
-    }
-    printf("%.1f", best);
-    return 0;
-}
-"""
-
-
-def growth(folder: Path) -> list[tuple[int, float, int, int]]:
-    """(joints, ns a call, bytes of machine code of the whole library, lines of C)."""
-    rows = []
-    for n in JOINTS:
-        urdf = folder / "chain.urdf"
-        urdf.write_text(synthetic(n))
-        made = stiffgen.generate(urdf, output=folder, name="chain", build=False, force=True)
-        main, program, library = folder / "main.c", folder / "program", folder / "chain.o"
-        main.write_text(GROWTH)
-        run(["gcc", *NATIVE.split(), f"-I{made}", str(main), "-o", str(program), "-lm"])
-        run(["gcc", *NATIVE.split(), "-c", str(made / "chain.c"), "-o", str(library)])
-        text = int(run(["size", str(library)]).splitlines()[1].split()[0])
-        nanoseconds = min(float(run(pinned([str(program)]))) for _ in range(3))
-        rows.append((n, nanoseconds, text, len((made / "chain.c").read_text().splitlines())))
-    return rows
-
-
-def exponent(rows: list[tuple[int, float, int, int]], column: int, last: int) -> float:
-    """Of a power of the number of joints, fitted from 10 joints to the last."""
-    chosen = [(row[0], row[column]) for row in rows if 10 <= row[0] <= last]
-    x, y = np.log([c[0] for c in chosen]), np.log([c[1] for c in chosen])
-    return float(np.polyfit(x, y, 1)[0])
-
-
-def growth_section(grown: list[tuple[int, float, int, int]]) -> list[str]:
-    return [
-        "## Number of joints",
-        "",
-        f"Synthetic chains, gcc {NATIVE}, hybrid joint stiffness; best of three runs. Machine code of all functions;",
-        f"chains of more than {MAX_BATCH_JOINTS} joints have no batch functions.",
-        "",
-        "| joints | ns | bytes of code | lines of C |",
-        "|---|---|---|---|",
-        *(f"| {n} | {t:.0f} | {text} | {count} |" for n, t, text, count in grown),
-        "",
-        f"Fitted exponents: time {exponent(grown, 1, JOINTS[-1]):.2f} from 10 to 30 joints; machine code "
-        f"{exponent(grown, 2, MAX_BATCH_JOINTS):.2f} and lines of C {exponent(grown, 3, MAX_BATCH_JOINTS):.2f}, "
-        f"{SAME_FUNCTIONS}.",
-        "",
-    ]
-
-
 def streaming(robot: Path) -> list[tuple[str, int, int]]:
     """(what, configurations, kB of memory that one call takes beyond its arrays)."""
     status = Path("/proc/meminfo")
@@ -533,7 +374,7 @@ def bars(rows: list[Row], single: list[Row], batch: list[Row], grown: list[tuple
         ("batch to 7 libm sincos, AVX2", avx2 / floor, 0.5),
         ("one Python call to numpy.matmul", us["stiffgen"] / us["numpy.matmul of two 7x7"], 1.5),
         ("one Python call to the CasADi function", us["stiffgen"] / us["CasADi function"], 0.2),
-        ("exponent of the time, 10 to 30 joints", exponent(grown, 1, JOINTS[-1]), 2.1),
+        ("exponent of the time, 10 to 30 joints", exponent(grown, 1, joints.JOINTS[-1]), 2.1),
         (f"exponent of the machine code's size, {SAME_FUNCTIONS}", exponent(grown, 2, MAX_BATCH_JOINTS), 1.1),
     ]
     lines = ["| what | measured | bar | |", "|---|---|---|---|"]

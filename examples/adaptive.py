@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.opened import open_robot
+from stiffgen import open_robot
 
 Array = NDArray[np.float64]
 

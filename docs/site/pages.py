@@ -24,9 +24,8 @@ from stiffgen.symbolic.springs import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
-    "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "docs/*.md", "docs/*.svg", "docs/*.png", "urdf/README.md",
-    "benchmarks/RESULTS.md", "benchmarks/*.svg", "examples/bowl_wiping/results/*.svg",
-    "examples/whole_body/results/*.svg", "codegen/stiffgen/emit/README.md",
+    "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "docs/*.md", "docs/*.svg", "docs/*.png", "docs/figures/*.svg",
+    "urdf/README.md", "benchmarks/RESULTS.md", "benchmarks/*.svg", "codegen/stiffgen/emit/README.md",
 )  # fmt: skip
 CONTENTS = {
     "Start": ("docs/start", "docs/playground", "docs/install"),

@@ -17,8 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from stiffgen import open_robot
-from stiffgen.errors import StiffgenError
+from stiffgen import StiffgenError, open_robot
 
 try:
     import matplotlib  # noqa: F401
@@ -32,7 +31,7 @@ from examples.bowl_wiping import analysis, figures, render, report, trajectory, 
 from examples.bowl_wiping.plant import DOF, START_POSTURE, Plant
 
 ROBOT = Path("build/robots/iiwa14_plate")
-RESULTS = Path(__file__).resolve().parent / "results"
+RESULTS = Path("build/bowl_wiping")
 PICTURED = (0.0, 0.26, 0.5, 0.63)
 """Shares of the trial's time at which the rendered picture shows the arm, the last one solid."""
 
@@ -50,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m examples.bowl_wiping", description=__doc__.splitlines()[0])
     parser.add_argument("--robot", type=Path, default=ROBOT, metavar="DIR", help=f"generated folder (default: {ROBOT})")
     parser.add_argument(
-        "--output", type=Path, default=RESULTS, metavar="DIR", help="default: results/ beside this file"
+        "--output", type=Path, default=RESULTS, metavar="DIR", help=f"folder to write (default: {RESULTS})"
     )
     parser.add_argument("--sample-time", type=float, choices=(0.005, 0.001), default=0.005, help="[s] (default: 0.005)")
     parser.add_argument("--seed", type=int, default=0, help="of the sensor's noise (default: 0)")

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from examples.bowl_wiping import tool as wiping_tool
 from examples.bowl_wiping.tool import PARTS, PLATE_RADIUS, TOOL_POINT, URDF
-from stiffgen.errors import StiffgenError
+from stiffgen import StiffgenError
 
 Array = NDArray[np.float64]
 

@@ -29,8 +29,7 @@ from rich.live import Live
 from rich.text import Text
 
 from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
-from stiffgen import open_robot
-from stiffgen.errors import StiffgenError
+from stiffgen import StiffgenError, open_robot
 
 from . import faults
 from .emulator import Emulator, Settings

@@ -38,7 +38,7 @@ from rich.console import Console
 from rich.table import Table
 
 from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, SHADES, STYLE, themed_svg
-from stiffgen.errors import StiffgenError
+from stiffgen import StiffgenError
 
 from .__main__ import ROBOT, ROOT, RefusedError, load_robot
 from .messages import VERSIONS, SessionState

@@ -30,7 +30,7 @@ from examples.identify.recording import (
     certainty,
     record,
 )
-from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen import GeneratedRobot, open_robot
 
 PUSHES, NOISE = 2000, 0.01
 BOUND = 0.02

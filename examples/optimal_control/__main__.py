@@ -30,8 +30,7 @@ from examples.optimal_control.problem import (
     joint_stiffness,
     solve,
 )
-from stiffgen import StiffnessModel
-from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen import GeneratedRobot, StiffnessModel, open_robot
 
 COMPILED, GRAPH, EXACT = "compiled, first derivatives", "graph, first derivatives", "graph, exact Hessian"
 REPEATS, CONFIGURATIONS = 15, 1000

@@ -15,8 +15,7 @@ from types import ModuleType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from stiffgen import open_robot
-from stiffgen.errors import StiffgenError
+from stiffgen import StiffgenError, open_robot
 
 try:
     import matplotlib  # noqa: F401
@@ -30,14 +29,14 @@ from examples.whole_body import figures, findings
 from examples.whole_body.stance import FEET
 
 ROBOT = Path("build/robots/solo12")
-RESULTS = Path(__file__).resolve().parent / "results"
+RESULTS = Path("build/whole_body")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m examples.whole_body", description=__doc__.splitlines()[0])
     parser.add_argument("--robot", type=Path, default=ROBOT, metavar="DIR", help=f"generated folder (default: {ROBOT})")
     parser.add_argument(
-        "--output", type=Path, default=RESULTS, metavar="DIR", help="default: results/ beside this file"
+        "--output", type=Path, default=RESULTS, metavar="DIR", help=f"folder to write (default: {RESULTS})"
     )
     options = parser.parse_args(arguments)
     try:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from examples.whole_body.stance import FEET, GRAVITY
-from stiffgen.errors import StiffgenError
+from stiffgen import StiffgenError
 
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array, Array], Array]

@@ -22,7 +22,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiffgen.errors import StiffgenError
+from stiffgen import StiffgenError
 
 Array = NDArray[np.float64]
 

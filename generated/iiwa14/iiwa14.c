@@ -348,7 +348,7 @@ static inline void put_rows(const lanes *from, int rows, int padded, lanes *to)
  * the two constants. pi is taken in three parts; the first two have 39 bits, so that their products with the turn
  * (13 bits) are exact, and the rest carries the sum to 2^-130. r + low is x - turn pi. On |r| <= pi/4,
  * sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2) with the P and Q of least largest relative error (2^-57.9
- * and 2^-64.0), found by Remez' algorithm (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets their
+ * and 2^-64.0), found by Remez' algorithm (tests/campaigns/sine_cosine.py). k mod 4 then exchanges the two and sets their
  * signs.
  */
 #define FAR 1e4

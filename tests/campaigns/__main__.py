@@ -36,6 +36,9 @@ def _campaign(name: str, summary: str, short: str | None = None, full: str = "")
 
 CAMPAIGNS = {
     "fuzz": _campaign("fuzz_reader", "fuzz the URDF reader for ten minutes", None, "build/fuzz-corpus"),
+    "fuzz-recordings": _campaign("fuzz_recordings", "read 200 000 damaged recordings", "1000"),
+    "sine-cosine": _campaign("sine_cosine", "derive the polynomials of sine and cosine, and measure them"),
+    "spring-orbits": _campaign("spring_orbits", "compare the work of springs and laws on closed orbits"),
     "random-robots": _campaign(
         "long_run", "compare 100 000 random chains with Pinocchio", "--chains 2 --broken 2 --joints 4"
     ),

@@ -150,7 +150,7 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
 
 
 def _figures(chain: Chain, result: Summary, representation: str) -> tuple[_Figure, ...]:
-    from stiffgen.analyze.style import AXES, CONVENTIONAL, CORRECTED
+    from stiffgen.style import AXES, CONVENTIONAL, CORRECTED
 
     unit = stiffness_unit(chain)
     symmetric = "corrected: 0 at every row" if not result.asymmetric else "corrected (largest entry)"
@@ -230,7 +230,7 @@ def _over_time(figure: _Figure, result: Summary, x: Array, x_label: str) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from stiffgen.analyze.style import INK, STYLE, themed_svg
+    from stiffgen.style import INK, STYLE, themed_svg
 
     with mpl.rc_context(STYLE):
         drawing = Figure(figsize=(8.4, 4.8), layout="constrained")
@@ -271,7 +271,7 @@ def _moment_figure(chain: Chain, result: Summary, summary: Mapping[str, Any]) ->
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    from stiffgen.analyze.style import CONVENTIONAL, INK, STYLE, themed_svg
+    from stiffgen.style import CONVENTIONAL, INK, STYLE, themed_svg
 
     edges = 10 ** (GRID_DECADES[0] + np.arange(result.grid.shape[0] - 1) / GRID_PER_DECADE)
     counts = result.grid[1:-1, 1:-1].T

@@ -12,7 +12,7 @@ from support.project import ROOT
 PACKAGE = Path(stiffgen.__file__).parent
 LAYERS = (
     ("errors", "_version"),
-    ("names", "folder", "page", "rendering"),
+    ("names", "folder", "page", "style", "rendering"),
     ("robot",),
     ("symbolic",),
     ("loading",),

@@ -26,7 +26,7 @@ BOUND = 1.1
 FAR = 1e4
 
 WORST = (347.93138638506974, 1175.7406659565147, 29.060106776510789, 4955.0762846571106)
-"""Where ``benchmarks/sine_cosine.py --search`` found the largest errors."""
+"""Where ``tests/campaigns/sine_cosine.py --search`` found the largest errors."""
 
 BUILDS = [
     ("gcc", "-O0"),
@@ -186,8 +186,8 @@ def test_what_is_not_finite_is_nan_and_leaves_the_others_alone(sine_cosine):
 
 @pytest.mark.slow
 def test_coefficients_are_the_derived_ones(robot_folder):
-    """Every number that benchmarks/sine_cosine.py derives stands in the C code."""
-    script = ROOT / "benchmarks" / "sine_cosine.py"
+    """Every number that tests/campaigns/sine_cosine.py derives stands in the C code."""
+    script = ROOT / "tests" / "campaigns" / "sine_cosine.py"
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
     source = (robot_folder / "iiwa14.c").read_text()
     floats = render(load_chain(URDF), "iiwa14", scalar=FLOAT)["iiwa14.c"]

@@ -14,13 +14,12 @@ from filelock import FileLock
 
 import stiffgen
 from examples.whole_body import findings, identify, trials
-from examples.whole_body.__main__ import RESULTS, main
+from examples.whole_body.__main__ import main
 from examples.whole_body.findings import BAR, LEANING, SOFTEST
 from examples.whole_body.law import WholeBodyLaw, on_base
 from examples.whole_body.plant import URDF
 from examples.whole_body.stance import FEET, LEG, Springs, Stance, feet, level, standing
 from stiffgen.errors import StiffgenError
-from support.project import ROOT
 
 
 @pytest.fixture(scope="session")
@@ -172,11 +171,6 @@ def test_the_whole_report(solo: ModuleType, tmp_path: Path, monkeypatch: pytest.
     assert main(["--robot", folder, "--output", str(tmp_path)]) == 0
     assert {file.name for file in tmp_path.iterdir()} == {"tables.txt", "modes.svg", "load.svg", "wall.svg"}
     assert all(file.read_text().startswith("<svg") for file in tmp_path.glob("*.svg"))
-
-
-def test_page_has_the_committed_tables() -> None:
-    tables = (RESULTS / "tables.txt").read_text().strip()
-    assert f"```text\n{tables}\n```" in (ROOT / "docs" / "stance.md").read_text()
 
 
 def test_no_robot_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

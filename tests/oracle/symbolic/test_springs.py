@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from benchmarks.spring_orbits import orders, table
+from campaigns.spring_orbits import orders, table
 from stiffgen.cli import main
 from stiffgen.symbolic.springs import KINDS
 from stiffgen.verify.verify import verify

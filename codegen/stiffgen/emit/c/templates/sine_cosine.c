@@ -9,7 +9,7 @@
  * the two constants. pi is taken in three parts; the first two have 39 bits, so that their products with the turn
  * (13 bits) are exact, and the rest carries the sum to 2^-130. r + low is x - turn pi. On |r| <= pi/4,
  * sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2) with the P and Q of least largest relative error (2^-57.9
- * and 2^-64.0), found by Remez' algorithm (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets their
+ * and 2^-64.0), found by Remez' algorithm (tests/campaigns/sine_cosine.py). k mod 4 then exchanges the two and sets their
  * signs.
  */
 {% else %}
@@ -22,7 +22,7 @@
  * the two constants. pi is taken in four parts; the first three have 12 bits, so that their products with the turn
  * (12 bits) are exact, and so are the first two differences; the rest carries the sum to 2^-62. r + low is x - turn pi. On
  * |r| <= pi/4, sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2) with the P and Q of least largest relative error
- * (2^-28.0 and 2^-33.0), found by Remez' algorithm (benchmarks/sine_cosine.py). k mod 4 then exchanges the two and sets
+ * (2^-28.0 and 2^-33.0), found by Remez' algorithm (tests/campaigns/sine_cosine.py). k mod 4 then exchanges the two and sets
  * their signs.
  */
 {% endif %}

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Where the coefficients of the generated sine and cosine come from, and how exact the code is.
+"""Derivation of the coefficients of the generated sine and cosine, and measurement of their accuracy.
 
-``python benchmarks/sine_cosine.py`` derives the polynomials by Remez' algorithm and the parts of pi, for doubles and
-for floats, and prints them with their errors; ``python benchmarks/sine_cosine.py POINTS`` compiles the generated
-iiwa14.c and holds that many angles against mpmath (a million takes minutes); ``--search SECONDS`` climbs the error,
-against long double, and prints the worst angle of each build.
+python tests/campaigns/sine_cosine.py                    derive the polynomials by Remez' algorithm and the parts of
+                                                         pi, for doubles and floats; print them and their errors
+python tests/campaigns/sine_cosine.py POINTS             compile the generated iiwa14.c and compare that many angles
+                                                         with mpmath (a million takes minutes)
+python tests/campaigns/sine_cosine.py --search SECONDS   climb the error against long double, and print the worst
+                                                         angle of each build
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import mpmath as mp
 import numpy as np
 
 TERMS, FLOAT_TERMS = 6, 3
-ROBOT = Path(__file__).resolve().parent.parent / "generated" / "iiwa14"
+ROBOT = Path(__file__).resolve().parents[2] / "generated" / "iiwa14"
 Function = Callable[[mp.mpf], mp.mpf]
 
 

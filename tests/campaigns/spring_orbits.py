@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Work of a torque field round closed orbits: springs beside the laws in common use. python benchmarks/spring_orbits.py
+"""Work of a torque field on closed orbits: springs beside the laws in common use.
+
+    python tests/campaigns/spring_orbits.py [ORBITS]
 
 Every orbit is a closed curve of the iiwa 14's joints, q(t) = c + a (cos t d1 + sin t d2 + ...), 0.05 to 1 rad large,
 with the equilibrium at a point near it. A torque that is the gradient of an energy does no work round it, whatever the
@@ -22,7 +24,7 @@ import numpy as np
 import stiffgen
 from stiffgen.symbolic.springs import KINDS, spring
 
-URDF = Path(__file__).resolve().parent.parent / "urdf" / "iiwa14.urdf"
+URDF = Path(__file__).resolve().parents[2] / "urdf" / "iiwa14.urdf"
 Array = np.ndarray
 Law = Callable[[Array], Array]
 
