@@ -21,8 +21,8 @@ typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
 
 /*
- * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem and
- * the names used here:
+ * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem
+ * and the names used here:
  *   U(q; r, K)   energy of the springs at the tips' poses, with the equilibrium r and the stiffness K
  *   l            scale; the torque is the gradient of l U
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
@@ -34,6 +34,9 @@ enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
  * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
+static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
+static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
@@ -57,6 +60,8 @@ typedef struct {
     int commanded; /* the command is accepted */
     int timed;     /* the sample's counter tells which calls are missing */
     double budget; /* [J] the tank's share for what costs energy */
+    double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
+    double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
@@ -299,8 +304,6 @@ static void report_memory(const memory_t *m, output_t *out)
  */
 
 enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
-
-static const double SYMMETRY = 1e-9;
 
 static double clamp(double x, double least, double most)
 {
@@ -620,10 +623,10 @@ static void multiply_lower(int n, const double *L, double *rows)
 }
 
 /*
- * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the result
- * `cost`. It has the positive eigenvalues of D with respect to S = wanted + K:
- * D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
- * A difference below 1e-9 of the trace of S is covered in one step. Return whether K differed from wanted.
+ * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
+ * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
+ * cost = share S V diag(max(l, 0)) V^T S. A difference below 1e-9 of the trace of S is covered in one step. Return
+ * whether K differed from wanted.
  */
 static int soften(const double *wanted, double share, double *K, double *cost)
 {
@@ -652,20 +655,22 @@ static int soften(const double *wanted, double share, double *K, double *cost)
     return 1;
 }
 
-/* Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to 1e-9 of its largest entry. */
-static int is_positive_semidefinite(int n, const double *A)
+/*
+ * Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to a share of its largest entry.
+ */
+static int is_positive_semidefinite(int n, const double *A, double tolerance)
 {
     double L[36];
     const double scale = largest_entry(n * n, A);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
-            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
+            if (!(fabs(A[i * n + j] - A[j * n + i]) <= tolerance * scale)) {
                 return 0;
             }
         }
     }
     /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return scale == 0.0 || factorise_cholesky(n, A, scale, SYMMETRY, L) == 0;
+    return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
 }
 
 /* Configuration and state: checks, checksum, start, reset, faults. */
@@ -704,7 +709,7 @@ static int validate(const config_t *c)
             return ID(E_POSITION_LIMITS);
         }
     }
-    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping)) {
+    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
         return ID(E_TASK_DAMPING_SIGN);
     }
     if (c->law == ID(LAW_PAPER) && TIPS > 1) {
@@ -830,9 +835,9 @@ static double compute_stored_energy(const memory_t *m, const double *q)
 }
 
 /*
- * Evaluate one joint's limit avoidance a = (lower edge, upper edge, k, largest torque). Its energy is k d^2 / 2 at depth d
- * beyond an edge, and linear from where the torque is the largest. Results: the energy, its slope (pull) and the
- * slope's slope (stiffness).
+ * Evaluate one joint's limit avoidance a = (lower edge, upper edge, k, largest torque). Its energy is k d^2 / 2 at
+ * depth d beyond an edge, and linear from where the torque is the largest. Results: the energy, its slope (pull) and
+ * the slope's slope (stiffness).
  */
 static double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness)
 {
@@ -867,8 +872,8 @@ static double evaluate_limits(step_t *s, const double *q)
 }
 
 /*
- * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that the
- * controller puts out.
+ * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that
+ * the controller puts out.
  */
 static void pay_into_tank(step_t *s, double income)
 {
@@ -920,7 +925,10 @@ static double farthest_motion(const memory_t *m, int i)
     return fmax(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
 }
 
-/* Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of intervals. */
+/*
+ * Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of
+ * intervals.
+ */
 static double worst_feed_work(const memory_t *m, const double *feed, int intervals)
 {
     double sum = 0.0;
@@ -961,8 +969,8 @@ static double available_energy(const memory_t *m)
 }
 
 /*
- * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the joint's
- * velocity limit, and as far as the sample time allows (docs/controller.md).
+ * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the
+ * joint's velocity limit, and as far as the sample time allows (docs/controller.md).
  */
 static double limit_stiffness(const step_t *s, int i)
 {
@@ -974,8 +982,8 @@ static double limit_stiffness(const step_t *s, int i)
 }
 
 /*
- * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else the
- * old one stays. The first sample's is free.
+ * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else
+ * the old one stays. The first sample's is free.
  */
 static void adopt_limits(step_t *s, const double *q)
 {
@@ -990,7 +998,8 @@ static void adopt_limits(step_t *s, const double *q)
         }
         if (m->known) {
             double pull, slope;
-            const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - evaluate_avoidance(a, q[i], &pull, &slope);
+            const double before = evaluate_avoidance(a, q[i], &pull, &slope);
+            const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
             if (!(v <= fmax(s->budget, 0.0))) {
                 s->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
@@ -1017,9 +1026,9 @@ static void adopt_missed_limit(step_t *s, const double *last)
 }
 
 /*
- * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last torque
- * over the whole motion and, for every change of torque, the change over the motion that can have happened before it;
- * gap_most, every torque over the farthest motion in its own intervals.
+ * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last
+ * torque over the whole motion and, for every change of torque, the change over the motion that can have happened
+ * before it; gap_most, every torque over the farthest motion in its own intervals.
  */
 static void bridge_gap(step_t *s, int periods)
 {
@@ -1059,10 +1068,10 @@ static void note_untimed_call(step_t *s, const double *last)
 }
 
 /*
- * Bridge calls that were left out between two samples. If every call since the last timed one had a sample, the torque of
- * the last call was held. Else it is open which torque was held for how long: book the most that all of them can do,
- * those in transit once, and the others either for the calls that can be missing each, or, if that is less, the largest
- * for the whole gap. No work is left to book of torques that are still in transit then.
+ * Bridge calls that were left out between two samples. If every call since the last timed one had a sample, the torque
+ * of the last call was held. Else it is open which torque was held for how long: book the most that all of them can
+ * do, those in transit once, and the others either for the calls that can be missing each, or, if that is less, the
+ * largest for the whole gap. No work is left to book of torques that are still in transit then.
  */
 static void bridge_missing_calls(step_t *s, const double *last, int missing)
 {
@@ -1129,8 +1138,8 @@ static void book_interval(step_t *s, const double *q)
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 
 /*
- * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a fault,
- * and so is more than one of three for long.
+ * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a
+ * fault, and so is more than one of three for long.
  */
 static void count_missing(step_t *s, int periods, int reason)
 {
@@ -1142,15 +1151,21 @@ static void count_missing(step_t *s, int periods, int reason)
     }
 }
 
-/* Count the samples for which a value stands still, and predict q from its last change on, by the motions since. */
-static double track_standstill(int first, double value, double q, double motion, double *seen, double *age,
-                               double *predicted)
+/*
+ * Track a value that may stand still. Return whether it has for a window, while the motions since its last change (or
+ * since the last window without a finding) lead away from q by more than `most`. Each window is judged by itself, so
+ * noise and bias of a velocity do not add up at rest.
+ */
+static int stands_still(int changed, double window, double most, double q, double motion, double *age,
+                        double *predicted)
 {
-    const int changed = first || value != *seen;
-    *seen = value;
-    *predicted = changed ? q : *predicted + motion;
     *age = changed ? 0.0 : *age + 1.0;
-    return *age;
+    *predicted = changed ? q : *predicted + motion;
+    if (*age >= window && fabs(q - *predicted) <= most) {
+        *age = 0.0;
+        *predicted = q;
+    }
+    return *age >= window;
 }
 
 /* Find whether q or dq of joint i stands still over a window while the other moves. */
@@ -1158,10 +1173,12 @@ static int check_frozen(const config_t *c, memory_t *m, double q, double dq, int
 {
     const double window = c->frozen_window, T = c->sample_time, motion = dq * T * (1 + m->gap);
     const double most = fmax(4.0 * c->position_quantum, 0.02 * m->velocity_limit[i] * window * T);
-    const double q_age = track_standstill(!m->known, q, q, motion, &m->still_q[i], &m->q_age[i], &m->moved_q[i]);
-    const double dq_age = track_standstill(!m->known, dq, q, motion, &m->still_dq[i], &m->dq_age[i], &m->start_q[i]);
-    return (q_age >= window && fabs(q - m->moved_q[i]) > most ? FROZEN_POSITION : 0) |
-           (dq_age >= window && fabs(q - m->start_q[i]) > most ? FROZEN_VELOCITY : 0);
+    const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
+    m->still_q[i] = q;
+    m->still_dq[i] = dq;
+    const int q_stands = stands_still(q_changed, window, most, q, motion, &m->q_age[i], &m->moved_q[i]);
+    const int dq_stands = stands_still(dq_changed, window, most, q, motion, &m->dq_age[i], &m->start_q[i]);
+    return (q_stands ? FROZEN_POSITION : 0) | (dq_stands ? FROZEN_VELOCITY : 0);
 }
 
 /* Check the sample counter, and bridge the calls that are missing. Return REASON_NONE or REASON_STALE. */
@@ -1186,8 +1203,8 @@ static int check_counter(step_t *s, const double *last)
 }
 
 /*
- * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is open
- * which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
+ * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is
+ * open which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
  */
 static int check_joint(step_t *s, int i)
 {
@@ -1290,41 +1307,64 @@ static void observe_sample(step_t *s, const double *last)
     count_missing(s, !s->believed, reason);
 }
 
-static int is_stiffness(const double *K, double most)
+/* Copy a stiffness, made symmetric in every bit. Return whether K is one, up to single precision. */
+static int accept_stiffness(const double *K, double most, double *accepted)
 {
-    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K);
+    for (int i = 0; i < 9; ++i) {
+        accepted[i] = (K[i] + K[3 * (i % 3) + i / 3]) / 2.0;
+    }
+    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K, COMMAND_TOLERANCE);
 }
 
-static int is_pose(const double *pose)
+/* Copy a pose. A rotation that is orthonormal up to POSE_TOLERANCE only is made so by two Newton steps. */
+static int accept_pose(const double *pose, double *accepted)
 {
-    double C[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
+    double C[9], R[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
+    memcpy(accepted, pose, 16 * sizeof(double));
     multiply3(pose, 4, 1, pose, 4, C);
     for (int i = 0; i < 9; ++i) {
         off += fabs(C[i] - (i % 4 == 0 ? 1.0 : 0.0));
     }
-    const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) - pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
+    const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) -
+                       pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
                        pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
-    return off <= 1e-6 && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
+    for (int round = 0; off > 1e-9 && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
+        multiply3(accepted, 4, 1, accepted, 4, C);
+        for (int i = 0; i < 9; ++i) {
+            C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];
+        }
+        multiply3(accepted, 4, 0, C, 3, R);
+        for (int i = 0; i < 9; ++i) {
+            accepted[i / 3 * 4 + i % 3] = R[i];
+        }
+    }
+    return off <= POSE_TOLERANCE && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
 }
 
-/* Return whether the command can be followed: finite positions, poses, and stiffnesses within their limits. */
-static int is_command(const step_t *s)
+/*
+ * Accept a command that can be followed: finite positions, poses, and stiffnesses within their limits. Poses and
+ * stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is accepted.
+ */
+static int accept_command(step_t *s)
 {
     const input_t *const in = s->input;
     int good = in->command == ID(COMMAND_POSITION) || in->command == ID(COMMAND_EQUILIBRIUM);
+    double tool[16];
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->q0[i]) <= FARTHEST;
     }
     for (int t = 0; good && t < TIPS; ++t) {
-        good = in->command == ID(COMMAND_POSITION) || is_pose(in->equilibrium + 16 * t);
+        good = in->command == ID(COMMAND_POSITION) || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
         if (s->c->law == ID(LAW_POTENTIAL)) {
-            good = good && is_stiffness(in->translation_stiffness + 9 * t, s->c->translation_stiffness_limit) &&
-                   is_stiffness(in->rotation_stiffness + 9 * t, s->c->rotation_stiffness_limit);
+            const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
+            good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
+            good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
         } else {
-            good = good && in->command == ID(COMMAND_POSITION) && is_positive_semidefinite(6, in->task_stiffness) &&
+            good = good && in->command == ID(COMMAND_POSITION) &&
+                   is_positive_semidefinite(6, in->task_stiffness, COMMAND_TOLERANCE) &&
                    largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
         }
-        good = good && (robot_tool(in) == NULL || is_pose(robot_tool(in) + 16 * t));
+        good = good && (robot_tool(in) == NULL || accept_pose(robot_tool(in) + 16 * t, tool));
     }
     return good;
 }
@@ -1332,8 +1372,8 @@ static int is_command(const step_t *s)
 /* Damping: designed from the springs' tangent, limited by the sample time. */
 
 /*
- * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the sum of
- * the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
+ * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the
+ * sum of the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
  */
 static double reduce_inertia(const double *L, double mass, double *inertia)
 {
@@ -1348,7 +1388,9 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
     return trace;
 }
 
-/* Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive. */
+/*
+ * Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive.
+ */
 static void measure_inertia(step_t *s, const double *q)
 {
     double *const M = s->scratch, *const L = M + NN;
@@ -1392,9 +1434,9 @@ static void apply_task_damping(step_t *s)
 
 /*
  * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
- * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T:
- * the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b h))) is
- * solved for b.
+ * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay +
+ * 1/2) T: the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b
+ * h))) is solved for b.
  */
 static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
 {
@@ -1418,10 +1460,10 @@ static double damp_joints_only(step_t *s, double *follow)
 }
 
 /*
- * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others
- * 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1 B is above
- * LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that follows it at
- * rest. Return the largest scale that the sample time allows.
+ * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
+ * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
+ * B is above LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that
+ * follows it at rest. Return the largest scale that the sample time allows.
  */
 static double design_damping(step_t *s, double *follow)
 {
@@ -1475,9 +1517,9 @@ static double design_damping(step_t *s, double *follow)
 }
 
 /*
- * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of
- * B quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then the
- * mean of the last few samples.
+ * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of B
+ * quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then
+ * the mean of the last few samples.
  */
 static void smooth_velocity(step_t *s)
 {
@@ -1504,8 +1546,8 @@ static void smooth_velocity(step_t *s)
 }
 
 /*
- * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different stiffness
- * end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
+ * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different
+ * stiffness end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
  */
 static void brake_fast_joints(step_t *s)
 {
@@ -1534,9 +1576,9 @@ static double relative_size(int count, int length, const double *x, const double
 }
 
 /*
- * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces the
- * remaining distance to zero and from which the ramp can stop.
- * away: from here to the goal, including `moved`, the goal's motion since the last step.
+ * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces
+ * the remaining distance to zero and from which the ramp can stop. away: from here to the goal, including `moved`, the
+ * goal's motion since the last step.
  */
 static void approach_goal(const config_t *c, int count, int length, const double *away, const double *moved,
                           const double *limits, double *velocity)
@@ -1664,7 +1706,7 @@ static int update_velocities(step_t *s, int by_posture)
     robot_poses(m->posture, m->tool_pose, here);
     m->joined = joining && s->commanded;
     for (int t = 0; t < TIPS; ++t) {
-        const double *const goal = (joining ? here : s->input->equilibrium) + 16 * t;
+        const double *const goal = (joining ? here : s->goal) + 16 * t;
         memset(away, 0, sizeof away);
         memset(moved, 0, sizeof moved);
         if (s->commanded) {
@@ -1681,7 +1723,10 @@ static int update_velocities(step_t *s, int by_posture)
     return moving;
 }
 
-/* Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and poses. */
+/*
+ * Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and
+ * poses.
+ */
 static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
                              const double *goal_pose)
 {
@@ -1699,15 +1744,15 @@ static double travel_between(const config_t *c, const double *posture, const dou
 }
 
 /*
- * Let a moving command bring in reference work, by the distance that it moves: an engagement limit per TRAVEL_TIME of the
- * equilibrium's travel. What the command moved is paid out no faster than the equilibrium can travel, and no further than
- * the equilibrium is away from the command.
+ * Let a moving command bring in reference work, by the distance that it moves: an engagement limit per TRAVEL_TIME of
+ * the equilibrium's travel. What the command moved is paid out no faster than the equilibrium can travel, and no
+ * further than the equilibrium is away from the command.
  */
 static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->input->q0, *pose = s->input->equilibrium;
+    const double *const q0 = s->input->q0, *pose = s->goal;
     const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     double there[16 * TIPS];
     if (!s->commanded) {
@@ -1720,8 +1765,10 @@ static void pay_for_travel(step_t *s)
         robot_poses(q0, m->tool_pose, there);
         pose = there;
     }
-    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, by_pose || m->by_pose ? pose : NULL);
-    const double away = travel_between(c, m->posture, q0, m->equilibrium, by_pose || !m->joined ? pose : NULL);
+    const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
+    const double *const away_pose = by_pose || !m->joined ? pose : NULL;
+    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, moved_pose);
+    const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
     m->travel = fmin(m->travel + moved, away);
     const double paid = fmin(m->travel, c->sample_time);
     const double work = m->engagement + c->engagement_limit * (paid / TRAVEL_TIME);
@@ -1731,9 +1778,9 @@ static void pay_for_travel(step_t *s)
 }
 
 /*
- * Find the share of this step's motion that keeps the tip's velocity, the stored energy (where a load holds it above the
- * limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium there, and the rise of
- * the stored energy.
+ * Find the share of this step's motion that keeps the tip's velocity, the stored energy (where a load holds it above
+ * the limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium there, and the
+ * rise of the stored energy.
  */
 static double find_share(step_t *s, int by_posture, double *posture, double *equilibrium, double *rise)
 {
@@ -1788,25 +1835,25 @@ static void move_equilibrium(step_t *s)
     if (s->commanded) {
         memcpy(m->wanted_posture, s->input->q0, sizeof posture);
         if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
-            memcpy(m->wanted_equilibrium, s->input->equilibrium, sizeof equilibrium);
+            memcpy(m->wanted_equilibrium, s->goal, sizeof equilibrium);
             m->joined = 0;
         }
     }
 }
 
 /* Take stiffness, tool and goal from an accepted command; nothing is stored in the springs. */
-static void accept_command(step_t *s)
+static void adopt_command(step_t *s)
 {
     memory_t *const m = s->m;
     if (m->law == ID(LAW_POTENTIAL)) {
-        memcpy(m->translation_stiffness, s->input->translation_stiffness, 9 * TIPS * sizeof(double));
-        memcpy(m->rotation_stiffness, s->input->rotation_stiffness, 9 * TIPS * sizeof(double));
+        memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
+        memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
     } else {
         memset(m->translation_stiffness, 0, 9 * TIPS * sizeof(double));
         memset(m->rotation_stiffness, 0, 9 * TIPS * sizeof(double));
     }
     memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
-    memcpy(m->wanted_equilibrium, s->input->equilibrium, sizeof m->wanted_equilibrium);
+    memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (robot_tool(s->input) != NULL) {
         memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
     }
@@ -1844,7 +1891,7 @@ static void settle_springs(step_t *s)
     m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
     if (s->commanded) {
-        accept_command(s);
+        adopt_command(s);
     }
     robot_poses(m->q, m->tool_pose, m->equilibrium);
     if (s->commanded && m->fault == ID(FAULT_NONE)) {
@@ -1855,8 +1902,8 @@ static void settle_springs(step_t *s)
 /* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
 
 /*
- * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy, per
- * spring. Return whether anything changes.
+ * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy,
+ * per spring. Return whether anything changes.
  */
 static int release_stiffness(step_t *s, double *translation, double *rotation, double *posture)
 {
@@ -1872,8 +1919,8 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
     }
     for (int t = 0; t < TIPS; ++t) {
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(s->commanded ? s->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(s->commanded ? s->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(s->commanded ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(s->commanded ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     return changed;
 }
@@ -1912,8 +1959,8 @@ static void vary_stiffness(step_t *s)
 }
 
 /*
- * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort limits
- * and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
+ * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort
+ * limits and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
  */
 static void vary_scale(step_t *s, const double *pull, double energy, double cap)
 {
@@ -1963,8 +2010,10 @@ static void step_towards_zero(const double *last, const double *rate, double *to
     }
 }
 
-/* Limit the torque, the last guard: finite, within the effort limit (a lowered one comes down at the rate limit) and the
- * rate limit. */
+/*
+ * Limit the torque, the last guard: finite, within the effort limit (a lowered one comes down at the rate limit) and
+ * the rate limit.
+ */
 static void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
@@ -1980,8 +2029,8 @@ static void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all the
- * damping. Return whether the available energy covers it.
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all
+ * the damping. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
@@ -2028,8 +2077,8 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
 }
 
 /*
- * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture; pull
- * = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
+ * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture;
+ * pull = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
  */
 static double pull_springs(step_t *s, const double *slip, int by_pose, double *pull, double *follow)
 {
@@ -2039,10 +2088,11 @@ static double pull_springs(step_t *s, const double *slip, int by_pose, double *p
     double energy = 0.0;
     if (m->law == ID(LAW_PAPER)) {
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
+        const double *const K = s->input->task_stiffness;
         if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
-            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
         } else {
-            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
         }
         multiply_vector(out->joint_stiffness, slip, pull);
     } else {
@@ -2051,10 +2101,12 @@ static double pull_springs(step_t *s, const double *slip, int by_pose, double *p
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
     if (by_pose) {
-        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness, follow);
+        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                            follow);
     }
     for (int i = 0; i < N; ++i) {
-        follow[i] = by_pose ? (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i] : 0.0;
+        const double rate = (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i];
+        follow[i] = by_pose ? rate : 0.0;
         pull[i] += m->posture_stiffness[i] * slip[i];
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
@@ -2168,7 +2220,8 @@ static void check_limits(step_t *s)
         if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        if (in->q[i] < c->lower_limit[i] - c->position_tolerance || in->q[i] > c->upper_limit[i] + c->position_tolerance) {
+        const double beyond = fmax(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
+        if (beyond > c->position_tolerance) {
             latch_fault(m, ID(REASON_POSITION));
         }
     }
@@ -2203,7 +2256,7 @@ static void step_with_sample(step_t *s, const double *last)
     }
     book_interval(s, s->input->q);
     remember_sample(s);
-    s->commanded = s->believed && is_command(s);
+    s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;

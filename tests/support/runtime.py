@@ -24,7 +24,7 @@ SIGNATURES = {
     "diagonalise_symmetric": (ctypes.c_int, OUT, OUT, OUT),
     "solve_pencil": (ctypes.c_int, IN, IN, OUT, OUT, OUT, OUT, OUT),
     "soften": (IN, ctypes.c_double, OUT, OUT),
-    "is_positive_semidefinite": (ctypes.c_int, IN),
+    "is_positive_semidefinite": (ctypes.c_int, IN, ctypes.c_double),
 }
 
 
@@ -75,7 +75,7 @@ class Matrices:
         return self.library.soften(wanted, share, rest, cost), rest, cost
 
     def is_positive_semidefinite(self, A: np.ndarray) -> bool:
-        return bool(self.library.is_positive_semidefinite(len(A), A))
+        return bool(self.library.is_positive_semidefinite(len(A), A, 1e-9))
 
 
 def symmetric(random: np.random.Generator, values: np.ndarray) -> np.ndarray:

@@ -2,8 +2,8 @@
 #include "impedance.h"
 
 /*
- * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the sum of
- * the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
+ * Compute the inertia that each joint has alone, 1 / (M^-1)_ii, from L L^T = M / mass. Return the trace of M^-1, the
+ * sum of the squares in L^-1: joint_damping I has no eigenvalue above trace times joint_damping with respect to M.
  */
 static double reduce_inertia(const double *L, double mass, double *inertia)
 {
@@ -18,7 +18,9 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
     return trace;
 }
 
-/* Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive. */
+/*
+ * Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive.
+ */
 void measure_inertia(step_t *s, const double *q)
 {
     double *const M = s->scratch, *const L = M + NN;
@@ -62,9 +64,9 @@ static void apply_task_damping(step_t *s)
 
 /*
  * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
- * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay + 1/2) T:
- * the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b h))) is
- * solved for b.
+ * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay +
+ * 1/2) T: the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b
+ * h))) is solved for b.
  */
 static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
 {
@@ -88,10 +90,10 @@ static double damp_joints_only(step_t *s, double *follow)
 }
 
 /*
- * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and others
- * 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1 B is above
- * LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that follows it at
- * rest. Return the largest scale that the sample time allows.
+ * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
+ * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
+ * B is above LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that
+ * follows it at rest. Return the largest scale that the sample time allows.
  */
 double design_damping(step_t *s, double *follow)
 {
@@ -145,9 +147,9 @@ double design_damping(step_t *s, double *follow)
 }
 
 /*
- * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of
- * B quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then the
- * mean of the last few samples.
+ * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of B
+ * quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then
+ * the mean of the last few samples.
  */
 void smooth_velocity(step_t *s)
 {
@@ -174,8 +176,8 @@ void smooth_velocity(step_t *s)
 }
 
 /*
- * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different stiffness
- * end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
+ * Brake a joint that is faster than its reference may be, as hard as the sample time allows: modes of different
+ * stiffness end a ramp at different times, and near a singularity a small tip motion needs a large joint motion.
  */
 void brake_fast_joints(step_t *s)
 {

@@ -18,9 +18,9 @@ double compute_stored_energy(const memory_t *m, const double *q)
 }
 
 /*
- * Evaluate one joint's limit avoidance a = (lower edge, upper edge, k, largest torque). Its energy is k d^2 / 2 at depth d
- * beyond an edge, and linear from where the torque is the largest. Results: the energy, its slope (pull) and the
- * slope's slope (stiffness).
+ * Evaluate one joint's limit avoidance a = (lower edge, upper edge, k, largest torque). Its energy is k d^2 / 2 at
+ * depth d beyond an edge, and linear from where the torque is the largest. Results: the energy, its slope (pull) and
+ * the slope's slope (stiffness).
  */
 double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness)
 {
@@ -55,8 +55,8 @@ double evaluate_limits(step_t *s, const double *q)
 }
 
 /*
- * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that the
- * controller puts out.
+ * Pay income into the tank. What a full tank cannot hold goes to the engagement: the sum of both bounds the work that
+ * the controller puts out.
  */
 void pay_into_tank(step_t *s, double income)
 {
@@ -108,7 +108,10 @@ double farthest_motion(const memory_t *m, int i)
     return fmax(m->velocity_limit[i], fabs(m->dq[i])) * m->sample_time;
 }
 
-/* Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of intervals. */
+/*
+ * Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of
+ * intervals.
+ */
 double worst_feed_work(const memory_t *m, const double *feed, int intervals)
 {
     double sum = 0.0;
@@ -149,8 +152,8 @@ double available_energy(const memory_t *m)
 }
 
 /*
- * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the joint's
- * velocity limit, and as far as the sample time allows (docs/controller.md).
+ * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the
+ * joint's velocity limit, and as far as the sample time allows (docs/controller.md).
  */
 static double limit_stiffness(const step_t *s, int i)
 {
@@ -162,8 +165,8 @@ static double limit_stiffness(const step_t *s, int i)
 }
 
 /*
- * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else the
- * old one stays. The first sample's is free.
+ * Adopt the configured limit avoidance of each joint where the change costs no more at q than the tank's budget; else
+ * the old one stays. The first sample's is free.
  */
 void adopt_limits(step_t *s, const double *q)
 {
@@ -178,7 +181,8 @@ void adopt_limits(step_t *s, const double *q)
         }
         if (m->known) {
             double pull, slope;
-            const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - evaluate_avoidance(a, q[i], &pull, &slope);
+            const double before = evaluate_avoidance(a, q[i], &pull, &slope);
+            const double v = evaluate_avoidance(wanted, q[i], &pull, &slope) - before;
             if (!(v <= fmax(s->budget, 0.0))) {
                 s->status |= ID(STATUS_LIMITS_KEPT);
                 continue;
@@ -205,9 +209,9 @@ void adopt_missed_limit(step_t *s, const double *last)
 }
 
 /*
- * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last torque
- * over the whole motion and, for every change of torque, the change over the motion that can have happened before it;
- * gap_most, every torque over the farthest motion in its own intervals.
+ * Add intervals without a believed position to the gap. Two bounds on the gap's work are kept: gap_work, the last
+ * torque over the whole motion and, for every change of torque, the change over the motion that can have happened
+ * before it; gap_most, every torque over the farthest motion in its own intervals.
  */
 void bridge_gap(step_t *s, int periods)
 {
@@ -247,10 +251,10 @@ void note_untimed_call(step_t *s, const double *last)
 }
 
 /*
- * Bridge calls that were left out between two samples. If every call since the last timed one had a sample, the torque of
- * the last call was held. Else it is open which torque was held for how long: book the most that all of them can do,
- * those in transit once, and the others either for the calls that can be missing each, or, if that is less, the largest
- * for the whole gap. No work is left to book of torques that are still in transit then.
+ * Bridge calls that were left out between two samples. If every call since the last timed one had a sample, the torque
+ * of the last call was held. Else it is open which torque was held for how long: book the most that all of them can
+ * do, those in transit once, and the others either for the calls that can be missing each, or, if that is less, the
+ * largest for the whole gap. No work is left to book of torques that are still in transit then.
  */
 void bridge_missing_calls(step_t *s, const double *last, int missing)
 {

@@ -12,9 +12,9 @@ static double relative_size(int count, int length, const double *x, const double
 }
 
 /*
- * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces the
- * remaining distance to zero and from which the ramp can stop.
- * away: from here to the goal, including `moved`, the goal's motion since the last step.
+ * Update the velocity towards a goal: the goal's own velocity, if it is within the limits, and a velocity that reduces
+ * the remaining distance to zero and from which the ramp can stop. away: from here to the goal, including `moved`, the
+ * goal's motion since the last step.
  */
 static void approach_goal(const config_t *c, int count, int length, const double *away, const double *moved,
                           const double *limits, double *velocity)
@@ -142,7 +142,7 @@ static int update_velocities(step_t *s, int by_posture)
     robot_poses(m->posture, m->tool_pose, here);
     m->joined = joining && s->commanded;
     for (int t = 0; t < TIPS; ++t) {
-        const double *const goal = (joining ? here : s->input->equilibrium) + 16 * t;
+        const double *const goal = (joining ? here : s->goal) + 16 * t;
         memset(away, 0, sizeof away);
         memset(moved, 0, sizeof moved);
         if (s->commanded) {
@@ -159,7 +159,10 @@ static int update_velocities(step_t *s, int by_posture)
     return moving;
 }
 
-/* Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and poses. */
+/*
+ * Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and
+ * poses.
+ */
 static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
                              const double *goal_pose)
 {
@@ -177,15 +180,15 @@ static double travel_between(const config_t *c, const double *posture, const dou
 }
 
 /*
- * Let a moving command bring in reference work, by the distance that it moves: an engagement limit per TRAVEL_TIME of the
- * equilibrium's travel. What the command moved is paid out no faster than the equilibrium can travel, and no further than
- * the equilibrium is away from the command.
+ * Let a moving command bring in reference work, by the distance that it moves: an engagement limit per TRAVEL_TIME of
+ * the equilibrium's travel. What the command moved is paid out no faster than the equilibrium can travel, and no
+ * further than the equilibrium is away from the command.
  */
 static void pay_for_travel(step_t *s)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double *const q0 = s->input->q0, *pose = s->input->equilibrium;
+    const double *const q0 = s->input->q0, *pose = s->goal;
     const int by_pose = s->input->command == ID(COMMAND_EQUILIBRIUM);
     double there[16 * TIPS];
     if (!s->commanded) {
@@ -198,8 +201,10 @@ static void pay_for_travel(step_t *s)
         robot_poses(q0, m->tool_pose, there);
         pose = there;
     }
-    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, by_pose || m->by_pose ? pose : NULL);
-    const double away = travel_between(c, m->posture, q0, m->equilibrium, by_pose || !m->joined ? pose : NULL);
+    const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
+    const double *const away_pose = by_pose || !m->joined ? pose : NULL;
+    const double moved = travel_between(c, m->wanted_posture, q0, m->wanted_equilibrium, moved_pose);
+    const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
     m->travel = fmin(m->travel + moved, away);
     const double paid = fmin(m->travel, c->sample_time);
     const double work = m->engagement + c->engagement_limit * (paid / TRAVEL_TIME);
@@ -209,9 +214,9 @@ static void pay_for_travel(step_t *s)
 }
 
 /*
- * Find the share of this step's motion that keeps the tip's velocity, the stored energy (where a load holds it above the
- * limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium there, and the rise of
- * the stored energy.
+ * Find the share of this step's motion that keeps the tip's velocity, the stored energy (where a load holds it above
+ * the limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium there, and the
+ * rise of the stored energy.
  */
 static double find_share(step_t *s, int by_posture, double *posture, double *equilibrium, double *rise)
 {
@@ -266,25 +271,25 @@ void move_equilibrium(step_t *s)
     if (s->commanded) {
         memcpy(m->wanted_posture, s->input->q0, sizeof posture);
         if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
-            memcpy(m->wanted_equilibrium, s->input->equilibrium, sizeof equilibrium);
+            memcpy(m->wanted_equilibrium, s->goal, sizeof equilibrium);
             m->joined = 0;
         }
     }
 }
 
 /* Take stiffness, tool and goal from an accepted command; nothing is stored in the springs. */
-static void accept_command(step_t *s)
+static void adopt_command(step_t *s)
 {
     memory_t *const m = s->m;
     if (m->law == ID(LAW_POTENTIAL)) {
-        memcpy(m->translation_stiffness, s->input->translation_stiffness, 9 * TIPS * sizeof(double));
-        memcpy(m->rotation_stiffness, s->input->rotation_stiffness, 9 * TIPS * sizeof(double));
+        memcpy(m->translation_stiffness, s->translation, 9 * TIPS * sizeof(double));
+        memcpy(m->rotation_stiffness, s->rotation, 9 * TIPS * sizeof(double));
     } else {
         memset(m->translation_stiffness, 0, 9 * TIPS * sizeof(double));
         memset(m->rotation_stiffness, 0, 9 * TIPS * sizeof(double));
     }
     memcpy(m->wanted_posture, s->input->q0, sizeof m->wanted_posture);
-    memcpy(m->wanted_equilibrium, s->input->equilibrium, sizeof m->wanted_equilibrium);
+    memcpy(m->wanted_equilibrium, s->goal, sizeof m->wanted_equilibrium);
     if (robot_tool(s->input) != NULL) {
         memcpy(m->tool_pose, robot_tool(s->input), sizeof m->tool_pose);
     }
@@ -322,7 +327,7 @@ void settle_springs(step_t *s)
     m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
     if (s->commanded) {
-        accept_command(s);
+        adopt_command(s);
     }
     robot_poses(m->q, m->tool_pose, m->equilibrium);
     if (s->commanded && m->fault == ID(FAULT_NONE)) {

@@ -1,6 +1,6 @@
 /*
- * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem and
- * the names used here:
+ * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem
+ * and the names used here:
  *   U(q; r, K)   energy of the springs at the tips' poses, with the equilibrium r and the stiffness K
  *   l            scale; the torque is the gradient of l U
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
@@ -25,6 +25,9 @@ enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
  * M^-1 B T = 2.0, 0.83, 0.53 on at a delay of 0, 1, 2 samples. */
 static const double LARGEST_DAMPING = 0.25, LARGEST_STIFFNESS = 0.0625;
 static const double LIMIT_SHARE = 0.5; /* share of LARGEST_STIFFNESS for the limit avoidance: the springs add theirs */
+static const double SYMMETRY = 1e-9;          /* of the task damping, over its largest entry */
+static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over its largest entry: single precision */
+static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
@@ -48,6 +51,8 @@ typedef struct {
     int commanded; /* the command is accepted */
     int timed;     /* the sample's counter tells which calls are missing */
     double budget; /* [J] the tank's share for what costs energy */
+    double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
+    double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
@@ -95,7 +100,7 @@ int solve_pencil(int n, const double *K, const double *M, double *L, double *C, 
                  double *scale);
 void multiply_lower(int n, const double *L, double *rows);
 int soften(const double *wanted, double share, double *K, double *cost);
-int is_positive_semidefinite(int n, const double *A);
+int is_positive_semidefinite(int n, const double *A, double tolerance);
 
 /* state.c */
 int doubles_within(const double *x, size_t count, double least, double most);
@@ -131,7 +136,7 @@ void book_interval(step_t *s, const double *q);
 
 /* sample.c */
 void observe_sample(step_t *s, const double *last);
-int is_command(const step_t *s);
+int accept_command(step_t *s);
 
 /* governor.c */
 void pose_difference(const double *from, const double *to, double *twist);

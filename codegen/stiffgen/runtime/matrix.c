@@ -9,8 +9,6 @@
 
 enum { MAX_ITERATIONS = 60 }; /* per eigenvalue: two are usual; the bound makes the time bounded */
 
-static const double SYMMETRY = 1e-9;
-
 double clamp(double x, double least, double most)
 {
     if (x < least) {
@@ -329,10 +327,10 @@ void multiply_lower(int n, const double *L, double *rows)
 }
 
 /*
- * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the result
- * `cost`. It has the positive eigenvalues of D with respect to S = wanted + K:
- * D V = S V diag(l), V^T S V = I, cost = share S V diag(max(l, 0)) V^T S.
- * A difference below 1e-9 of the trace of S is covered in one step. Return whether K differed from wanted.
+ * Move K (3 x 3) by a share of the difference D = wanted - K, without the part of D that stiffens. That part is the
+ * result `cost`. It has the positive eigenvalues of D with respect to S = wanted + K: D V = S V diag(l), V^T S V = I,
+ * cost = share S V diag(max(l, 0)) V^T S. A difference below 1e-9 of the trace of S is covered in one step. Return
+ * whether K differed from wanted.
  */
 int soften(const double *wanted, double share, double *K, double *cost)
 {
@@ -361,18 +359,20 @@ int soften(const double *wanted, double share, double *K, double *cost)
     return 1;
 }
 
-/* Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to 1e-9 of its largest entry. */
-int is_positive_semidefinite(int n, const double *A)
+/*
+ * Return whether A (n x n, n <= 6) is finite, symmetric and positive semidefinite, up to a share of its largest entry.
+ */
+int is_positive_semidefinite(int n, const double *A, double tolerance)
 {
     double L[36];
     const double scale = largest_entry(n * n, A);
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j < i; ++j) {
-            if (!(fabs(A[i * n + j] - A[j * n + i]) <= SYMMETRY * scale)) {
+            if (!(fabs(A[i * n + j] - A[j * n + i]) <= tolerance * scale)) {
                 return 0;
             }
         }
     }
     /* the factor exists exactly if no eigenvalue of A / scale lies below the shift */
-    return scale == 0.0 || factorise_cholesky(n, A, scale, SYMMETRY, L) == 0;
+    return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
 }

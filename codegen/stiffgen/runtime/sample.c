@@ -4,8 +4,8 @@
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 
 /*
- * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a fault,
- * and so is more than one of three for long.
+ * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a
+ * fault, and so is more than one of three for long.
  */
 static void count_missing(step_t *s, int periods, int reason)
 {
@@ -17,15 +17,21 @@ static void count_missing(step_t *s, int periods, int reason)
     }
 }
 
-/* Count the samples for which a value stands still, and predict q from its last change on, by the motions since. */
-static double track_standstill(int first, double value, double q, double motion, double *seen, double *age,
-                               double *predicted)
+/*
+ * Track a value that may stand still. Return whether it has for a window, while the motions since its last change (or
+ * since the last window without a finding) lead away from q by more than `most`. Each window is judged by itself, so
+ * noise and bias of a velocity do not add up at rest.
+ */
+static int stands_still(int changed, double window, double most, double q, double motion, double *age,
+                        double *predicted)
 {
-    const int changed = first || value != *seen;
-    *seen = value;
-    *predicted = changed ? q : *predicted + motion;
     *age = changed ? 0.0 : *age + 1.0;
-    return *age;
+    *predicted = changed ? q : *predicted + motion;
+    if (*age >= window && fabs(q - *predicted) <= most) {
+        *age = 0.0;
+        *predicted = q;
+    }
+    return *age >= window;
 }
 
 /* Find whether q or dq of joint i stands still over a window while the other moves. */
@@ -33,10 +39,12 @@ static int check_frozen(const config_t *c, memory_t *m, double q, double dq, int
 {
     const double window = c->frozen_window, T = c->sample_time, motion = dq * T * (1 + m->gap);
     const double most = fmax(4.0 * c->position_quantum, 0.02 * m->velocity_limit[i] * window * T);
-    const double q_age = track_standstill(!m->known, q, q, motion, &m->still_q[i], &m->q_age[i], &m->moved_q[i]);
-    const double dq_age = track_standstill(!m->known, dq, q, motion, &m->still_dq[i], &m->dq_age[i], &m->start_q[i]);
-    return (q_age >= window && fabs(q - m->moved_q[i]) > most ? FROZEN_POSITION : 0) |
-           (dq_age >= window && fabs(q - m->start_q[i]) > most ? FROZEN_VELOCITY : 0);
+    const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
+    m->still_q[i] = q;
+    m->still_dq[i] = dq;
+    const int q_stands = stands_still(q_changed, window, most, q, motion, &m->q_age[i], &m->moved_q[i]);
+    const int dq_stands = stands_still(dq_changed, window, most, q, motion, &m->dq_age[i], &m->start_q[i]);
+    return (q_stands ? FROZEN_POSITION : 0) | (dq_stands ? FROZEN_VELOCITY : 0);
 }
 
 /* Check the sample counter, and bridge the calls that are missing. Return REASON_NONE or REASON_STALE. */
@@ -61,8 +69,8 @@ static int check_counter(step_t *s, const double *last)
 }
 
 /*
- * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is open
- * which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
+ * Check one joint's q and dq, and choose the velocity to use: if one of the two is wrong the other's, or, where it is
+ * open which, the smaller one if they agree in sign. Damping with too small a velocity puts no energy in.
  */
 static int check_joint(step_t *s, int i)
 {
@@ -165,41 +173,64 @@ void observe_sample(step_t *s, const double *last)
     count_missing(s, !s->believed, reason);
 }
 
-static int is_stiffness(const double *K, double most)
+/* Copy a stiffness, made symmetric in every bit. Return whether K is one, up to single precision. */
+static int accept_stiffness(const double *K, double most, double *accepted)
 {
-    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K);
+    for (int i = 0; i < 9; ++i) {
+        accepted[i] = (K[i] + K[3 * (i % 3) + i / 3]) / 2.0;
+    }
+    return largest_entry(9, K) <= most && is_positive_semidefinite(3, K, COMMAND_TOLERANCE);
 }
 
-static int is_pose(const double *pose)
+/* Copy a pose. A rotation that is orthonormal up to POSE_TOLERANCE only is made so by two Newton steps. */
+static int accept_pose(const double *pose, double *accepted)
 {
-    double C[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
+    double C[9], R[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
+    memcpy(accepted, pose, 16 * sizeof(double));
     multiply3(pose, 4, 1, pose, 4, C);
     for (int i = 0; i < 9; ++i) {
         off += fabs(C[i] - (i % 4 == 0 ? 1.0 : 0.0));
     }
-    const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) - pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
+    const double det = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) -
+                       pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
                        pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
-    return off <= 1e-6 && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
+    for (int round = 0; off > 1e-9 && round < 2; ++round) { /* R (3 I - R^T R) / 2 */
+        multiply3(accepted, 4, 1, accepted, 4, C);
+        for (int i = 0; i < 9; ++i) {
+            C[i] = (i % 4 == 0 ? 1.5 : 0.0) - 0.5 * C[i];
+        }
+        multiply3(accepted, 4, 0, C, 3, R);
+        for (int i = 0; i < 9; ++i) {
+            accepted[i / 3 * 4 + i % 3] = R[i];
+        }
+    }
+    return off <= POSE_TOLERANCE && det > 0.0 && fabs(pose[3]) + fabs(pose[7]) + fabs(pose[11]) <= FARTHEST;
 }
 
-/* Return whether the command can be followed: finite positions, poses, and stiffnesses within their limits. */
-int is_command(const step_t *s)
+/*
+ * Accept a command that can be followed: finite positions, poses, and stiffnesses within their limits. Poses and
+ * stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is accepted.
+ */
+int accept_command(step_t *s)
 {
     const input_t *const in = s->input;
     int good = in->command == ID(COMMAND_POSITION) || in->command == ID(COMMAND_EQUILIBRIUM);
+    double tool[16];
     for (int i = 0; i < N; ++i) {
         good = good && fabs(in->q0[i]) <= FARTHEST;
     }
     for (int t = 0; good && t < TIPS; ++t) {
-        good = in->command == ID(COMMAND_POSITION) || is_pose(in->equilibrium + 16 * t);
+        good = in->command == ID(COMMAND_POSITION) || accept_pose(in->equilibrium + 16 * t, s->goal + 16 * t);
         if (s->c->law == ID(LAW_POTENTIAL)) {
-            good = good && is_stiffness(in->translation_stiffness + 9 * t, s->c->translation_stiffness_limit) &&
-                   is_stiffness(in->rotation_stiffness + 9 * t, s->c->rotation_stiffness_limit);
+            const double *const Kt = in->translation_stiffness + 9 * t, *const Ko = in->rotation_stiffness + 9 * t;
+            good = good && accept_stiffness(Kt, s->c->translation_stiffness_limit, s->translation + 9 * t);
+            good = good && accept_stiffness(Ko, s->c->rotation_stiffness_limit, s->rotation + 9 * t);
         } else {
-            good = good && in->command == ID(COMMAND_POSITION) && is_positive_semidefinite(6, in->task_stiffness) &&
+            good = good && in->command == ID(COMMAND_POSITION) &&
+                   is_positive_semidefinite(6, in->task_stiffness, COMMAND_TOLERANCE) &&
                    largest_entry(36, in->task_stiffness) <= s->c->translation_stiffness_limit;
         }
-        good = good && (robot_tool(in) == NULL || is_pose(robot_tool(in) + 16 * t));
+        good = good && (robot_tool(in) == NULL || accept_pose(robot_tool(in) + 16 * t, tool));
     }
     return good;
 }

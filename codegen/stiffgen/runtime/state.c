@@ -35,7 +35,7 @@ int validate(const config_t *c)
             return ID(E_POSITION_LIMITS);
         }
     }
-    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping)) {
+    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
         return ID(E_TASK_DAMPING_SIGN);
     }
     if (c->law == ID(LAW_PAPER) && TIPS > 1) {

@@ -32,7 +32,8 @@ static void check_limits(step_t *s)
         if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
             m->velocity_limit[i] = c->velocity_limit[i];
         }
-        if (in->q[i] < c->lower_limit[i] - c->position_tolerance || in->q[i] > c->upper_limit[i] + c->position_tolerance) {
+        const double beyond = fmax(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
+        if (beyond > c->position_tolerance) {
             latch_fault(m, ID(REASON_POSITION));
         }
     }
@@ -67,7 +68,7 @@ static void step_with_sample(step_t *s, const double *last)
     }
     book_interval(s, s->input->q);
     remember_sample(s);
-    s->commanded = s->believed && is_command(s);
+    s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;

@@ -2,8 +2,8 @@
 #include "impedance.h"
 
 /*
- * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy, per
- * spring. Return whether anything changes.
+ * Move the stiffness towards the wanted one at once where that releases energy. Results: the changes that cost energy,
+ * per spring. Return whether anything changes.
  */
 static int release_stiffness(step_t *s, double *translation, double *rotation, double *posture)
 {
@@ -19,8 +19,8 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
     }
     for (int t = 0; t < TIPS; ++t) {
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(s->commanded ? s->input->translation_stiffness + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(s->commanded ? s->input->rotation_stiffness + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(s->commanded ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(s->commanded ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     return changed;
 }
@@ -59,8 +59,8 @@ void vary_stiffness(step_t *s)
 }
 
 /*
- * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort limits
- * and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
+ * Vary the scale: in a fault to zero, as fast as the torque's rate limit allows; else as far as the cap, the effort
+ * limits and the reserve allow. pull: torque of the springs at scale 1; energy: their energy.
  */
 void vary_scale(step_t *s, const double *pull, double energy, double cap)
 {

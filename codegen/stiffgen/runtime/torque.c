@@ -9,8 +9,10 @@ void step_towards_zero(const double *last, const double *rate, double *torque)
     }
 }
 
-/* Limit the torque, the last guard: finite, within the effort limit (a lowered one comes down at the rate limit) and the
- * rate limit. */
+/*
+ * Limit the torque, the last guard: finite, within the effort limit (a lowered one comes down at the rate limit) and
+ * the rate limit.
+ */
 void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
@@ -26,8 +28,8 @@ void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all the
- * damping. Return whether the available energy covers it.
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all
+ * the damping. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
@@ -74,8 +76,8 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
 }
 
 /*
- * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture; pull
- * = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
+ * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture;
+ * pull = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
  */
 static double pull_springs(step_t *s, const double *slip, int by_pose, double *pull, double *follow)
 {
@@ -85,10 +87,11 @@ static double pull_springs(step_t *s, const double *slip, int by_pose, double *p
     double energy = 0.0;
     if (m->law == ID(LAW_PAPER)) {
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
+        const double *const K = s->input->task_stiffness;
         if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
-            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
         } else {
-            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, s->input->task_stiffness, out->joint_stiffness);
+            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
         }
         multiply_vector(out->joint_stiffness, slip, pull);
     } else {
@@ -97,10 +100,12 @@ static double pull_springs(step_t *s, const double *slip, int by_pose, double *p
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
     if (by_pose) {
-        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness, follow);
+        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                            follow);
     }
     for (int i = 0; i < N; ++i) {
-        follow[i] = by_pose ? (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i] : 0.0;
+        const double rate = (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i];
+        follow[i] = by_pose ? rate : 0.0;
         pull[i] += m->posture_stiffness[i] * slip[i];
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }

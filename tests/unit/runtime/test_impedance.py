@@ -861,3 +861,35 @@ def test_the_spring_lies_where_the_kernels_have_it(tmp_path: Path) -> None:
     np.testing.assert_allclose(out.elastic_torque, elastic_torque(*given, where), atol=1e-6)
     np.testing.assert_allclose(out.joint_stiffness, joint_hessian(*given, where), atol=1e-3)
     assert not [check for check in check_controller(robot, 1) if not check.passed]
+
+
+@pytest.mark.parametrize(("noise", "bias"), [(0.01, 0.0), (0.001, 0.0), (0.0, 1e-4)])
+def test_velocity_noise_at_rest_is_no_fault(robot: ModuleType, noise: float, bias: float) -> None:
+    """q stands still and dq has noise or a bias [rad/s]. Before: frozen after 1.2 to 5 s."""
+    controller, random = robot.Impedance(motor_inertia=0.1), np.random.default_rng(1)
+    for _ in range(6):
+        dq = bias + noise * random.normal(size=(5000, 7))
+        assert not controller.run(q=Q, dq=dq, q0=Q, **SPRING).fault.any()
+
+
+def test_rounded_commands_are_accepted(robot: ModuleType) -> None:
+    """A turned stiffness in single precision and a pose of five digits are used, symmetric and orthonormal."""
+    random = np.random.default_rng(2)
+    for seed in range(5):
+        turn = np.linalg.qr(random.normal(size=(3, 3)))[0].astype(np.float32)
+        Kt = (turn @ np.diag([900, 400, 0]).astype(np.float32) @ turn.T).astype(float)
+        pose = robot.forward_kinematics(Q + 0.01 * random.normal(size=7))
+        controller = robot.Impedance(motor_inertia=0.1)
+        command = {"translation_stiffness": Kt, "rotation_stiffness": KO, "posture": Q, "equilibrium": pose.round(5)}
+        assert not controller.run(q=Q, dq=np.zeros((1500, 7)), **command).fault.any()
+        out = controller.step(q=Q, dq=np.zeros(7), **command)
+        assert not out.status & robot.Status.COMMAND_REFUSED, seed
+        np.testing.assert_array_equal(out.translation_stiffness, out.translation_stiffness.T)
+        np.testing.assert_allclose(out.equilibrium, pose, atol=2e-5)
+        np.testing.assert_allclose(out.equilibrium[:3, :3].T @ out.equilibrium[:3, :3], np.eye(3), atol=1e-12)
+        for name, wrong in (
+            ("translation_stiffness", Kt + 0.1 * np.eye(3)[::-1] * [1, 0, 0]),
+            ("equilibrium", 1.001 * pose),
+        ):
+            out = controller.step(q=Q, dq=np.zeros(7), **(command | {name: wrong}))
+            assert out.status & robot.Status.COMMAND_REFUSED, name
