@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "72cc836cdc909b46") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "6dc3de27cbda9adb") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -53,6 +53,7 @@ CAMPAIGNS = {
     "float-sines": _campaign(
         "float_sines", "pass every float through sine and cosine", "--builds 'gcc, SSE2' --every 16"
     ),
+    "mutations": _campaign("mutations", "count the mutants of a controller that verify kills", "--count 3"),
     "single-precision": Campaign(
         "benchmarks/single_precision.py",
         "compare time and errors of float with double",

@@ -7,7 +7,6 @@ every kernel, with every kind of batch, shows it for all inputs. docs/proofs.md 
 
 from __future__ import annotations
 
-import platform
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,15 +15,7 @@ from stiffgen.opened import GeneratedRobot
 from stiffgen.prove import harness
 from stiffgen.prove.tools import Run, run
 from stiffgen.prove.verdict import Outcome, Verdict
-
-WIDTHS: tuple[tuple[int, str, tuple[str, ...], str], ...] = (
-    (1, "no vectors", ("-DSTIFFGEN_NO_VECTORS",), ""),
-    (2, "SSE2", ("-msse2", "-mno-avx"), "sse2"),
-    (4, "AVX2", ("-mavx2", "-mfma", "-mno-avx512f"), "avx2"),
-    (8, "AVX-512", ("-mavx512f", "-mfma"), "avx512f"),
-)
-"""Lanes, name, compiler flags, and what /proc/cpuinfo calls the instructions. The first refutes what is not
-symmetric in a second, where ESBMC's search for an example has no end; its proofs have one."""
+from stiffgen.verify.widths import WIDTHS, Width
 
 _SANITIZERS = ("address,undefined", "memory,undefined")
 _CLAIMS = "every lane in bounds, no uninitialised value used, no undefined behaviour, symmetric, arguments not written"
@@ -37,18 +28,17 @@ def width_verdicts(
     timeout: float,
     progress: Callable[[str], None],
 ) -> list[Verdict]:
-    """One verdict a vector width: run and clean, or why it was not run."""
+    """Run the kernels in every vector width under the sanitizers; one verdict per width."""
     clang = shutil.which("clang")
-    flags = _instructions()
     verdicts = []
-    for lanes, name, options, instruction in WIDTHS:
-        what = f"all kernels, {lanes} lanes ({name})"
+    for width in WIDTHS:
+        what = f"all kernels, {width.lanes} lanes ({width.name})"
         progress(f"sanitizers: {what}")
-        if clang is None or (instruction and instruction not in flags):
-            why = "clang is not installed" if clang is None else f"this machine has no {name}"
+        if clang is None or not width.is_available:
+            why = "clang is not installed" if clang is None else f"this machine has no {width.name}"
             verdicts.append(Verdict(what, _CLAIMS, "sanitizers", "unproved", 0.0, why))
             continue
-        outcome, seconds, detail = _run_width(robot, kernels, folder, clang, (lanes, options), timeout)
+        outcome, seconds, detail = _run_width(robot, kernels, folder, clang, width, timeout)
         verdicts.append(Verdict(what, _CLAIMS, "sanitizers", outcome, seconds, detail))
     return verdicts
 
@@ -58,12 +48,11 @@ def _run_width(
     kernels: Sequence[harness.Function],
     folder: Path,
     clang: str,
-    width: tuple[int, tuple[str, ...]],
+    width: Width,
     timeout: float,
 ) -> tuple[Outcome, float, str]:
-    lanes, options = width
     driver, program = folder / "widths.c", folder / "widths"
-    driver.write_text(harness.widths(robot, kernels, 2 * lanes + 1))
+    driver.write_text(harness.widths(robot, kernels, 2 * width.lanes + 1))
     seconds = 0.0
     for sanitizer in _SANITIZERS:
         command = [
@@ -71,7 +60,7 @@ def _run_width(
             "-std=c99",
             "-O1",
             "-g1",
-            *options,
+            *width.flags,
             f"-fsanitize={sanitizer},float-cast-overflow",
             "-fno-sanitize-recover=all",
         ]
@@ -91,16 +80,7 @@ def _run_width(
 
 
 def _first(result: Run) -> str:
-    """The first lines that say what is wrong."""
+    """Return the first lines that say what is wrong."""
     lines = [line.strip() for line in result.said.splitlines() if line.strip()]
     telling = [line for line in lines if "rror" in line or "WARNING" in line or line.startswith("#")]
     return "; ".join((telling or lines)[:3])[:400]
-
-
-def _instructions() -> set[str]:
-    """What the processor can do, in Linux's words; x86-64 without a list has SSE2."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    except OSError:
-        return {"sse2"} if platform.machine() in ("x86_64", "AMD64") else set()
-    return {word for line in text.splitlines() if line.startswith("flags") for word in line.split()}

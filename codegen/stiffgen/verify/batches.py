@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -98,7 +100,7 @@ def _form(kernel: Kernel, given: tuple[Argument, ...]) -> _Form:
 
 
 def check_c_batches(
-    library: ctypes.CDLL,
+    libraries: Mapping[str, ctypes.CDLL],
     name: str,
     single: Kernels,
     table: tuple[Kernel, ...],
@@ -106,57 +108,98 @@ def check_c_batches(
     pool: Mapping[Argument, Array],
     scalar: Scalar,
 ) -> list[Check]:
-    """NAME_..._batch called from C's side: counts 0 to 17, steps of every sign, NaN around arguments, sentinels."""
+    """Call NAME_..._batch from C's side, in every build: counts, steps of every sign, NaN around arguments, sentinels.
+
+    Args:
+        libraries: builds of the kernels, by the name of their vector width.
+        name: prefix of the C functions.
+        single: functions of one configuration per call.
+        table: their records.
+        chain: the robot.
+        pool: values of every argument.
+        scalar: type of the numbers.
+
+    """
     checks = []
     for kernel in table:
         for batch in kernel.batches:
-            public, form = f"{kernel.qualified_name}{batch.suffix}", _form(kernel, batch.results)
-            reference = single[kernel.qualified_name]
-            faults = _batch_faults(library[f"{name}_{public}"], reference, kernel, form, chain, pool, scalar)
-            checks.append(faultless(public, "C: counts, steps, ends", faults))
+            public, faults = f"{kernel.qualified_name}{batch.suffix}", []
+            for plan in _plans(kernel, batch.results, single[kernel.qualified_name], chain, pool, scalar):
+                for width, library in libraries.items():
+                    faults += [f"{width}: {fault}" for fault in plan.faults(library[f"{name}_{public}"])]
+            checks.append(faultless(public, f"C: counts, steps, ends; {', '.join(libraries)}", faults))
     return checks
 
 
-def _batch_faults(
-    call: Any,
-    reference: Callable[..., Any],
-    kernel: Kernel,
-    form: _Form,
-    chain: Chain,
-    pool: Mapping[Argument, Array],
-    scalar: Scalar,
-) -> list[str]:
-    most = LENGTHS[-1]
-    stacks = [pool[argument][:most].reshape(most, -1).astype(scalar.dtype) for argument in kernel.arguments]
-    names = [argument.name for argument in kernel.arguments]
-    shapes = [argument.array(chain).shape for argument in kernel.arguments]
-    plans: list[tuple[str, list[str]]] = [(kind, [kind] * len(stacks)) for kind in ("forwards", "backwards", "spread")]
-    plans += [(f"{names[k]} shared", ["forwards"] * k + ["shared"] + ["forwards"] * (len(stacks) - k - 1))
-              for k in range(len(stacks))]  # fmt: skip
-    faults = []
-    for title, kinds in plans:
-        given = [
-            np.broadcast_to(stack[0], stack.shape) if kind == "shared" else stack
-            for stack, kind in zip(stacks, kinds, strict=True)
-        ]
-        full = [each.reshape(most, *shape) for each, shape in zip(given, shapes, strict=True)]
-        expected = [np.asarray(each).reshape(most, -1) for each in form(reference(*full))]
-        sizes = [each.shape[1] for each in expected]
+@dataclass(frozen=True)
+class _Plan:
+    """Arguments of a batch in one layout, and the results of single calls.
+
+    Attributes:
+        title: name of the layout.
+        kinds: layout of each argument ("forwards", "backwards", "spread", "shared").
+        flat, full: the arguments, one row per configuration, and in their own shapes.
+        expected: results of single calls, one row per configuration.
+        explained: whether results agree with the expected ones up to rounding.
+        dtype: type of the numbers.
+
+    """
+
+    title: str
+    kinds: list[str]
+    flat: list[Array]
+    full: list[Array]
+    expected: list[Array]
+    explained: Callable[..., bool]
+    dtype: Any
+
+    def faults(self, call: Any) -> list[str]:
+        """Call the batch for every count, and name what is wrong."""
+        faults, sizes = [], [each.shape[1] for each in self.expected]
         for length in LENGTHS:
-            laid = [_laid_out(stack[:length], kind) for stack, kind in zip(given, kinds, strict=True)]
-            outs = [np.full(2 * 16 + length * size, _UNTOUCHED, scalar.dtype) for size in sizes]
+            laid = [_laid_out(stack[:length], kind) for stack, kind in zip(self.flat, self.kinds, strict=True)]
+            outs = [np.full(2 * 16 + length * size, _UNTOUCHED, self.dtype) for size in sizes]
             arguments: list[Any] = [ctypes.c_size_t(length)]
             for memory, first, step in laid:
                 arguments += [ctypes.c_void_p(memory[first:].ctypes.data), ctypes.c_ssize_t(step)]
             arguments += [ctypes.c_void_p(out[16:].ctypes.data) for out in outs]
             call(*arguments)
             values = tuple(out[16:-16].reshape(length, size) for out, size in zip(outs, sizes, strict=True))
-            own, wanted = [each[:length] for each in full], [each[:length] for each in expected]
-            if not (_agree(values, wanted) or _agree_but_for_rounding(chain, kernel, form, own, values, wanted)):
-                faults.append(f"{title}, count {length}")
+            wanted = [each[:length] for each in self.expected]
+            if not (_agree(values, wanted) or self.explained([each[:length] for each in self.full], values, wanted)):
+                faults.append(f"{self.title}, count {length}")
             if any((out[:16] != _UNTOUCHED).any() or (out[-16:] != _UNTOUCHED).any() for out in outs):
-                faults.append(f"{title}, count {length}: written beyond the ends")
-    return faults
+                faults.append(f"{self.title}, count {length}: written beyond the ends")
+        return faults
+
+
+def _plans(
+    kernel: Kernel,
+    results: tuple[Argument, ...],
+    reference: Callable[..., Any],
+    chain: Chain,
+    pool: Mapping[Argument, Array],
+    scalar: Scalar,
+) -> Iterator[_Plan]:
+    """Yield the layouts of a batch's arguments: all in a row, reversed, spread, and each one shared in turn."""
+    form, most = _form(kernel, results), LENGTHS[-1]
+    stacks = [pool[argument][:most].reshape(most, -1).astype(scalar.dtype) for argument in kernel.arguments]
+    shapes = [argument.array(chain).shape for argument in kernel.arguments]
+    layouts: list[tuple[str, list[str]]] = [
+        (kind, [kind] * len(stacks)) for kind in ("forwards", "backwards", "spread")
+    ]
+    for k, argument in enumerate(kernel.arguments):
+        kinds = ["shared" if i == k else "forwards" for i in range(len(stacks))]
+        layouts.append((f"{argument.name} shared", kinds))
+    for title, kinds in layouts:
+        flat = [
+            np.broadcast_to(stack[0], stack.shape) if kind == "shared" else stack
+            for stack, kind in zip(stacks, kinds, strict=True)
+        ]
+        full = [each.reshape(most, *shape) for each, shape in zip(flat, shapes, strict=True)]
+        expected = [np.asarray(each).reshape(most, -1) for each in form(reference(*full))]
+        explained = partial(_agree_but_for_rounding, chain, kernel, form)
+        yield _Plan(title, kinds, flat, full, expected, explained, scalar.dtype)
 
 
 def _laid_out(stack: Array, kind: str) -> tuple[Array, int, int]:

@@ -8,7 +8,6 @@ import hashlib
 import json
 import re
 import sys
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from stiffgen.emit.manifest import MANIFEST
 from stiffgen.emit.render import render
 from stiffgen.errors import printable
+from stiffgen.folder import temporary_folder
 from stiffgen.loading import load_chain
 from stiffgen.lower.rounding import Ranges
 from stiffgen.opened import GeneratedRobot
@@ -97,8 +97,8 @@ def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:
 def load_module(robot: GeneratedRobot) -> None:
     """Import the folder's Python package from its sources, not from bytecode that may lie beside them."""
     before = sys.pycache_prefix
-    with tempfile.TemporaryDirectory(prefix="stiffgen-bytecode-") as empty:
-        sys.pycache_prefix = empty
+    with temporary_folder("bytecode") as empty:
+        sys.pycache_prefix = str(empty)
         try:
             _ = robot.module
         finally:
@@ -129,8 +129,8 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
     return faultless("chain", f"{urdf.name}, read again", faults)
 
 
-def check_tables(robot: GeneratedRobot, library: ctypes.CDLL | None) -> list[Check]:
-    """Compare names and limits, in Python and in C, with the chain."""
+def check_tables(robot: GeneratedRobot, libraries: Mapping[str, ctypes.CDLL]) -> list[Check]:
+    """Compare names and limits, in Python and in C, with the chain; run the self-check of every build."""
     chain, module = robot.chain, robot.module
     rows: dict[str, list[float]] = {
         limit: [getattr(coordinate, limit) for coordinate in chain.coordinates] for limit in LIMITS
@@ -138,24 +138,29 @@ def check_tables(robot: GeneratedRobot, library: ctypes.CDLL | None) -> list[Che
     joints = [coordinate.name for coordinate in chain.coordinates]
     links = [tip.link for tip in chain.tips]
     checks = [faultless("constants in Python", "chain", _python_faults(module, chain, rows, joints, links))]
-    if library is not None:
-        n, number = len(chain.coordinates), np.ctypeslib.as_ctypes_type(robot.scalar.dtype)
-        faults = [
-            f"{robot.name}_{limit}"
-            for limit in LIMITS
-            if not np.array_equal(
-                np.array((number * n).in_dll(library, f"{robot.name}_{limit}")),
-                np.array(rows[limit], robot.scalar.dtype),
-            )
-        ]
-        if _strings(library, f"{robot.name}_joints", n) != joints:
-            faults.append(f"{robot.name}_joints")
-        if len(links) > 1 and _strings(library, f"{robot.name}_tips", len(links)) != links:
-            faults.append(f"{robot.name}_tips")
-        checks.append(faultless("constants in C", "chain", faults))
+    for library in list(libraries.values())[:1]:
+        checks.append(faultless("constants in C", "chain", _c_faults(library, robot, rows, joints, links)))
+    for width, library in libraries.items():
         check: Callable[[], int] = library[f"{robot.name}_self_check"]
-        checks.append(Check("self-check", "sines, NaN", float(check()), 0.0))
+        checks.append(Check("self-check", f"sines, NaN, transpose; {width}", float(check()), 0.0))
     return checks
+
+
+def _c_faults(
+    library: ctypes.CDLL, robot: GeneratedRobot, rows: dict[str, list[float]], joints: list[str], links: list[str]
+) -> list[str]:
+    """Return the tables of a C library that differ from the chain's."""
+    n, number = len(joints), np.ctypeslib.as_ctypes_type(robot.scalar.dtype)
+    faults = []
+    for limit in LIMITS:
+        values = np.array((number * n).in_dll(library, f"{robot.name}_{limit}"))
+        if not np.array_equal(values, np.array(rows[limit], robot.scalar.dtype)):
+            faults.append(f"{robot.name}_{limit}")
+    if _strings(library, f"{robot.name}_joints", n) != joints:
+        faults.append(f"{robot.name}_joints")
+    if len(links) > 1 and _strings(library, f"{robot.name}_tips", len(links)) != links:
+        faults.append(f"{robot.name}_tips")
+    return faults
 
 
 def _python_faults(

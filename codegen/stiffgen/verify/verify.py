@@ -17,7 +17,6 @@ Errors are relative to the largest entry of the reference.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,8 +27,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from stiffgen.emit.build import build_library
-from stiffgen.errors import BuildError, StiffgenError
+from stiffgen.errors import StiffgenError
 from stiffgen.folder import temporary_folder
 from stiffgen.lower.scalar import Scalar, scalar_of
 from stiffgen.opened import GeneratedRobot, open_robot
@@ -57,10 +55,13 @@ from stiffgen.verify.files import (
     load_module,
     print_again,
 )
+from stiffgen.verify.masses import check_masses
 from stiffgen.verify.not_finite import check_not_finite
 from stiffgen.verify.result import Array, Check, Kernels, as_results, compared, one_by_one
 from stiffgen.verify.rounding import beyond_rounding, rounding_errors
+from stiffgen.verify.sessions import check_sessions
 from stiffgen.verify.springs import by_hand, differentiated
+from stiffgen.verify.widths import build_widths
 
 
 @dataclass(frozen=True)
@@ -434,14 +435,8 @@ def _dynamics_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[C
 def _of_one(
     kernels: Kernels, chain: Chain, prefix: str, name: str, oracle: str, reference: Array, *given: Array
 ) -> Check:
-    """A kernel of a tip, whose chain this is, against a reference for its only result."""
-    value = kernels[prefix + name](*given)
-
-    def errors() -> Array:
-        (kernel,) = (each for each in chain_kernels(chain) if each.qualified_name == name)
-        return _rounding(chain, kernel, list(given), scalar_of(value), 0)
-
-    return _but_for_rounding(prefix + name, oracle, value, reference, errors)
+    """Compare the only result of a kernel of a tip with a reference; ``chain`` is the tip's branch."""
+    return _ResultComparison(chain, None, prefix, oracle, given).check(name, kernels[prefix + name](*given), reference)
 
 
 def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
@@ -479,20 +474,54 @@ def check_kernels(kernels: Kernels, references: References, prefix: str = "") ->
 
 
 def _spring_checks(kernels: Kernels, references: References, prefix: str) -> list[Check]:
-    checks = []
+    chain, checks = references.chain, []
     for spring in references.options.springs():
         expected = references.springs[spring.name]
         arguments = (*references.posture, *references.parameters[spring.name])
+        compare = _ResultComparison(chain, references.options, prefix, "differentiated energy", arguments)
         for name, reference in expected.items():
-            kernel = f"{prefix}{spring.name}_{name}"
-            value = kernels[kernel](*arguments)
-            checks.append(compared(kernel, "differentiated energy", value, reference))
+            kernel = f"{spring.name}_{name}"
+            value = kernels[prefix + kernel](*arguments)
+            checks.append(compare.check(kernel, value, reference))
             if name.endswith("_stiffness"):
-                checks.append(_symmetry(kernel, value))
-        kernel = f"{prefix}{spring.name}_linearization"
-        for name, value in zip(("energy", "torque", "joint_stiffness"), kernels[kernel](*arguments), strict=True):
-            checks.append(compared(f"{kernel}, {name}", "differentiated energy", value, expected[name]))
+                checks.append(_symmetry(prefix + kernel, value))
+        kernel = f"{spring.name}_linearization"
+        for name, value in zip(
+            ("energy", "torque", "joint_stiffness"), kernels[prefix + kernel](*arguments), strict=True
+        ):
+            checks.append(compare.check(kernel, value, expected[name], name))
     return checks
+
+
+@dataclass(frozen=True)
+class _ResultComparison:
+    """Comparison of kernels' results with references, up to the rounding of contributions that cancel.
+
+    Attributes:
+        chain: the branch that the kernels are of.
+        options: its springs.
+        prefix: what stands before the kernels' names where a robot has several tips.
+        oracle: name of the references.
+        arguments: stacks of the kernels' arguments.
+
+    """
+
+    chain: Chain
+    options: SpringOptions | None
+    prefix: str
+    oracle: str
+    arguments: tuple[Array, ...]
+
+    def check(self, name: str, value: Any, reference: Array, result: str = "") -> Check:
+        """Compare a result, the only one or the one that is named, of a kernel."""
+        title = self.prefix + name + (f", {result}" if result else "")
+
+        def errors() -> Array:
+            (kernel,) = (each for each in chain_kernels(self.chain, self.options) if each.qualified_name == name)
+            which = [each.name for each in kernel.results].index(result) if result else 0
+            return _rounding(self.chain, kernel, list(self.arguments), scalar_of(value), which)
+
+        return _but_for_rounding(title, self.oracle, value, reference, errors)
 
 
 def _joint_potential_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[Check]:
@@ -565,8 +594,10 @@ def check_robot(
         stacked = [np.stack(each, axis=1) for each in zip(*contacts, strict=True)]
         name = f"{rep}_joint_stiffness_total"
         total = sum(references.joint_stiffness(rep, corrected=True) for references in tips)
-        value = kernels[name](*_shared_posture(tips[0].posture_of(rep), chain), *stacked)
-        checks += [compared(name, "sum of formulas", value, np.asarray(total)), _symmetry(name, value)]
+        arguments_of_all = (*_shared_posture(tips[0].posture_of(rep), chain), *stacked)
+        value = kernels[name](*arguments_of_all)
+        compare = _ResultComparison(chain, options, "", "sum of formulas", arguments_of_all)
+        checks += [compare.check(name, value, np.asarray(total)), _symmetry(name, value)]
     for spring in tips[0].options.springs():
         given = [np.stack(each, axis=1) for each in zip(*(r.parameters[spring.name] for r in tips), strict=True)]
         poses = [np.stack(each, axis=1) for each in zip(*map(_tool_pose, tips), strict=True)]
@@ -574,9 +605,9 @@ def check_robot(
         for result in ("energy", "torque", "joint_stiffness"):
             name = f"{spring.name}_{result}_total"
             total = np.asarray(sum(references.springs[spring.name][result] for references in tips))
-            checks.append(
-                compared(name, "sum of differentiated energies", kernels[name](*where, *poses, *given), total)
-            )
+            stacks = (*where, *poses, *given)
+            compare = _ResultComparison(chain, options, "", "sum of differentiated energies", stacks)
+            checks.append(compare.check(name, kernels[name](*stacks), total))
     return checks
 
 
@@ -748,13 +779,12 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     # Not symmetric: a batch that reads another triangle than the single call is seen.
     general = Samples.draw(chain, LONG, seed).general_stiffness
     pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
-    try:
-        library = ctypes.CDLL(str(build_library(robot.folder, robot.name, build)))
-    except BuildError:  # the folder may have been compiled elsewhere
-        library = None
+    texts = print_again(robot)
+    libraries = build_widths(robot, build)
+    library = next(iter(libraries.values()), None)
     steps: list[tuple[str, Step]] = [
-        ("printing again", lambda: [check_functions(robot), check_text(robot, print_again(robot))]),
-        ("names and limits", lambda: check_tables(robot, library)),
+        ("printing again", lambda: [check_functions(robot), check_text(robot, texts)]),
+        ("names and limits", lambda: check_tables(robot, libraries)),
         ("differentiating and comparing", lambda: check_robot(single, chain, count, seed, springs)),
         ("comparing with CasADi", lambda: check_against_casadi(single, chain, min(count, 50), seed, springs)),
         ("angles many turns away", lambda: check_far_angles(single, chain, seed, springs)),
@@ -767,16 +797,19 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
         ("stepping the controller", lambda: check_controller(robot, seed)),
+        ("hostile sessions", lambda: check_sessions(robot, texts, seed, build / "sessions")),
     ]
     if springs.derivatives:
         steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
     if library is not None:
         loaded = library
         steps.append(
-            ("batches in C", lambda: check_c_batches(loaded, robot.name, single, table, chain, pool, robot.scalar))
+            ("batches in C", lambda: check_c_batches(libraries, robot.name, single, table, chain, pool, robot.scalar))
         )
         steps.append(("bounds of memory", lambda: check_bounds(loaded, robot.name, table, chain, pool, robot.scalar)))
     if urdf is not None:
         file = urdf
         steps.insert(1, ("reading the URDF", lambda: [check_urdf(chain, file)]))
+        states = Samples.draw(chain, 5, seed)
+        steps.insert(2, ("masses of the URDF", lambda: check_masses(single, table, chain, file, states)))
     return steps

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: MIT
+"""The C controller of a folder, called through the table of its fields; no Python of the folder is used."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from stiffgen.emit.build import build_library
+from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, Field
+from stiffgen.robot.chain import Chain
+
+_STATE_SIZE = 1 << 19
+"""Bytes kept for a state: more than that of a robot with the most coordinates."""
+_TYPES: dict[str, Any] = {"double": ctypes.c_double, "int": ctypes.c_int, "uint32_t": ctypes.c_uint32}
+
+
+def struct_of(chain: Chain, name: str, fields: Sequence[Field]) -> type[ctypes.Structure]:
+    """Return the layout of a C struct of the controller."""
+    members = []
+    for field in fields:
+        if field.when == "tool" and not chain.runtime_tool:
+            continue
+        count = math.prod(len(chain.tips) if extent == "tips" else extent_of(chain, extent) for extent in field.shape)
+        members.append((field.name, _TYPES[field.type] * count if field.shape else _TYPES[field.type]))
+    return type(name, (ctypes.Structure,), {"_fields_": members})
+
+
+def extent_of(chain: Chain, extent: int | str) -> int:
+    """Return a fixed extent, or the number of coordinates."""
+    return chain.dof if isinstance(extent, str) else extent
+
+
+def build_controller(folder: Path, name: str, build: Path) -> Path:
+    """Compile the kernels and the controller in a folder into a shared library in the new folder ``build``."""
+    build.mkdir(parents=True)
+    return build_library(folder, name, build, more=[folder.resolve() / f"{name}_impedance.c"])
+
+
+class ControllerLibrary:
+    """Compiled controller with a configuration, a state, an input and an output."""
+
+    def __init__(self, file: Path, name: str, chain: Chain) -> None:
+        self._library = ctypes.CDLL(str(file))
+        self._prefix = f"{name}_impedance_"
+        self.config = struct_of(chain, "Config", CONFIG)()
+        self.input = struct_of(chain, "Input", INPUT)()
+        self.output = struct_of(chain, "Output", OUTPUT)()
+        self.state = (ctypes.c_double * (_STATE_SIZE // 8))()
+        self.call("default_config", self.config)
+
+    def call(self, function: str, *arguments: Any) -> int:
+        """Call a function of the controller; structs and arrays are passed by address, None as a null pointer."""
+        pointers = [None if each is None else ctypes.byref(each) for each in arguments]
+        return int(self._library[self._prefix + function](*pointers))
+
+    def error_text(self, error: int) -> bytes:
+        """Return the text of an error code."""
+        function = self._library[self._prefix + "error_text"]
+        function.restype = ctypes.c_char_p
+        return bytes(function(error) or b"")

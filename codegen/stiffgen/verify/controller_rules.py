@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: MIT
+"""Defaults and rules of a controller's configuration, compared with the table of its fields and with the chain."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from stiffgen.emit.fields import CONFIG, Field
+from stiffgen.robot.chain import Chain
+from stiffgen.verify.controller_library import ControllerLibrary
+from stiffgen.verify.result import Array, Check, faultless
+
+_FIRST_FIELD_ERROR = -20
+"""Error code of the first field; each following field has one less (docs/controller.md)."""
+
+
+def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[Check]:
+    """Compare the defaults, in C and in Python, and the bounds of every field with the table.
+
+    Args:
+        library: the folder's controller, called from C's side.
+        module: the folder's Python module.
+        chain: the robot, whose limits some defaults are.
+
+    """
+    library.call("default_config", library.config)
+    configs = {"C": library.config, "Python": module.Impedance().config}
+    defaults = []
+    for field in CONFIG:
+        expected = default_of(field, chain)
+        for language, config in configs.items():
+            shown = config[field.name] if isinstance(config, dict) else getattr(config, field.name)
+            value = field.choices.index(shown) + 1 if isinstance(shown, str) else np.array(shown, dtype=float).ravel()
+            if not np.array_equal(np.broadcast_to(expected, np.shape(value)), value):
+                defaults.append(f"{field.name} in {language}")
+    return [
+        faultless("controller: defaults", "table of fields", defaults),
+        faultless("controller: rules", "table of fields", _rule_faults(library, chain)),
+    ]
+
+
+def default_of(field: Field, chain: Chain) -> Array:
+    """Return the default of a field as the table has it: a number, a choice, or a share of a joint's limit."""
+    if field.choices:
+        return np.array(field.choices.index(field.default) + 1.0)
+    value = np.ones(1)
+    for factor in field.default.split(" * "):
+        limit = factor.removeprefix("{name}_").removesuffix("[i]")
+        known = limit != factor
+        value = value * (np.array([getattr(c, limit) for c in chain.coordinates]) if known else float(factor))
+    return value
+
+
+def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
+    """Try every field at its bounds and beyond; the code of the refusal must be the field's."""
+    faults = []
+    for number, field in enumerate(CONFIG):
+        code, integer = _FIRST_FIELD_ERROR - number, field.type == "int"
+        least, most = (int(field.least), int(field.most)) if integer else (field.least, field.most)
+        inside = [each for each in (least, most) if math.isfinite(each)]
+        beyond = (
+            [least - 1, most + 1] if integer else [np.nextafter(least, -np.inf), np.nextafter(most, np.inf), math.nan]
+        )
+        beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]
+        places = range(chain.dof) if field.shape == ("n",) else [35] if field.shape else [-1]
+        for place in places:
+            for value in (*inside, *beyond):
+                library.call("default_config", library.config)
+                if place < 0:
+                    setattr(library.config, field.name, value)
+                else:
+                    getattr(library.config, field.name)[place] = value
+                refused = library.call("validate", library.config)
+                if (refused == code) != (value in beyond or math.isnan(value)):
+                    faults.append(f"{field.name} {value!r}")
+    return faults

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: MIT
+"""Mass matrix, bias forces and gravity from the URDF file, read here with the standard library alone.
+
+No reader and no derivation of stiffgen takes part: links and joints come from the XML, poses of all links from products
+of 4x4 matrices in floating-point numbers, and velocities and accelerations from differences of poses. A body with the
+matrix P of its second moments (4x4) and the pose H has, by d'Alembert's principle,
+
+    M[i, j] = trace(dH/dx_i P dH/dx_j^T),    b[i] = trace(dH/dx_i P (d2H/dt2 - A)^T)
+
+where x are the velocity coordinates, the motion has a constant rate, and A moves every point with gravity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.result import Array, Check, Kernels, relative_errors
+
+_BOUND = 1e-8
+"""Tolerance relative to the largest entry: differences of poses lose digits."""
+_STEP = 0.02
+_FIRST = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+"""Weights of the eighth-order central difference of a first derivative."""
+_SECOND = {0: -205 / 72, 1: 8 / 5, 2: -1 / 5, 3: 8 / 315, 4: -1 / 560}
+"""Weights of the eighth-order central difference of a second derivative."""
+_MOVING = ("revolute", "continuous", "prismatic")
+ORACLE = "URDF's XML, differences of poses"
+
+
+def check_masses(
+    kernels: Kernels, table: tuple[Kernel, ...], chain: Chain, urdf: Path, samples: Any, count: int = 5
+) -> list[Check]:
+    """Compare the kernels of a robot's masses with the bodies of the URDF file.
+
+    Args:
+        kernels: functions, which take stacks.
+        table: their records.
+        chain: the robot: names of base, tip and coordinates, locked joints and the tool are taken from it.
+        urdf: the file.
+        samples: values of arguments by name.
+        count: number of states.
+
+    Returns:
+        Nothing for a file of another kind (xacro, MJCF), a joint type with several axes, or a robot without masses.
+
+    """
+    model = _Model.read(urdf, chain)
+    if model is None or not chain.masses:
+        return []
+    references: dict[str, list[Array]] = {"mass_matrix": [], "bias_forces": [], "gravity_gradient": []}
+    for k in range(count):
+        state = (samples["q"][k], samples["base_pose"][k])
+        matrix, bias, pull = model.dynamics(*state, samples["velocity"][k], samples["gravity"][k])
+        for name, value in zip(references, (matrix, bias, pull), strict=True):
+            references[name].append(value)
+    checks = []
+    for kernel in table:
+        if kernel.qualified_name in references:
+            stacks = [samples[argument.name][:count] for argument in kernel.arguments]
+            reference = np.array(references[kernel.qualified_name])
+            errors = relative_errors(kernels[kernel.qualified_name](*stacks), reference)
+            checks.append(Check(kernel.qualified_name, ORACLE, float(errors.max()), _BOUND, errors=errors))
+    return checks
+
+
+class _Model:
+    """Links and joints of a URDF file, as its elements have them."""
+
+    def __init__(self, root: ElementTree.Element, chain: Chain) -> None:
+        self.chain = chain
+        self.joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+        self.below: dict[str, list[str]] = {}
+        for name, joint in self.joints.items():
+            self.below.setdefault(_link(joint, "parent"), []).append(name)
+        self.bodies = {link.get("name", ""): _second_moments(link) for link in root.findall("link")}
+        if chain.tool is not None:
+            tool, link = chain.tool, chain.tips[0].link
+            xx, xy, xz, yy, yz, zz = tool.inertia
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            self.bodies[link] = self.bodies[link] + _moments(tool.mass, np.array(tool.com), tensor)
+
+    @staticmethod
+    def read(urdf: Path, chain: Chain) -> _Model | None:
+        """Read a file; None if it is no plain URDF, or has joints of several axes."""
+        text = urdf.read_bytes()
+        try:
+            root = ElementTree.fromstring(text)
+        except ElementTree.ParseError:
+            return None
+        types = {joint.get("type") for joint in root.findall("joint")}
+        if root.tag != "robot" or b"xacro" in text or types - {"fixed", *_MOVING}:
+            return None
+        return _Model(root, chain)
+
+    def position(self, name: str, q: Mapping[str, float]) -> float:
+        """Return the position of a joint: a coordinate, locked, a mimic of another joint, or zero."""
+        if name in q:
+            return q[name]
+        mimic = self.joints[name].find("mimic")
+        if mimic is None:
+            return 0.0
+        master = self.position(mimic.get("joint", ""), q)
+        return float(mimic.get("multiplier", "1")) * master + float(mimic.get("offset", "0"))
+
+    def poses(self, q: Array, base_pose: Array) -> Array:
+        """Return the poses (4x4) of all links that hang on the base link, the base link first."""
+        named = dict(self.chain.locked) | {c.name: float(x) for c, x in zip(self.chain.coordinates, q, strict=True)}
+        poses, open_links = [], [(self.chain.base, base_pose)]
+        while open_links:
+            link, pose = open_links.pop()
+            poses.append(pose)
+            for name in self.below.get(link, []):
+                joint = self.joints[name]
+                moved = pose @ _origin(joint) @ _motion(joint, self.position(name, named))
+                open_links.append((_link(joint, "child"), moved))
+        return np.array(poses)
+
+    def links(self) -> list[str]:
+        """Return the links in the order of their poses."""
+        names, open_links = [], [self.chain.base]
+        while open_links:
+            names.append(open_links.pop())
+            open_links += [_link(self.joints[name], "child") for name in self.below.get(names[-1], [])]
+        return names
+
+    def dynamics(self, q: Array, base_pose: Array, rates: Array, gravity: Array) -> tuple[Array, Array, Array]:
+        """Return mass matrix, bias forces and gravity gradient at a state."""
+        own = self.chain.base_joints
+        start = base_pose if own else np.eye(4)
+
+        def moved(way: Array) -> Array:
+            return self.poses(q + way[own:], start @ _exponential(way[:own]) if own else start)
+
+        def along(direction: Array, weights: Mapping[int, float], order: int) -> Array:
+            speed = max(1.0, float(np.abs(direction).max()))
+            step = _STEP / speed
+            sign = -1.0 if order == 1 else 1.0
+            total = weights.get(0, 0.0) * moved(0.0 * direction)
+            for k, weight in weights.items():
+                if k:
+                    total = total + weight * (moved(k * step * direction) + sign * moved(-k * step * direction))
+            return np.asarray(total / step**order)
+
+        bodies = np.array([self.bodies[link] for link in self.links()])
+        columns = np.array([along(unit, _FIRST, 1) for unit in np.eye(len(rates))])
+        momenta = columns @ bodies
+        falling = np.zeros((4, 4))
+        falling[:3, 3] = gravity
+        matrix = np.einsum("ilab,jlab->ij", momenta, columns)
+        pull = -np.einsum("ilab,ab->i", momenta, falling)
+        bias = np.einsum("ilab,lab->i", momenta, along(rates, _SECOND, 2))
+        return matrix, bias + pull, pull
+
+
+def _link(joint: ElementTree.Element, which: str) -> str:
+    element = joint.find(which)
+    return "" if element is None else element.get("link", "")
+
+
+def _numbers(element: ElementTree.Element | None, name: str, default: str) -> Array:
+    text = default if element is None else element.get(name, default)
+    return np.array([float(word) for word in text.split()])
+
+
+def _origin(element: ElementTree.Element) -> Array:
+    """Return the pose in an element's <origin>."""
+    origin, pose = element.find("origin"), np.eye(4)
+    pose[:3, 3] = _numbers(origin, "xyz", "0 0 0")
+    roll, pitch, yaw = _numbers(origin, "rpy", "0 0 0")
+    for axis, angle in ((5, yaw), (4, pitch), (3, roll)):
+        pose = pose @ _exponential(angle * np.eye(6)[axis])
+    return pose
+
+
+def _motion(joint: ElementTree.Element, position: float) -> Array:
+    """Return the motion of a joint at a position."""
+    if joint.get("type") not in _MOVING:
+        return np.eye(4)
+    axis = _numbers(joint.find("axis"), "xyz", "1 0 0")
+    way = position * axis / np.linalg.norm(axis)
+    sliding = joint.get("type") == "prismatic"
+    return _exponential(np.concatenate([way, np.zeros(3)] if sliding else [np.zeros(3), way]))
+
+
+def _exponential(motion: Array) -> Array:
+    """Return the motion exp of a constant twist (linear first), by Rodrigues' formulas."""
+    linear, angular = motion[:3], motion[3:]
+    angle = float(np.linalg.norm(angular))
+    x, y, z = angular
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    half = 0.5 * np.sinc(angle / (2 * math.pi)) ** 2
+    third = (1.0 - np.sinc(angle / math.pi)) / angle**2 if angle > 1e-3 else 1 / 6 - angle**2 / 120
+    pose = np.eye(4)
+    pose[:3, :3] += np.sinc(angle / math.pi) * cross + half * (cross @ cross)
+    pose[:3, 3] = linear + half * (cross @ linear) + third * (cross @ cross @ linear)
+    return pose
+
+
+def _second_moments(link: ElementTree.Element) -> Array:
+    """Return the matrix P (4x4) of a link's second moments, first moment and mass; zero without <inertial>."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return np.zeros((4, 4))
+    pose, inertia = _origin(inertial), inertial.find("inertia")
+    mass = float(_numbers(inertial.find("mass"), "value", "0")[0])
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (float(_numbers(inertia, name, "0")[0]) for name in names)
+    tensor = pose[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ pose[:3, :3].T
+    return _moments(mass, pose[:3, 3], tensor)
+
+
+def _moments(mass: float, centre: Array, tensor: Array) -> Array:
+    """Return P of a body with an inertia tensor about its centre of mass."""
+    result = np.zeros((4, 4))
+    result[:3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor + mass * np.outer(centre, centre)
+    result[:3, 3] = result[3, :3] = mass * centre
+    result[3, 3] = mass
+    return result

@@ -1,0 +1,400 @@
+# SPDX-License-Identifier: MIT
+"""Hostile sessions: a folder's controller and the installed generator's, stepped with the same inputs, equal in bits.
+
+The reference is compiled on the spot from what this generator prints for the chain in the manifest. A simple arm
+follows the reference's torque. Gaps, jumps, faults, resets, changed limits and stiffness, slow sampling and overwritten
+states occur at random.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiffgen.emit.fields import CONFIG, Field
+from stiffgen.errors import BuildError
+from stiffgen.opened import GeneratedRobot
+from stiffgen.robot.chain import Chain
+from stiffgen.verify.controller_library import ControllerLibrary, build_controller
+from stiffgen.verify.controller_rules import check_rules
+from stiffgen.verify.result import Array, Check, faultless
+
+SESSIONS = 60
+_STEPS = 400
+_ENOUGH = 3
+"""Differences after which no further session is run."""
+_LIMITS = ("lower_limit", "upper_limit", "limit_zone", "limit_stiffness")
+"""Fields whose change while a joint is in its zone the controller may have to put off."""
+Random = np.random.Generator
+
+
+def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, build: Path) -> list[Check]:
+    """Compare the C controller in the folder with the table of fields, and in sessions with the one in ``texts``.
+
+    Args:
+        robot: the folder.
+        texts: the folder's files as this generator prints them.
+        seed: of the random generator.
+        build: a folder to compile in, which does not exist yet.
+
+    Returns:
+        Nothing for a robot without a controller, or without a compiler.
+
+    """
+    if f"{robot.name}_impedance.c" not in texts:
+        return []
+    fresh = build / "printed"
+    fresh.mkdir(parents=True)
+    for file, text in texts.items():
+        if file.endswith((".c", ".h")):
+            (fresh / file).write_text(text, encoding="utf-8")
+    try:
+        reference, library = (
+            ControllerLibrary(build_controller(folder, robot.name, build / title), robot.name, robot.chain)
+            for title, folder in (("reference", fresh), ("folder", robot.folder))
+        )
+    except BuildError:  # the folder may have been compiled elsewhere
+        return []
+    faults = differences(reference, library, robot.chain, seed)
+    return [
+        *check_rules(library, robot.module, robot.chain),
+        faultless("controller: sessions", "this generator's controller, in bits", faults),
+    ]
+
+
+def differences(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, seed: int) -> list[str]:
+    """Return where a controller differs from the reference: in a function, or in a session, which ends there."""
+    faults = compare_services(reference, library, chain)
+    for session in range(SESSIONS):
+        step = first_difference(reference, library, chain, [seed, session])
+        if step is not None:
+            faults.append(f"session {session}: step {step}")
+        if len(faults) > _ENOUGH:
+            break
+    return faults
+
+
+def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
+    """Return the functions but step that differ: defaults, checks of the configuration, start, reset, texts."""
+    both, faults = (reference, library), []
+    for each in both:
+        each.call("default_config", each.config)
+    if bytes(reference.config) != bytes(library.config):
+        faults.append("default_config differs")
+    for error in range(-80, 3):
+        if reference.error_text(error) != library.error_text(error):
+            faults.append(f"error_text({error}) differs")
+    random = np.random.default_rng(5)
+    for field in CONFIG:
+        for value in (field.least, field.most, np.nextafter(field.least, -np.inf), np.nextafter(field.most, np.inf),
+                      math.nan, 0.0, -1.0, 1e9):  # fmt: skip
+            results = []
+            for each in both:
+                each.call("default_config", each.config)
+                _set(each.config, field, value, -1)
+                results.append(each.call("validate", each.config))
+            if results[0] != results[1]:
+                faults.append(f"validate differs at {field.name} {value:g}")
+    calls: tuple[tuple[str, Callable[[ControllerLibrary], tuple[Any, ...]]], ...] = (
+        ("validate", lambda each: (None,)),
+        ("init", lambda each: (None, each.state, None)),
+        ("init", lambda each: (each.config, None, None)),
+        ("reset", lambda each: (None,)),
+        ("reset", lambda each: (each.state,)),
+        ("step", lambda each: (each.config, each.state, each.input, None)),
+        ("step", lambda each: (each.config, each.state, None, each.output)),
+        ("step", lambda each: (None, each.state, each.input, each.output)),
+        ("step", lambda each: (each.config, None, each.input, each.output)),
+        ("step", lambda each: (each.config, each.state, each.input, each.output)),
+    )
+    for each in both:
+        each.call("default_config", each.config)
+        ctypes.memset(each.state, 0, ctypes.sizeof(each.state))
+    for function, arguments in calls:
+        if reference.call(function, *arguments(reference)) != library.call(function, *arguments(library)):
+            faults.append(f"{function} differs with a null pointer or without a start")
+    for scale in (0.5, 2.0, math.nan):
+        torque = (ctypes.c_double * chain.dof)(*(scale * reference.config.effort_limit[i] for i in range(chain.dof)))
+        results = [each.call("init", each.config, each.state, torque) for each in both]
+        if results[0] != results[1] or not _same(reference, library):
+            faults.append(f"init differs with a torque of {scale:g} of the limit")
+    matrix = random.normal(size=(6, 6))
+    for damping in (matrix, matrix @ matrix.T, -matrix @ matrix.T, np.diag([1.0, 1, 1, 1, 1, 0])):
+        for each in both:
+            _fill(each.config.task_damping, damping)
+        if reference.call("validate", reference.config) != library.call("validate", library.config):
+            faults.append("validate differs at task_damping")
+    return faults
+
+
+def first_difference(
+    reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, seed: list[int]
+) -> int | None:
+    """Run one session; return the number of the first step whose results differ, or None."""
+    session = _Session(reference, library, chain, np.random.default_rng(seed))
+    for step in range(_STEPS):
+        if not session.step(step):
+            return step
+    return None
+
+
+class _Session:
+    """One session: a configuration, an arm that moves with the reference's torque, and events at random."""
+
+    def __init__(self, reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, random: Random) -> None:
+        self.both, self.chain, self.random = (reference, library), chain, random
+        self.config, self.input, self.output = reference.config, reference.input, reference.output
+        reach = [math.pi if c.type != "prismatic" else 1.0 for c in chain.coordinates]
+        self.lower = np.array([max(c.lower, -r) for c, r in zip(chain.coordinates, reach, strict=True)])
+        self.upper = np.maximum([min(c.upper, r) for c, r in zip(chain.coordinates, reach, strict=True)], self.lower)
+        self.calm = random.random() < 0.6
+        self._configure()
+        place = random.choice([0.5, 0.98, 0.02, 1.0]) if random.random() < 0.4 else random.uniform(0.1, 0.9, chain.dof)
+        self.q = self.lower + (self.upper - self.lower) * place
+        self.dq, self.load = np.zeros(chain.dof), np.zeros(chain.dof)
+        self.quantum = float(self.config.position_quantum)
+        self._start()
+
+    def _configure(self) -> None:
+        """Take the defaults, and change fields at random."""
+        random, config, both = self.random, self.config, self.both
+        both[0].call("default_config", config)
+        effort = np.array(config.effort_limit)
+        config.sample_time = float(random.choice([1e-3, 1e-3, 2e-3, 5e-3, 0.02]))
+        config.delay_samples = int(random.integers(0, 3))
+        _fill(config.motor_inertia, random.uniform(0.1, 0.6, len(effort)))
+        for field in CONFIG:
+            if field.name in ("sample_time", "delay_samples", "lower_limit", "upper_limit", "task_damping", "law"):
+                continue
+            if random.random() < (0.15 if self.calm else 0.35):
+                self._vary(field)
+        if random.random() < 0.3:
+            root = random.normal(size=(6, 6))
+            _fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
+        symmetric = np.array(config.task_damping).reshape(6, 6)
+        _fill(config.task_damping, (symmetric + symmetric.T) / 2 + 60.0 * np.eye(6) * (np.abs(symmetric).max() > 0))
+        if len(self.chain.tips) == 1 and random.random() < 0.2:
+            config.law = 2
+        config.tank_initial = min(config.tank_initial, config.tank_maximum)
+
+    def _vary(self, field: Field) -> None:
+        """Change a field of the configuration within its rule."""
+        random = self.random
+        if field.choices:
+            value: float = int(random.integers(1, len(field.choices) + 1))
+        elif field.name == "position_quantum":
+            value = 10.0 ** random.uniform(-6, -3)
+        elif field.name == "automatic_reset_time":
+            value = random.uniform(0.02, 0.2)
+        elif field.name in ("posture_stiffness", "limit_stiffness") and random.random() < 0.3:
+            value = 0.0
+        else:
+            shown = getattr(self.config, field.name)
+            typical = float(np.max(np.abs(shown))) if field.shape else float(shown)
+            value = typical * 10.0 ** random.uniform(-1.5, 0.7)
+        value = min(max(value, field.least), field.most)
+        _set(self.config, field, round(value) if field.type == "int" else value, -1)
+        if field.shape == ("n",):
+            _fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.chain.dof))
+
+    def _start(self) -> None:
+        """Initialise both controllers, at times with a torque that acts already."""
+        random = self.random
+        self._copy_config()
+        torque = None
+        if random.random() < 0.3:
+            values = random.uniform(-0.2, 0.2, self.chain.dof) * np.array(self.config.effort_limit)
+            torque = (ctypes.c_double * self.chain.dof)(*values)
+        for each in self.both:
+            ctypes.memset(each.state, 0, ctypes.sizeof(each.state))
+            ctypes.memset(ctypes.byref(each.output), 0, ctypes.sizeof(each.output))
+            ctypes.memset(ctypes.byref(each.input), 0, ctypes.sizeof(each.input))
+            each.call("init", each.config, each.state, torque)
+        self.counter = int(random.integers(0, 2**32))
+        self.goal = self.q + 0.0
+        self.away = np.zeros(6)
+        self.command = 2 if random.random() < 0.3 else 1
+        self.tools = np.stack([_pose(random, 0.1) for _ in self.chain.tips])
+        self._choose_stiffness()
+
+    def _copy_config(self) -> None:
+        _copy(self.config, self.both[1].config)
+
+    def _choose_stiffness(self) -> None:
+        random, tips = self.random, len(self.chain.tips)
+        roots = random.normal(size=(2, tips, 3, 3))
+        scale = np.array([500.0, 20.0]) * 10.0 ** random.uniform(-1.5, 0.5)
+        self.stiffness = (roots @ np.swapaxes(roots, 2, 3) / 3) * scale[:, None, None, None]
+        if random.random() < 0.1:
+            self.stiffness[:, :, 0, 0] *= -1.0
+
+    def step(self, number: int) -> bool:
+        """Step both controllers once; return whether everything they give is the same."""
+        self._choose_events(number)
+        self._write_input()
+        self._spoil_sample()
+        _copy(self.input, self.both[1].input)
+        if self.random.random() < (0.001 if self.calm else 0.006):
+            self._overwrite_state()
+        results = [each.call("step", each.config, each.state, each.input, each.output) for each in self.both]
+        self._move()
+        return results[0] == results[1] and _same(*self.both)
+
+    def _choose_events(self, number: int) -> None:
+        """Change command, stiffness, load, configuration; reset; start again."""
+        random, rate = self.random, 0.15 if self.calm else 1.0
+        if number == 5 or random.random() < 0.01:
+            self.goal = self.q + random.normal(size=self.chain.dof) * 10.0 ** random.uniform(
+                -3, -0.5 if self.calm else 0
+            )
+        if random.random() < 0.02:
+            self.goal = self.goal + random.normal(size=self.chain.dof) * 1e-3
+        if random.random() < 0.01:
+            self._choose_stiffness()
+        if random.random() < 0.03 * rate:
+            share = 0.02 if self.calm else random.choice([0, 0.3])
+            self.load = random.normal(size=self.chain.dof) * np.array(self.config.effort_limit) * share
+        if random.random() < (0.08 if self.output.fault else 0.01):
+            for each in self.both:
+                each.call("reset", each.state)
+        if random.random() < (0.004 if self.calm else 0.008):
+            self._change_config()
+        if random.random() < 0.004 * rate:
+            self.command = 3 - self.command
+        if random.random() < (0.02 if self.output.fault else 0.001 * rate):
+            self.dq = 0.1 * self.dq
+            self._start()
+
+    def _change_config(self) -> None:
+        """Change one field while the controller runs, also to values that are refused."""
+        random = self.random
+        field = CONFIG[int(random.integers(len(CONFIG)))]
+        if random.random() < 0.4:
+            name = random.choice(_LIMITS)
+            field = next(each for each in CONFIG if each.name == name)
+        before = bytes(self.config)
+        if field.name in ("lower_limit", "upper_limit"):
+            sign = -1.0 if field.name == "lower_limit" else 1.0
+            _fill(getattr(self.config, field.name), self.q + sign * random.uniform(-0.2, 0.6, self.chain.dof))
+        elif random.random() < 0.2:
+            _set(self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.chain.dof)))
+        elif field.name not in ("task_damping", "law"):
+            self._vary(field)
+        self._copy_config()
+        if self.both[0].call("validate", self.config) != 0 and random.random() < 0.8:
+            ctypes.memmove(ctypes.byref(self.config), before, len(before))
+            self._copy_config()
+
+    def _write_input(self) -> None:
+        random, given, n = self.random, self.input, self.chain.dof
+        self.counter = (self.counter + 1) % 2**32
+        given.sample_valid, given.command, given.counter = 1, self.command, self.counter
+        measured = np.round(self.q / self.quantum) * self.quantum if self.quantum else self.q
+        noise = 0.0 if self.calm else 1e-4
+        _fill(given.q, measured)
+        _fill(given.dq, self.dq + noise * random.normal(size=n))
+        _fill(given.q0, self.goal)
+        for field in ("translation_stiffness", "rotation_stiffness"):
+            _fill(getattr(given, field), self.stiffness[int(field.startswith("rotation"))])
+        if self.command == 2:
+            poses = np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)).copy()
+            if not poses[:, 3, 3].all():
+                poses = np.broadcast_to(np.eye(4), poses.shape).copy()
+            poses[:, :3, 3] += 1e-3 * self.random.normal(size=3)
+            _fill(given.equilibrium, poses)
+        if self.chain.runtime_tool:
+            _fill(given.tool_pose, self.tools)
+        given.wrench_valid = int(self.config.law == 2 or random.random() < 0.3)
+        _fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
+        root = np.diag([20.0] * 3 + [3.0] * 3) + random.normal(size=(6, 6))
+        _fill(given.task_stiffness, np.stack([root @ root.T] * len(self.chain.tips)))
+
+    def _spoil_sample(self) -> None:
+        """Miss, repeat, skip or falsify samples and commands, now and then."""
+        random, given = self.random, self.input
+        event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.chain.dof))
+        bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
+        if event < 0.01:
+            given.sample_valid = 0
+        elif event < 0.015:
+            self.counter = (self.counter + int(random.integers(1, 6))) % 2**32
+            given.counter = self.counter
+        elif event < 0.02:
+            given.counter = (self.counter - 1) % 2**32
+        elif event < 0.03:
+            _put(random.choice(["q", "dq"]), given, joint, bad)
+        elif event < 0.04:
+            given.q[joint] += float(random.normal())
+        elif event < 0.045:
+            given.dq[joint] += 5.0 * float(random.normal())
+        elif event < 0.06:
+            _put(random.choice(["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium"]), given,
+                 int(random.integers(6)), bad)  # fmt: skip
+        elif event < 0.063:
+            ctypes.memset(ctypes.byref(given), 0, ctypes.sizeof(given))
+        elif event < 0.066 and self.chain.runtime_tool:
+            given.tool_pose[3] += 1e-3
+        elif event < 0.07:
+            self.dq[joint] += 3.0 * float(random.normal())
+
+    def _overwrite_state(self) -> None:
+        """Overwrite the same bytes of both states, among them single copies of the last torque."""
+        random, n = self.random, self.chain.dof
+        place = int(random.integers(6 * n)) if random.random() < 0.7 else int(random.integers(6 * n, 40 * n))
+        for each in self.both:
+            each.state[place] = each.state[place] * 1.5 + 0.125
+
+    def _move(self) -> None:
+        """Move the arm for one sample time: the controller's torque, a load, friction and diagonal inertia."""
+        time = min(float(self.config.sample_time), 0.02) if self.config.sample_time > 0 else 1e-3
+        torque = np.nan_to_num(np.array(self.output.torque))
+        n = self.chain.dof
+        inertia = np.maximum(np.diag(np.array(self.output.mass_matrix).reshape(n, n)), 0.3)
+        inertia = np.where(np.isfinite(inertia), inertia, 1.0)
+        self.dq = self.dq + time * (torque + self.load - 2.0 * self.dq) / inertia
+        self.dq = np.clip(np.nan_to_num(self.dq), -20.0, 20.0)
+        self.q = self.q + time * self.dq
+
+
+def _same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:
+    return bytes(reference.output) == bytes(library.output) and bytes(reference.state) == bytes(library.state)
+
+
+def _copy(source: Any, target: Any) -> None:
+    ctypes.memmove(ctypes.byref(target), ctypes.byref(source), ctypes.sizeof(source))
+
+
+def _set(config: Any, field: Field, value: float, entry: int) -> None:
+    """Set a field of a configuration, or one entry of a field with a shape (all for -1)."""
+    number = int(max(min(value, 2**31 - 1), -(2**31))) if field.type == "int" and math.isfinite(value) else value
+    if field.type == "int" and not isinstance(number, int):
+        number = -(2**31)
+    if not field.shape:
+        setattr(config, field.name, number)
+        return
+    values = getattr(config, field.name)
+    for place in range(len(values)) if entry < 0 else [entry % len(values)]:
+        values[place] = number
+
+
+def _fill(array: Any, values: Any) -> None:
+    """Write numbers into an array of a struct."""
+    array[:] = np.ravel(values).tolist()[: len(array)]
+
+
+def _put(name: str, given: Any, place: int, value: float) -> None:
+    array = getattr(given, name)
+    array[place % len(array)] = value
+
+
+def _pose(random: Random, reach: float) -> Array:
+    """Return a pose near the identity."""
+    angle, pose = random.normal() * 0.3, np.eye(4)
+    pose[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    pose[:3, 3] = random.normal(size=3) * reach
+    return pose

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: MIT
+"""``verify --urdf`` reads the masses of the URDF by itself: joints that mimic off the path move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.verify.masses import check_masses
+from stiffgen.verify.result import Check
+from stiffgen.verify.verify import Samples
+from support.project import ROOT
+
+NAMES = ("mass_matrix", "bias_forces", "gravity_gradient")
+BODY = '<link name="{}"><inertial><origin xyz="0.1 0.02 0.2" rpy="0.1 0.2 0.3"/><mass value="{}"/><inertia ixx="0.02" '
+BODY += 'iyy="0.03" izz="0.025" ixy="0.001" ixz="0.002" iyz="-0.001"/></inertial></link>'
+JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="0 0.02 0.3" rpy="0.3 0.1 0.2"/>'
+JOINT += '<axis xyz="0 1 1"/><limit lower="-1" upper="1" velocity="1" effort="10"/>{}</joint>'
+GRIPPER = (
+    '<robot name="gripper"><link name="base"/>'
+    + "".join(BODY.format(*each) for each in (("palm", 2.0), ("left", 0.5), ("right", 3.0)))
+    + JOINT.format("a", "revolute", "base", "palm", "")
+    + JOINT.format("l", "prismatic", "palm", "left", "")
+    + JOINT.format("r", "prismatic", "palm", "right", '<mimic joint="l" multiplier="-1" offset="0.01"/>')
+    + "</robot>"
+)
+
+
+def function(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
+    """Return a kernel's CasADi function as one of stacks."""
+    formula, shape = casadi_function(chain, kernel), kernel.results[0].array(chain).shape
+    folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+
+    def call(*stacks: Any) -> Any:
+        states = [
+            [one.reshape(fold) for one, fold in zip(state, folds, strict=True)] for state in zip(*stacks, strict=True)
+        ]
+        return np.array([np.array(formula(*state)).reshape(shape) for state in states])
+
+    return call
+
+
+def checks_of(urdf: Path, kernels_of: Chain, chain: Chain) -> list[Check]:
+    table = tuple(kernel for kernel in chain_kernels(chain) if kernel.qualified_name in NAMES)
+    kernels = {kernel.qualified_name: function(kernels_of, kernel) for kernel in table}
+    return check_masses(kernels, table, chain, urdf, Samples.draw(chain, 5, 0))
+
+
+@pytest.mark.parametrize("options", [{"tip": "left"}, {"tip": "right"}, {"tip": ["left", "right"]}])
+def test_a_parallel_gripper(options: dict[str, Any], tmp_path: Path) -> None:
+    urdf = tmp_path / "gripper.urdf"
+    urdf.write_text(GRIPPER)
+    chain = stiffgen.load_chain(urdf, **options)
+    checks = checks_of(urdf, chain, chain)
+    assert [check.kernel for check in checks] == list(NAMES)
+    assert all(check.passed and check.error < 1e-11 for check in checks)
+
+
+def test_a_finger_that_does_not_move_is_found(tmp_path: Path) -> None:
+    urdf = tmp_path / "gripper.urdf"
+    urdf.write_text(GRIPPER)
+    chain = stiffgen.load_chain(urdf, tip="left")
+    light = chain.joints[-1].body
+    still = replace(light, mass=0.0, moment=(0.0, 0.0, 0.0), tensor=(0.0,) * 6)
+    wrong = replace(chain, joints=(*chain.joints[:-1], replace(chain.joints[-1], body=still)))
+    assert [check.passed for check in checks_of(urdf, wrong, chain)] == [False, False, False]
+
+
+def test_a_floating_base() -> None:
+    urdf = ROOT / "tests" / "data" / "solo12.urdf"
+    chain = stiffgen.load_chain(urdf, tip="FL_FOOT", floating_base=True)
+    checks = checks_of(urdf, chain, chain)
+    assert len(checks) == 3 and all(check.passed and check.error < 1e-11 for check in checks)
