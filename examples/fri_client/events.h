@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-/* What may happen in a session: bits of the log's column `events`, of what happened since the row before. */
+/* Events of a session: bits of the log's column `events`, for the time since the row before. */
 enum Event {
     EVENT_LOST_CYCLES = 1 << 0,
     EVENT_MISSING_FIELD = 1 << 1,
@@ -28,42 +28,53 @@ enum Event {
     EVENT_WRENCH_REFUSED = 1 << 19
 };
 
-/* What it is called, what it is, and what the client did: the line on the terminal, and the table in docs/fri.md. */
+/* Name and meaning of an event, and the client's action: the line on the terminal, and the table in docs/fri.md. */
 struct EventText {
     std::uint32_t bit;
     const char *name, *what, *done;
 };
 
 const EventText EVENT_TEXTS[] = {
-    {EVENT_LOST_CYCLES, "lost cycles", "the robot's counter shows messages that never came, or came too late",
+    {EVENT_LOST_CYCLES, "lost cycles", "messages of the robot never came, or came too late",
      "missed samples: the torque is held, three are a fault of the controller"},
-    {EVENT_MISSING_FIELD, "missing field", "the message lacked a value that is needed", "a missed sample"},
-    {EVENT_BAD_TIMESTAMP, "bad time stamp", "the robot's clock was left out, or set",
-     "the counter of the messages tells the time"},
-    {EVENT_QUALITY_DROP, "quality drop", "the robot's rating of the connection got worse", "nothing"},
-    {EVENT_BAD_DATAGRAM, "bad datagram", "something arrived that was no message, or one out of order", "not answered"},
-    {EVENT_NO_TORQUE_MODE, "not in torque mode", "commanding, but not in torque mode", "nothing was sent"},
-    {EVENT_GUARD, "torque cut", "the torque sent is not the controller's: a limit, a release, or a dry run",
-     "cut to the limits"},
-    {EVENT_SENSOR_SILENT, "sensor silent", "no fresh wrench from the sensor", "a missed sample"},
-    {EVENT_HOLD, "held", "the button is pressed", "the trajectory stands still"},
-    {EVENT_DONE, "trajectory done", "its end is reached", "the end is held"},
-    {EVENT_EXCEPTION, "exception", "the FRI library refused a call", "nothing was sent"},
-    {EVENT_IMPLAUSIBLE, "implausible position", "a position far beyond the joint limits", "a missed sample"},
-    {EVENT_NO_TIME, "no time passed", "the robot's clock does not follow the counter of its messages",
+    {EVENT_MISSING_FIELD, "missing field", "the message lacks a value that is needed",
      "a missed sample"},
-    {EVENT_SLOWED, "slowed", "tip's distance, governor's lag, stored energy or contact force near its limit",
-     "the trajectory is slowed down, at the limit it stands still"},
-    {EVENT_PERIOD, "send period", "the robot reports another send period", "the old one is kept; for long: let go"},
-    {EVENT_STOPPED, "robot stopped", "safety stop, drives off, or another operation mode", "let go"},
+    {EVENT_BAD_TIMESTAMP, "bad time stamp", "the robot's clock was left out, or set",
+     "the messages' counter tells the time; if it goes on, lets go"},
+    {EVENT_QUALITY_DROP, "quality drop", "the robot rates the connection worse than before",
+     "nothing"},
+    {EVENT_BAD_DATAGRAM, "bad datagram", "a datagram is no message, or is out of order",
+     "does not answer it"},
+    {EVENT_NO_TORQUE_MODE, "not in torque mode", "the robot is commanding, but not in torque mode",
+     "sends no command"},
+    {EVENT_GUARD, "torque cut", "the torque sent is not the controller's: a limit, a release, or a dry run",
+     "cuts it to the limits"},
+    {EVENT_SENSOR_SILENT, "sensor silent", "the sensor has sent no wrench for 50 ms",
+     "a missed sample; if it goes on, lets go"},
+    {EVENT_HOLD, "held", "the button is pressed",
+     "holds the trajectory"},
+    {EVENT_DONE, "trajectory done", "the trajectory's end is reached",
+     "holds the end"},
+    {EVENT_EXCEPTION, "exception", "the FRI library refused a call",
+     "sends no command"},
+    {EVENT_IMPLAUSIBLE, "implausible position", "a position is far beyond a joint's limits",
+     "a missed sample; if it goes on, lets go"},
+    {EVENT_NO_TIME, "no time passed", "the robot's clock does not follow the messages' counter",
+     "a missed sample; if it goes on, lets go"},
+    {EVENT_SLOWED, "slowed", "the tip's distance, the governor's lag, the energy or the contact force is near its limit",
+     "slows the trajectory down; at the limit it stands still"},
+    {EVENT_PERIOD, "send period", "the robot reports another send period",
+     "keeps the old one; if it goes on, lets go"},
+    {EVENT_STOPPED, "robot stopped", "the robot reports a safety stop, inactive drives, or another operation mode",
+     "lets go"},
     {EVENT_CONTROLLER_FAULT, "controller fault", "the controller latched a fault",
-     "spring released, damping; reset if messages were lost, else: let go"},
-    {EVENT_LET_GO, "let go", "the client gives up, see the last line",
-     "torque to zero within 0.25 s, still answering"},
-    {EVENT_OTHER_VERSION, "other version", "the messages have not the fields of this FRI version",
+     "releases the springs; resets the fault if messages were lost, else lets go"},
+    {EVENT_LET_GO, "let go", "the client gives up; the last line says why",
+     "brings the torque to zero within 0.25 s, still answering"},
+    {EVENT_OTHER_VERSION, "other version", "the messages lack the fields of this FRI version",
      "nothing: build the client for the robot's version"},
     {EVENT_WRENCH_REFUSED, "wrench refused", "the wrench is beyond what the controller takes (500 N, 100 N m)",
-     "it counts as a contact force at its limit"},
+     "counts it as a contact force at its limit"},
 };
 
 #endif

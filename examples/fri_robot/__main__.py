@@ -51,15 +51,15 @@ from .session import Policy, Session
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / "build" / "robots" / "iiwa14_plate"
 TIMESTEP = 0.001
-"""[s] of the controller and the plant, whatever the send period."""
+"""Time step [s] of the controller and the plant, whatever the send period."""
 
 
 class RefusedError(Exception):
-    """An option cannot be used; the text names it and the remedy."""
+    """Refusal of an option; the text names the option and the remedy."""
 
 
 def arguments() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m examples.fri_robot",
         description="A simulated LBR iiwa 14 that speaks FRI. Start a client on the same port, in any order.",
@@ -93,7 +93,7 @@ def arguments() -> argparse.ArgumentParser:
         help="what the client commands (%(default)s)",
     )
     add("--stiffness", type=float, nargs="+", default=[0.0], metavar="K",
-        help="of the joint impedance control, one or seven [N m/rad] (0)")  # fmt: skip
+        help="stiffness of the joint impedance control, one or seven [N m/rad] (0)")  # fmt: skip
     add("--bowl", action="store_true", help="put the bowl under the tool")
     add("--start", type=float, nargs=JOINTS, metavar="Q", help="joint positions at the start [rad] (the experiment's)")
     add("--press-button", type=float, nargs=2, metavar=("FROM", "TO"), help="press MediaFlange.UserButton [s]")
@@ -122,25 +122,25 @@ def arguments() -> argparse.ArgumentParser:
         metavar="DIR",
         help="the generated robot with its tool (build/robots/iiwa14_plate)",
     )
-    add("--faults", default="", metavar="SPEC", help="see below")
+    add("--faults", default="", metavar="SPEC", help="faults, see below")
     add(
         "--deaf",
         action="store_true",
         help="do not notice when the client closes its port: silence alone tells, as behind a firewall",
     )
-    add("--seed", type=int, default=0, metavar="N", help="of random faults (%(default)s)")
+    add("--seed", type=int, default=0, metavar="N", help="seed of random faults (%(default)s)")
     add("--log", type=Path, metavar="FILE.npz", help="write what was sent and received in each cycle")
     add("--summary", type=Path, metavar="FILE.json", help="write the counts of the session")
     return parser
 
 
 def load_robot(folder: Path) -> ModuleType:
-    """The generated Python module of the robot with its tool, from its folder.
+    """Load the generated Python module of the robot with its tool.
 
     Raises
     ------
     RefusedError
-        It is not there.
+        The folder has no generated robot.
 
     """
     if not (folder / "__init__.py").is_file():
@@ -204,7 +204,7 @@ def _robot(options: argparse.Namespace, policy: Policy) -> Robot:
 
 
 def summary(options: argparse.Namespace, emulator: Emulator, recorder: Recorder | None) -> dict[str, Any]:
-    """What a session came to, for JSON."""
+    """Return the figures of a session, for JSON."""
     session, statistics = emulator.session, emulator.statistics
     return {
         "protocol": options.protocol,
@@ -234,7 +234,7 @@ def summary(options: argparse.Namespace, emulator: Emulator, recorder: Recorder 
 
 @contextlib.contextmanager
 def _status_line(console: Console, emulator: Emulator) -> Iterator[None]:
-    """One line that follows the session, on a terminal; rich draws it from its own thread."""
+    """Show one line that follows the session on a terminal; rich draws it from a thread of its own."""
     if not console.is_terminal:
         yield
         return
@@ -255,7 +255,7 @@ def _status_line(console: Console, emulator: Emulator) -> Iterator[None]:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """One session; gives the exit code.
+    """Run one session; return the exit code.
 
     Raises
     ------
@@ -324,7 +324,7 @@ def _print(console: Console, result: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """The command line's way in."""
+    """Run the command line; return the exit code."""
     options = arguments().parse_args()
     try:
         return run(options, Console())

@@ -62,7 +62,7 @@ class BrokenOffError(Exception):
 
 
 def arguments() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m examples.fri_robot.demo", description="Wipe the bowl once through FRI, with no robot."
     )
@@ -77,14 +77,14 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def _die_with_parent() -> None:
-    """In a child on Linux: it is ended when the demo is, however that happens."""
+    """End this child with the demo, however the demo ends (on Linux)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(1, signal.SIGTERM)
 
 
 @contextlib.contextmanager
 def child(command: list[str], **files: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that does not outlive the block."""
+    """Start a process that does not outlive the block."""
     process = subprocess.Popen(command, cwd=ROOT, preexec_fn=_die_with_parent, **files)
     try:
         yield process
@@ -99,7 +99,7 @@ def child(command: list[str], **files: Any) -> Iterator[subprocess.Popen[bytes]]
 
 
 def build_client(robot: Path, version: str, folder: Path) -> Path:
-    """Configures and builds the client with the machine's instructions, as the NumPy module is built; its program.
+    """Configure and build the client with the machine's instructions, as the NumPy module is built; return the program.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def build_client(robot: Path, version: str, folder: Path) -> Path:
 
 
 def run_session(options: argparse.Namespace, client: Path) -> None:
-    """Client and robot, until both have ended.
+    """Run client and robot until both have ended.
 
     Raises
     ------
@@ -169,9 +169,9 @@ def run_session(options: argparse.Namespace, client: Path) -> None:
 
 
 def antisymmetric_parts(robot: ModuleType, log: ClientLog) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Largest singular values [N m/rad] of the antisymmetric part of Kq at the client's states: (steps,) each.
+    """Return the largest singular values [N m/rad] of the antisymmetric part of Kq at the client's states: (steps,).
 
-    Corrected and conventional, from the generated kernels.
+    The first of the corrected formula, the second of the conventional one, from the generated kernels.
     """
     K = np.diag(log.summary["controller"]["task_stiffness"])
     kernels = robot.hybrid
@@ -183,7 +183,7 @@ def antisymmetric_parts(robot: ModuleType, log: ClientLog) -> tuple[NDArray[Any]
 
 
 def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDArray[Any], NDArray[Any]]) -> str:
-    """The session as SVG: joint positions, torque on the wire, wrench as estimated and true, antisymmetric part."""
+    """Draw the session as SVG: joint positions, torque on the wire, wrench estimated and true, antisymmetric part."""
     every = slice(None, None, max(1, len(log) // 400))
     time = log["time"][every]
     row = np.rint(log["time"] / log.summary["sample_time"]).astype(int)[every]
@@ -227,7 +227,7 @@ def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDAr
 
 
 def report(options: argparse.Namespace, console: Console) -> bool:
-    """Prints and draws what the session came to; whether it is as it should be."""
+    """Print and draw the session; return whether it is as it should be."""
     folder = options.output
     robot = load_robot(options.robot)
     log = read_client_log(folder / "client.csv", folder / "client.json")
@@ -260,7 +260,7 @@ def report(options: argparse.Namespace, console: Console) -> bool:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """The whole demo; gives the exit code."""
+    """Run the demo; return the exit code."""
     options.robot, options.output = options.robot.absolute(), options.output.absolute()
     load_robot(options.robot)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -275,7 +275,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def main() -> int:
-    """The command line's way in."""
+    """Run the command line; return the exit code."""
     options = arguments().parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:

@@ -43,23 +43,23 @@ BUTTON = "MediaFlange.UserButton"
 LOCKSTEP_EPOCH = 1_700_000_000_000_000_000
 """Unix time [ns] at which the robot's clock starts in lockstep, so that runs are equal."""
 UNCERTAIN_WAIT = 0.1
-"""[s] of wall time that lockstep waits for an answer that need not come: to a datagram that a fault spoiled."""
+"""Wall time [s] that lockstep waits for an answer that need not come, to a datagram that a fault spoiled."""
 PLANT_SHARE = 0.35
 """Share of the period that the wall-clock mode keeps for the plant when no answer comes."""
 OBSERVE = 10
-"""Without a log, contact is looked at every so many cycles: it takes time that a period of 1 ms does not have."""
+"""Cycles from one look at the contact to the next without a log: it takes time that a period of 1 ms lacks."""
 GOODBYES = 20
 """Most messages with IDLE at the end; sending stops as soon as the client is gone."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of a session.
+    """Settings of a session.
 
     Attributes
     ----------
     period : int
-        Of the monitoring messages [ms].
+        Period of the monitoring messages [ms].
     multiplier : int
         The client answers every so many messages.
     mode : CommandMode
@@ -84,7 +84,7 @@ class Settings:
 
 @dataclass
 class Statistics:
-    """What a session came to.
+    """Figures of a session.
 
     ``sent`` monitoring messages, ``received`` datagrams, ``accepted`` commands; ``rejected`` datagrams and outputs by
     reason; ``overruns`` cycles that the emulator itself was late with, by ``slip`` seconds in all; ``in_contact``
@@ -105,7 +105,7 @@ class Statistics:
 
 
 class Emulator:
-    """One session with a client.
+    """Robot's side of one session with a client.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class Emulator:
     settings : Settings
     faults : FaultPlan
     seed : int
-        Of the faults.
+        Seed of the faults.
     recorder : Recorder or None
 
     """
@@ -167,24 +167,24 @@ class Emulator:
         self._fewest = self._most = 0  # messages that the client may have counted since its last answer
         self._interrupted = False
         self.quiet: Callable[[], bool] | None = None
-        """Whether the client has answered all that it will; where that can be seen, lockstep waits for no answer."""
+        """Tells whether the client has answered all that it will, where that can be seen; lockstep then goes on."""
 
     @property
     def time(self) -> float:
-        """Of the robot's clock since the session began [s]."""
+        """Time [s] of the robot's clock since the session began."""
         return self._cycle * self._period
 
     def interrupt(self) -> None:
-        """Ends the session after this cycle, in order (from a signal handler)."""
+        """End the session in order after this cycle (from a signal handler)."""
         self._interrupted = True
 
     def run(self) -> None:
-        """The whole session. How it went is in ``session.failure`` and ``statistics``.
+        """Run the session. Its outcome is in ``session.failure`` and ``statistics``.
 
         Raises
         ------
         LinkError
-            No client was there.
+            No client listened.
 
         """
         session = self.session
@@ -233,13 +233,13 @@ class Emulator:
         )
 
     def _counter(self) -> int:
-        """Sequence counter of this cycle's message; a fault may let it stand."""
+        """Return the sequence counter of this cycle's message; a fault may stop it."""
         if self._faults.condition("standing", self.time) != "counter":
             self._standing_counter = self._cycle
         return self._standing_counter
 
     def _clock(self) -> int:
-        """Unix time [ns] of this cycle as the robot tells it, with the faults of its clock."""
+        """Return the Unix time [ns] of this cycle as the robot reports it, with the faults of its clock."""
         period = self._settings.period * 1_000_000
         faults, time = self._faults, self.time
         now = self._epoch + self._cycle * period
@@ -255,7 +255,7 @@ class Emulator:
         return span is not None and span[0] <= self.time < span[1]
 
     def _begin(self) -> tuple[Monitoring, list[Delivery]]:
-        """State faults, then this cycle's message and what arrives at the client."""
+        """Apply state faults; return this cycle's message and the datagrams that arrive at the client."""
         while self._forced and self._forced[0].covers(self.time):
             self.forced_states += 1
             old = self.session.state
@@ -274,7 +274,7 @@ class Emulator:
         return monitoring, injector.send(datagram, self.time, self._cycle) + injector.release(self._cycle)
 
     def _take(self, datagram: bytes) -> None:
-        """A datagram from the client came out of the socket; faults of its way come on top."""
+        """Take a datagram from the client, and put the faults of its way on top."""
         self.statistics.received += 1
         self._received += 1
         for delivery in self.injectors["client"].send(datagram, self.time, self._cycle):
@@ -303,7 +303,7 @@ class Emulator:
         self._arrived.append((command, latency))
 
     def _finish(self, monitoring: Monitoring) -> None:
-        """After the answers of a cycle: commands come into force, the session and the plant advance."""
+        """End a cycle after its answers: execute commands, advance the session and the plant."""
         for delivery in self.injectors["client"].release(self._cycle):
             self._decode(delivery.datagram)
         session, robot = self.session, self.robot
@@ -347,7 +347,7 @@ class Emulator:
             self.robot.hold()
 
     def _track(self, state: SessionState, complete: bool) -> None:
-        """[POLICY] Tracking performance: share of the last commands due that came at once; 0 unless commanding."""
+        """Update the tracking performance [POLICY]: share of the last commands that came at once."""
         if state is not SessionState.COMMANDING_ACTIVE:
             self._executed.clear()
             self.tracking = 0.0
@@ -356,7 +356,7 @@ class Emulator:
         self.tracking = sum(self._executed) / len(self._executed)
 
     def _observe(self, state: SessionState) -> None:
-        """External wrench and contact, for the next message, the log, the status line and the counts."""
+        """Read external wrench and contact for the next message, the log, the status line and the counts."""
         every = self._recorder is not None or self._cycle % OBSERVE == 0
         if every or self._protocol.framed:
             self.wrench = self.robot.plant.wrench()
@@ -406,12 +406,12 @@ class Emulator:
     # -- the two clocks
 
     def _meet(self, datagram: bytes) -> bytes | None:
-        """Sends the first message until somebody listens; gives what was answered at once, if anything.
+        """Send the first message until somebody listens; return the answer, if one came at once.
 
         Raises
         ------
         LinkError
-            Nobody did.
+            Nobody listened in time.
 
         """
         deadline = wall.monotonic() + self._settings.answer_timeout
@@ -432,7 +432,7 @@ class Emulator:
         )
 
     def _gone(self) -> None:
-        """Nobody listens any more, in the middle of the session."""
+        """End the session because the client has closed its port."""
         self.session.failure = self.session.failure or "the client closed its port"
         self.session.end("client gone")
 
@@ -447,7 +447,7 @@ class Emulator:
             self._finish(monitoring)
 
     def _exchange(self, delivery: Delivery) -> None:
-        """Delivers a datagram and waits for its answer: as long as it takes if one must come, else a little."""
+        """Deliver a datagram and wait for its answer: as long as it takes if one must come, else a little."""
         answer = None
         if self._cycle == 0:
             answer = self._meet(delivery.datagram)
@@ -521,7 +521,7 @@ class Emulator:
                 start -= ahead
 
     def _collect(self, until: float) -> None:
-        """Takes answers until one was accepted or time is up, and whatever else is there."""
+        """Take answers until one is accepted or time is up, and all others that are there."""
         while True:
             left = 0.0 if self._arrived else until - wall.perf_counter()
             datagram = self._link.receive(left)
@@ -530,7 +530,7 @@ class Emulator:
             self._take(datagram)
 
     def _say_goodbye(self) -> None:
-        """Messages with IDLE, untouched by faults, until the client is gone: a session's clean end."""
+        """Send messages with IDLE, untouched by faults, until the client is gone: a session's clean end."""
         monitoring = self._monitoring()
         for _ in range(GOODBYES):
             try:
@@ -543,7 +543,7 @@ class Emulator:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """The collector's pauses would be the robot's."""
+    """Switch the garbage collector off in the block: its pauses would be the robot's."""
     enabled = gc.isenabled()
     gc.collect()
     gc.disable()

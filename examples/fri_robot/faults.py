@@ -144,7 +144,7 @@ class FaultPlan:
     conditions: tuple[Fault, ...]
 
     def condition(self, kind: str, time: float) -> str | None:
-        """The argument of a condition that holds at a time [s], or None."""
+        """Return the argument of a condition that holds at a time [s], or None."""
         for fault in self.conditions:
             if fault.kind == kind and fault.covers(time):
                 return fault.argument
@@ -157,7 +157,7 @@ class FaultPlan:
 
 
 def parse_faults(specification: str, version: str) -> FaultPlan:
-    """Reads a fault specification for an FRI version.
+    """Parse a fault specification for an FRI version.
 
     Raises
     ------
@@ -318,7 +318,7 @@ class FaultInjector:
         return found
 
     def send(self, datagram: bytes, time: float, cycle: int) -> list[Delivery]:
-        """What arrives now of a datagram sent at a time [s] in a cycle."""
+        """Return what arrives now of a datagram sent at a time [s] in a cycle."""
         fault = self._hit(time)
         self.last = fault.kind if fault else None
         if fault is None:
@@ -379,7 +379,7 @@ class FaultInjector:
         return self._protocol.frame(message.SerializePartialToString())
 
     def _cut(self, datagram: bytes, message: Any, field: str) -> bytes:
-        """The datagram up to a field of the message; they are sent in the order of their numbers."""
+        """Return the datagram up to a field of the message; fields are sent in the order of their numbers."""
         number = message.DESCRIPTOR.fields_by_name[field].number
         for descriptor, _ in message.ListFields():
             if descriptor.number >= number:

@@ -32,7 +32,7 @@ MOST_BYTES = 1500
 
 
 class SessionState(IntEnum):
-    """Where a session stands; the robot alone decides."""
+    """State of a session; the robot alone decides."""
 
     IDLE = 0
     MONITORING_WAIT = 1
@@ -85,7 +85,7 @@ class ControlMode(IntEnum):
 
 
 class CommandMode(IntEnum):
-    """What the client is to command."""
+    """Quantity that the client commands."""
 
     NO_COMMAND_MODE = 0
     POSITION = 1
@@ -95,7 +95,7 @@ class CommandMode(IntEnum):
 
 
 class OverlayType(IntEnum):
-    """What the client's commands are laid over."""
+    """Motion that the client's commands are added to."""
 
     NO_OVERLAY = 0
     JOINT = 1
@@ -217,7 +217,7 @@ class IOValue:
 
 @dataclass
 class Monitoring:
-    """What one monitoring message says. Arrays are of shape (7,), rad and N m, unless said; None: not sent.
+    """Content of a monitoring message. Arrays are of shape (7,), rad and N m, unless said; None: not sent.
 
     ``pose`` is (x, y, z) in mm and a unit quaternion (w, x, y, z), base to tip; ``external_force`` is the wrench (force
     first, N and N m). ``sent_at`` is Unix time in whole nanoseconds.
@@ -251,7 +251,7 @@ class Monitoring:
 
 @dataclass(frozen=True)
 class Command:
-    """What one command message says. ``position`` (7,) rad and ``torque`` (7,) N m are None if not sent."""
+    """Content of a command message. ``position`` (7,) rad and ``torque`` (7,) N m are None if not sent."""
 
     sequence: int
     reflected: int
@@ -314,13 +314,13 @@ class Protocol:
     # -- datagrams
 
     def frame(self, body: bytes) -> bytes:
-        """A serialised message as a datagram."""
+        """Return a serialised message as a datagram."""
         if not self.framed:
             return body
         return struct.pack("<I", len(body)) + body + struct.pack("<I", zlib.crc32(body))
 
     def unframe(self, datagram: bytes) -> bytes:
-        """The serialised message in a datagram; checks length and CRC where the version has them."""
+        """Return the serialised message in a datagram; check length and CRC where the version has them."""
         if not datagram:
             raise MessageError("empty", "empty datagram")
         if not self.framed:
@@ -352,7 +352,7 @@ class Protocol:
     # -- monitoring
 
     def monitoring_message(self, monitoring: Monitoring) -> Any:
-        """The message of a :class:`Monitoring`, not serialised yet."""
+        """Return the message of a :class:`Monitoring`, not serialised."""
         message = self.monitoring_class()
         header = message.header
         header.messageIdentifier = MONITORING_IDENTIFIER
@@ -395,11 +395,11 @@ class Protocol:
         return message
 
     def encode_monitoring(self, monitoring: Monitoring) -> bytes:
-        """The datagram of a :class:`Monitoring`."""
+        """Return the datagram of a :class:`Monitoring`."""
         return self.frame(self.monitoring_message(monitoring).SerializeToString())
 
     def decode_monitoring(self, datagram: bytes) -> Any:
-        """The monitoring message in a datagram, as a protobuf message.
+        """Decode the monitoring message in a datagram, as a protobuf message.
 
         Raises
         ------
@@ -412,7 +412,7 @@ class Protocol:
     # -- command
 
     def encode_command(self, command: Command) -> bytes:
-        """The datagram of a :class:`Command`."""
+        """Return the datagram of a :class:`Command`."""
         message = self.command_class()
         message.header.messageIdentifier = COMMAND_IDENTIFIER
         message.header.sequenceCounter = command.sequence
@@ -426,7 +426,7 @@ class Protocol:
         return self.frame(message.SerializeToString())
 
     def decode_command(self, datagram: bytes) -> Command:
-        """The command in a datagram.
+        """Decode the command in a datagram.
 
         Raises
         ------

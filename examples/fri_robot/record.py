@@ -60,7 +60,7 @@ class Recorder:
         self._used = BLOCK
 
     def new_row(self) -> Any:
-        """A zeroed row to fill in, the next one of the log."""
+        """Return the next row of the log, zeroed, to be filled in."""
         if self._used == BLOCK:
             self._blocks.append(np.zeros(BLOCK, ROW))
             self._used = 0
@@ -75,7 +75,7 @@ class Recorder:
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
     def write(self, file: Path, summary: dict[str, Any]) -> None:
-        """Writes one array for each field of ROW and ``summary`` (JSON), the whole file or nothing."""
+        """Write one array for each field of ROW and ``summary`` (JSON), the whole file or nothing."""
         rows = self.rows
         with tempfile.NamedTemporaryFile(dir=file.parent, prefix=f".{file.name}.", delete=False) as stream:
             try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What went over the wire against the same controller stepped in Python on the inputs in the client's log."""
+"""Comparison of the wire with the same controller stepped in Python on the inputs in the client's log."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ClientLog:
 
 
 def read_client_log(log: Path, summary: Path) -> ClientLog:
-    """The CSV and JSON that fri_wiping writes; columns name_0, name_1, ... become one array."""
+    """Read the CSV and JSON that fri_wiping writes; columns name_0, name_1, ... become one array."""
     with log.open() as stream:
         names = stream.readline().strip().split(",")
         lines = stream.readlines()
@@ -47,7 +47,7 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
 
 
 def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
-    """The controller of a generated robot, configured as a client's summary says."""
+    """Return the controller of a generated robot, configured as a client's summary says."""
     told = summary["controller"]
     names = ("sample_time", "law", "stiffness_formula", "posture_stiffness", "motor_inertia", "damping_ratio",
              "joint_damping", "effort_limit", "torque_rate_limit", "reference_velocity_limit", "ramp_time",
@@ -98,7 +98,7 @@ class Comparison:
 
 
 def compare(robot: Any, log: ClientLog, received: Mapping[str, NDArray[Any]]) -> Comparison:
-    """Compares what the robot received (its log) with the controller stepped in Python on the client's log."""
+    """Compare what the robot received (its log) with the controller stepped in Python on the client's log."""
     torque = replayed_torque(robot, log)
     worst_step = float(np.max(np.abs(torque - log["torque"]), initial=0.0))
     sequence = np.rint(log["time"] / log.summary["sample_time"]).astype(int)
@@ -122,7 +122,7 @@ def compare(robot: Any, log: ClientLog, received: Mapping[str, NDArray[Any]]) ->
 
 @dataclass(frozen=True)
 class Commands:
-    """What the robot received as torque in COMMANDING_ACTIVE.
+    """Torques that the robot received in COMMANDING_ACTIVE.
 
     ``commands`` of them, ``not_finite`` with NaN or infinity, ``beyond_limit`` greater than the effort limit;
     ``worst_rate`` is the largest change from one to the next as a share of what the rate limit allows.
@@ -135,7 +135,7 @@ class Commands:
 
 
 def check_commands(received: Mapping[str, NDArray[Any]], summary: Mapping[str, Any]) -> Commands:
-    """Holds the torques in the robot's log against the client's own limits.
+    """Check the torques in the robot's log against the client's own limits.
 
     The client may move its torque by one step of the rate limit from one command that it sends to the next; between two
     that arrived it may have moved as often as its counter did.

@@ -29,7 +29,7 @@ DAMPING_RATIO = 0.7
 
 
 class Plant(Protocol):
-    """What the controller needs of the simulated arm: examples/bowl_wiping/plant.py has it."""
+    """Interface of the simulated arm that the controller needs (examples/bowl_wiping/plant.py)."""
 
     timestep: float
     data: Any
@@ -99,12 +99,12 @@ class Robot:
 
     @property
     def measured_torque(self) -> Array:
-        """What the joint torque sensors read: control and compensation together [N m]."""
+        """Torques of the joint sensors: control and compensation together [N m]."""
         return np.asarray(self.applied + self.plant.data.qfrc_bias)
 
     @property
     def set_point(self) -> Array:
-        """Where the position hold's interpolator stands [rad]."""
+        """Set-point of the position hold's interpolator [rad]."""
         return self._anchor
 
     def pose(self) -> Array:
@@ -152,7 +152,7 @@ class Robot:
         return None
 
     def command(self, command: Command) -> None:
-        """A command comes into force; what it does not have stays as it was."""
+        """Execute a command; values that it lacks stay as they were."""
         if command.position is not None:
             self.commanded_position = command.position
         if command.torque is not None and self._mode is CommandMode.TORQUE:
@@ -197,7 +197,7 @@ class Robot:
 
 
 def quaternion(R: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of a rotation matrix, w >= 0."""
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix, w >= 0."""
     q = np.empty(4)
     mujoco.mju_mat2Quat(q, R.ravel())
     return np.asarray(np.copysign(1.0, q[0]) * q)

@@ -76,11 +76,11 @@ class QualityMeter:
         """Answers that were due and not there in time."""
 
     def answered(self, sequence: int) -> None:
-        """An answer to the monitoring message of this number came."""
+        """Note an answer to the monitoring message of this number."""
         self._answered.add(sequence // self._multiplier)
 
     def judge(self, sequence: int) -> Quality:
-        """Quality at the end of the cycle in which the message of this number was sent."""
+        """Return the quality at the end of the cycle in which the message of this number was sent."""
         last = sequence - self._grace
         if last >= 0 and (last + 1) % self._multiplier == 0:
             block = last // self._multiplier
@@ -108,7 +108,7 @@ class Session:
     Parameters
     ----------
     period : float
-        Of the monitoring messages [s].
+        Period of the monitoring messages [s].
     policy : Policy
     duration : float
         Time to spend in COMMANDING_ACTIVE, all motions together [s].
@@ -152,7 +152,7 @@ class Session:
         self.failure: str | None = None
 
     def open(self) -> None:
-        """The application opens the session: from IDLE to MONITORING_WAIT."""
+        """Open the session: from IDLE to MONITORING_WAIT."""
         self._go(SessionState.MONITORING_WAIT, "session opened")
 
     @property
@@ -166,7 +166,7 @@ class Session:
         self._report(old, state, reason)
 
     def fail(self, reason: str) -> None:
-        """Something ends the session early: the motion stops, then the session closes."""
+        """End the session early: the motion stops, then the session closes."""
         self.failure = self.failure or reason
         self._close()
         if self.state in COMMANDING:
@@ -177,12 +177,12 @@ class Session:
             self._closing, self._monitoring = True, 0
 
     def end(self, reason: str) -> None:
-        """Closes the session at once."""
+        """Close the session at once."""
         if self.state is not SessionState.IDLE:
             self._go(SessionState.IDLE, reason)
 
     def force(self, state: SessionState) -> None:
-        """A fault puts the session in this state; from there it goes on by its rules."""
+        """Put the session into this state, by a fault; from there it follows its rules."""
         if state is SessionState.IDLE:
             self.failure = self.failure or "the session state dropped to IDLE"
             self.end("state drop")
@@ -202,12 +202,12 @@ class Session:
         return cycles * self._period
 
     def advance(self, quality: Quality, *, answered: bool, complete: bool) -> None:
-        """The end of a cycle.
+        """End a cycle.
 
         Parameters
         ----------
         quality : Quality
-            Of the connection, now.
+            Quality of the connection now.
         answered, complete : bool
             Whether an answer was accepted in this cycle, and whether it commands everything that the mode asks for.
 

@@ -31,12 +31,12 @@ class Run:
 
     @property
     def faults(self) -> dict[str, int]:
-        """What the client counted."""
+        """Counters of the client."""
         assert self.client is not None
         return dict(self.client.summary["faults"])
 
     def check(self, robot: ModuleType) -> None:
-        """What was sent is finite, within limits and rate, and what the controller makes of its inputs."""
+        """Check that the torque sent is finite, within limits and rate, and the controller's for its inputs."""
         assert self.client is not None
         commands = check_commands(self.robot.log, self.client.summary)
         assert (commands.not_finite, commands.beyond_limit) == (0, 0)
@@ -46,7 +46,7 @@ class Run:
         assert max(found.worst, found.worst_step, found.worst_guarded) == 0.0
 
     def check_sent(self) -> None:
-        """What was sent is finite, and within limits and rate of the robot's time."""
+        """Check that the torque sent is finite, and within limits and rate of the robot's time."""
         assert self.client is not None
         commands = check_commands(self.robot.log, self.client.summary)
         assert (commands.not_finite, commands.beyond_limit) == (0, 0)

@@ -31,7 +31,7 @@ from support.project import ROOT
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 POSTURE = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
 TIMEOUT = None
-"""In place of a datagram: the connection has nothing."""
+"""Stands for a silence in place of a datagram."""
 
 FULL = (
     "--effort-share",
@@ -195,12 +195,12 @@ class Programs:
         return RobotScript(self.version, period)
 
     def probe(self, script: RobotScript) -> list[dict[str, Any]]:
-        """What a client that calls everything makes of a script."""
+        """Return the steps of a client that calls everything, on a script."""
         return run_harness(self.folder, script.datagrams, "probe")
 
 
 def require_tools() -> str | None:
-    """What is missing to build the client against the open library, or None."""
+    """Return the tools that are missing to build the client against the open library, or None."""
     missing = [tool for tool in ("g++", "clang++", "protoc") if shutil.which(tool) is None]
     if not shutil.which("nanopb_generator.py") and not shutil.which("nanopb_generator"):
         missing.append("nanopb")

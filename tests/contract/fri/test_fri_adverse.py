@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What an unfriendly robot does to the C++ client: scenarios of the emulator (--faults), for each version."""
+"""The C++ client against unfriendly robots: scenarios of the emulator (--faults), for each version."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def last_line(run: Run) -> str:
 
 
 def release_time(run: Run, period: int = 5) -> float:
-    """How long the torque took to zero at the end [s]: from the last command that was as large as any before."""
+    """Return the time [s] that the torque took to zero at the end, from the last command that was not smaller."""
     size = np.abs(run.torque).max(axis=1)
     assert size[-1] == 0.0, "the last command is not zero"
     falling = np.flatnonzero(np.diff(size) >= 0)
@@ -353,7 +353,7 @@ class Person:
         os.write(self._terminal, text)
 
     def answers(self, text: bytes) -> Callable[[object], None]:
-        """What is to be done for the next answer."""
+        """Return what gives the next answer."""
 
         def answer(_: object) -> None:
             self._asked += 1

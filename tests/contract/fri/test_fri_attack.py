@@ -45,7 +45,7 @@ FOUND = {
         "5: 440259048 multiplier 2.234380 0.174768 3 replay 2.653331 0.444852 150", END
     ),
 }  # fmt: skip
-"""What was wrong, the schedule that showed it, and how the session ends now."""
+"""Former faults: the schedule that showed each, and the sentence that the session ends with now."""
 
 
 @versions

@@ -21,7 +21,7 @@ CLIENT_OPTIONS = set(re.findall(r'\{"([a-z-]+)", (?:no|required)_argument', (SOU
 ROBOT_OPTIONS = {name.lstrip("-") for action in arguments()._actions for name in action.option_strings}
 DEMO_OPTIONS = {name.lstrip("-") for action in demo.arguments()._actions for name in action.option_strings}
 OTHERS = {"build", "set-eee", "quiet", "name", "output", "tool-xyz", "tool-mass"}
-"""Of cmake, ethtool and stiffgen generate."""
+"""Options of cmake, ethtool and stiffgen generate."""
 
 
 def lines(page: str) -> list[str]:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import struct
 import time
 from collections.abc import Callable
@@ -16,7 +18,7 @@ from examples.fri_robot.replay import read_client_log
 from support.fri_python_client import free_port
 from support.fri_served import served, unread
 from support.fri_session import POSTURE, Programs, button
-from support.fri_wiping import COMMANDING_ACTIVE, IDLE, MONITORING_READY, Wiped, over_udp
+from support.fri_wiping import COMMANDING_ACTIVE, IDLE, MONITORING_READY, MONITORING_WAIT, Wiped, over_udp
 
 SLOWED, LET_GO, REFUSED = 1 << 13, 1 << 17, 1 << 19
 HELD = ("--force-limit", "150", "--hold-time", "0.3")
@@ -164,3 +166,30 @@ def test_a_silent_sensor_is_let_go_and_named(one: Programs) -> None:
         session.send(script.message(IDLE))
         code, _, errors = session.end()
     assert code == 1 and f"the wrench sensor on port {sensor_port} is silent" in errors
+
+
+def test_a_robot_that_comes_back_on_another_port_is_named(one: Programs) -> None:
+    script = one.script()
+    script.begin()
+    script.add(COMMANDING_ACTIVE, 20)
+    with served(one.client, "--timeout", 300) as session, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reborn:
+        for datagram in script.datagrams:
+            session.ask(datagram or b"")
+        while session.client.poll() is None:
+            with contextlib.suppress(ConnectionRefusedError):
+                session.send(script.message(MONITORING_WAIT), reborn)
+            time.sleep(0.005)
+        code, _, errors = session.end()
+    assert code == 1 and "come from another address or port than this session's: datagram_sender" in errors
+
+
+def test_a_joint_array_that_is_never_seven_is_named(one: Programs) -> None:
+    script = one.script()
+    script.add(MONITORING_WAIT, 100, change=lambda m: m.monitorData.measuredTorque.value.pop())
+    with served(one.client, "--wait", 0.5) as session:
+        for datagram in script.datagrams:
+            with contextlib.suppress(ConnectionRefusedError):
+                session.send(datagram or b"")
+            time.sleep(0.01)
+        code, _, errors = session.end()
+    assert code == 1 and "messages do not have seven joints: datagram_joint_count" in errors

@@ -239,7 +239,7 @@ def watched_session(
 def test_nothing_is_allocated_from_the_opening_of_the_port_to_its_closing(
     registered: bool, programs: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
-    """In no thread, the log's among them; with an interposed allocator.
+    """Checked in all threads, the log's among them, with an interposed allocator.
 
     Nor when the button is not registered, and what is needed is left out: the library throws no exception then.
     """
