@@ -2,9 +2,20 @@
 #ifndef FRI_CLIENT_FILTERS_H
 #define FRI_CLIENT_FILTERS_H
 
+#include <algorithm>
 #include <cmath>
 
 enum { JOINTS = 7 };
+
+inline void copy(const double *from, double *to, int count)
+{
+    std::copy(from, from + count, to);
+}
+
+inline void fill(double *x, double value, int count)
+{
+    std::fill(x, x + count, value);
+}
 
 inline bool all_finite(const double *values, int count)
 {

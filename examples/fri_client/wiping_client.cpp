@@ -10,32 +10,16 @@ using KUKA::FRI::FRIException;
 
 namespace {
 
-/* Messages in a row that are at odds with the session, after which the client acts: one may be at fault, ten not. */
-const int PATIENCE = 10;
-
 /* [s] without a wrench after which the contact force counts as at its limit. */
 const double WRENCH_PATIENCE = 0.05;
 
 /* [s] of good samples after which a fault of the communication is reset. */
 const double RESET_TIME = 0.2;
 
-/* Periods that torque can be commanded at, in seconds. */
-const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
-
 /* Periods that the trajectory may be ahead of this machine's time: messages that come late, and then together. */
 const double ALLOWANCE = 8.0;
 
 const double NOT_A_NUMBER = std::nan("");
-
-void copy(const double *from, double *to, int count)
-{
-    std::memcpy(to, from, static_cast<size_t>(count) * sizeof *to);
-}
-
-void fill(double *x, double value, int count)
-{
-    std::fill(x, x + count, value);
-}
 
 /* Frobenius norm of the antisymmetric part. */
 double antisymmetric_norm(const double *matrix)
@@ -169,46 +153,6 @@ void WipingClient::note()
     events_ = 0;
 }
 
-/* ---- what every message does ------------------------------------------------------------------------------------ */
-
-/* Sets the controller up for a send period. */
-void WipingClient::adopt(double period)
-{
-    sample_time_ = period;
-    other_period_ = 0;
-    config_.sample_time = period;
-    controller_error_ = robot::init(&config_, &state_);
-    if (controller_error_ != 0) {
-        refuse(REFUSAL_CONTROLLER);
-    }
-}
-
-/* The first usable send period counts; another one only if it stays, and never while the controller runs. */
-void WipingClient::watch_period()
-{
-    const double period = robotState().getSampleTime(), expected = settings_.sample_time;
-    const bool usable = period > 0.999 * SHORTEST_PERIOD && period < 1.001 * LONGEST_PERIOD &&
-                        (expected <= 0.0 || std::fabs(period - expected) < 1e-6);
-    reported_period_ = period;
-    if (usable && sample_time_ <= 0.0) {
-        adopt(period);
-    } else if (usable && std::fabs(period - sample_time_) < 1e-6) {
-        other_period_ = 0;
-    } else {
-        event(EVENT_PERIOD, &counters_.other_periods);
-        if (++other_period_ < PATIENCE) {
-            return;
-        }
-        if (controlling_) {
-            let_go(LET_GO_PERIOD);
-        } else if (usable) {
-            adopt(period);
-        } else {
-            refuse(REFUSAL_SAMPLE_TIME);
-        }
-    }
-}
-
 void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::ESessionState newState)
 {
     record_.kind = Record::STATE;
@@ -225,165 +169,6 @@ void WipingClient::onStateChange(KUKA::FRI::ESessionState oldState, KUKA::FRI::E
     defects_.reset();
     guard_.reset();
     ended_ = newState == KUKA::FRI::IDLE;
-}
-
-/* Whether a measured position can be one: as far beyond its limits as the controller believes it. One wild value must
- * not stay in the filters. */
-bool WipingClient::within_limits(const double *q)
-{
-    for (int i = 0; i < JOINTS; ++i) {
-        if (q[i] < robot::lower(i) - config_.position_tolerance ||
-            q[i] > robot::upper(i) + config_.position_tolerance) {
-            wild_joint_ = i;
-            wild_position_ = q[i];
-            return false;
-        }
-    }
-    return true;
-}
-
-void WipingClient::observe()
-{
-    const Arrival &arrival = connection_.arrival();
-    ++counters_.cycles;
-    events_ |= arrival.refused ? EVENT_BAD_DATAGRAM : 0;
-    events_ |= arrival.other_version ? EVENT_OTHER_VERSION : 0;
-    watch_period();
-    clock_.update(arrival.advance, arrival.message.stamp, sample_time_);
-    if (clock_.bad_stamp()) {
-        event(EVENT_BAD_TIMESTAMP, &counters_.bad_timestamps);
-    }
-    if (clock_.lost() > 0) {
-        counters_.lost_cycles += static_cast<unsigned long long>(clock_.lost());
-        events_ |= EVENT_LOST_CYCLES;
-    }
-    counters_.clock_standing += clock_.standing() ? 1 : 0;
-    wrench_.observe(clock_.periods() * sample_time_);
-    since_force_ += clock_.periods() * sample_time_;
-    watch_samples();
-    watch_robot();
-    const int quality = robotState().getConnectionQuality();
-    if (quality < quality_) {
-        event(EVENT_QUALITY_DROP, &counters_.quality_drops);
-    }
-    quality_ = quality;
-    /* A button that the messages had and have no more counts as pressed. */
-    has_button_ = has_button_ || arrival.message.has_button;
-    button_ = has_button_ && (!arrival.message.has_button || robotState().getBooleanIOValue(BUTTON));
-    events_ |= button_ ? EVENT_HOLD : 0;
-}
-
-/* Whether the message is a sample; filters. */
-void WipingClient::watch_samples()
-{
-    const Message &message = connection_.arrival().message;
-    const double *const q = robotState().getMeasuredJointPosition();
-    const bool fresh = clock_.periods() > 0 && !clock_.standing();
-    const bool positions = message.has_position && all_finite(q, JOINTS), believed = positions && within_limits(q);
-    has_velocity_ = false;
-    since_position_ += clock_.periods() * sample_time_;
-    since_followed_ += clock_.periods() * sample_time_;
-    if (believed && fresh && sample_time_ > 0.0) {
-        copy(q, q_, JOINTS);
-        /* While a clock is set nobody knows how long it was. */
-        const double elapsed = clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_;
-        velocity_.update(q, elapsed);
-        has_velocity_ = elapsed > 0.0;
-        since_position_ = 0.0;
-    }
-    if (believed && sample_time_ > 0.0) {
-        /* The arm moves even where the robot's clock does not. */
-        follower_.update(q, std::max(since_followed_, sample_time_));
-        since_followed_ = 0.0;
-    }
-    const bool torques = !wrench_.uses_external_torque() ||
-                         (message.has_external_torque && all_finite(robotState().getExternalTorque(), JOINTS));
-    const Defect defect = find_defect(positions, believed, torques);
-    valid_ = (defect == DEFECT_NONE || defect == DEFECT_CLOCK_SET) && sample_time_ > 0.0;
-    count_defect(defect);
-}
-
-/* Find what is wrong with the message: whether positions are there and believed, whether torques are there. */
-Defect WipingClient::find_defect(bool positions, bool believed, bool torques) const
-{
-    if (!positions || !torques) {
-        return positions ? DEFECT_TORQUE : DEFECT_POSITION;
-    }
-    if (!believed) {
-        return DEFECT_LIMIT;
-    }
-    if (clock_.standing() || clock_.periods() == 0) {
-        return clock_.standing() ? DEFECT_STANDING : DEFECT_TIME;
-    }
-    if (wrench_.silent()) {
-        return DEFECT_SENSOR;
-    }
-    return clock_.bad_stamp() && connection_.arrival().message.stamp != 0 ? DEFECT_CLOCK_SET : DEFECT_NONE;
-}
-
-/* Count a message and its defect; let go if too many messages have one. */
-void WipingClient::count_defect(Defect defect)
-{
-    switch (defect) {
-    case DEFECT_POSITION:
-    case DEFECT_TORQUE: event(EVENT_MISSING_FIELD, &counters_.missing_fields); break;
-    case DEFECT_LIMIT: event(EVENT_IMPLAUSIBLE, &counters_.implausible_positions); break;
-    case DEFECT_TIME:
-    case DEFECT_STANDING: event(EVENT_NO_TIME, &counters_.no_time); break;
-    case DEFECT_SENSOR: event(EVENT_SENSOR_SILENT, &counters_.sensor_silent); break;
-    default: break;
-    }
-    counters_.usable += valid_ ? 1 : 0;
-    defects_.add(defect, sample_time_);
-    const int state = robotState().getSessionState();
-    if (defects_.too_many() && (state == KUKA::FRI::COMMANDING_WAIT || state == KUKA::FRI::COMMANDING_ACTIVE)) {
-        let_go(LET_GO_DEFECTS);
-    }
-}
-
-/* Safety, drives, operation mode, speed: while the controller runs. */
-void WipingClient::watch_robot()
-{
-    const int mode = robotState().getOperationMode();
-    const bool told = connection_.arrival().message.has_robot;
-    without_states_ = told || !controlling_ ? 0 : without_states_ + 1;
-    if (without_states_ >= PATIENCE) {
-        let_go(LET_GO_ROBOT_STATES);
-    }
-    if (controlling_ && told) {
-        const bool safe = robotState().getSafetyState() == KUKA::FRI::NORMAL_OPERATION;
-        without_drives_ = robotState().getDriveState() == KUKA::FRI::ACTIVE ? 0 : without_drives_ + 1;
-        const bool same = mode == operation_mode_;
-        events_ |= !safe || without_drives_ > 0 || !same ? EVENT_STOPPED : 0;
-        if (!safe) {
-            let_go(LET_GO_SAFETY);
-        } else if (!same) {
-            let_go(LET_GO_OPERATION_MODE);
-        } else if (without_drives_ >= PATIENCE) {
-            let_go(LET_GO_DRIVES);
-        }
-    } else if (told) {
-        operation_mode_ = mode;
-        without_drives_ = 0;
-    }
-    watch_speed();
-}
-
-/* One wild position looks like two fast samples. */
-void WipingClient::watch_speed()
-{
-    int fast = -1;
-    for (int i = 0; i < JOINTS; ++i) {
-        const bool beyond = std::fabs(velocity_.quotient()[i]) > settings_.speed_share * robot::velocity(i);
-        fast = fast < 0 && beyond ? i : fast;
-    }
-    if (has_velocity_) {
-        fast_samples_ = fast < 0 ? 0 : fast_samples_ + 1;
-    }
-    if (controlling_ && fast_samples_ > 2) {
-        fast_joint_ = let_go_ == LET_GO_NONE ? fast : fast_joint_;
-        let_go(LET_GO_SPEED);
-    }
 }
 
 void WipingClient::send(const double *position, const double *torque)

@@ -21,7 +21,10 @@
 
 #include <friLBRClient.h>
 
-/* What the client is told at the start. */
+/* Messages in a row that are at odds with the session, after which the client acts. */
+enum { PATIENCE = 10 };
+
+/* Settings from the command line. */
 struct Settings {
     double task_stiffness[6];    /* [N/m, N m/rad] diagonal, hybrid frame */
     bool paper;                  /* the paper's law instead of the exact spring, for comparison */
