@@ -22,7 +22,7 @@ public:
      */
     void update(std::uint32_t advance, std::int64_t stamp, double period);
 
-    int periods() const { return periods_; }    /* since the last message; 0: no time has passed, it is no new sample */
+    int periods() const { return periods_; }    /* since the last message; 0: no new sample */
     int lost() const { return periods_ - 1; }   /* messages that never came; -1 with 0 periods */
     double time() const { return 1e-9 * static_cast<double>(time_); } /* [s] since the first message */
     bool bad_stamp() const { return bad_; }     /* left out, or the clock was set */

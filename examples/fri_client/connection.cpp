@@ -5,16 +5,16 @@
 
 namespace {
 
-/* The robot's counter up to this far behind the last one means an old message. */
+/* A counter at most this far behind the last one belongs to an old message. */
 const std::uint32_t REORDER_WINDOW = 100;
 
-/* A counter further ahead than this, or behind, is no gap of so many lost messages. */
+/* A counter further ahead than this, or behind, is no gap of lost messages. */
 const std::uint32_t LARGEST_GAP = 1u << 20;
 
-/* So many messages in a row, and in their order, that count from elsewhere: the robot counts anew. */
+/* Messages in a row and in order, with counters far from the session's, after which the robot counts anew. */
 const int ANEW = 10;
 
-/* Most datagrams that are looked at for one answer: a flood must not keep the robot waiting. */
+/* Most datagrams checked for one answer: a flood must not keep the robot waiting. */
 const int MOST_WAITING = 1024;
 
 const double NEVER = 1e300;
@@ -38,7 +38,7 @@ Connection::Connection(Datagrams &datagrams, double patience)
     std::memset(&traffic_, 0, sizeof traffic_);
 }
 
-/* Whether the message follows the last one. */
+/* Check that the message follows the last one. */
 Fault Connection::order(const Message &message, std::uint32_t *advance)
 {
     *advance = 0;
@@ -65,7 +65,7 @@ Fault Connection::order(const Message &message, std::uint32_t *advance)
     return FAULT_NONE;
 }
 
-/* Which of our answers the robot has seen. */
+/* Count the answers that the robot has seen. */
 void Connection::reflection(const Message &message)
 {
     if (!answered_ || last_answer_ - message.reflected > LARGEST_GAP) {
@@ -80,7 +80,7 @@ void Connection::reflection(const Message &message)
     traffic_.unseen_answers += message.reflected != last_answer_ ? 1 : 0;
 }
 
-/* Whether a datagram is a message to be handed on. */
+/* Return whether a datagram is a message to be handed on. */
 bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std::uint32_t *advance)
 {
     const std::size_t count = static_cast<std::size_t>(size);
@@ -113,7 +113,7 @@ int Connection::receive(Buffer buffer, Size capacity)
     for (int looked_at = 0; taken < 0 || looked_at < MOST_WAITING; ++looked_at) {
         const double left = std::max(give_up - monotonic_time(), 0.0);
         if (taken < 0 && left <= 0.0 && looked_at > 0) {
-            break; /* nothing but what is refused, without a pause */
+            break; /* refused datagrams alone, without a pause */
         }
         double age = 0.0;
         const int size = datagrams_.receive(scratch_, sizeof scratch_, taken < 0 ? left : 0.0, &age);
@@ -134,7 +134,7 @@ int Connection::receive(Buffer buffer, Size capacity)
         arrival_.age = age;
         std::memcpy(buffer, scratch_, std::min(static_cast<std::size_t>(size), static_cast<std::size_t>(capacity)));
         if (message.multiplier > 1) {
-            break; /* the library counts messages up to its answer, none may be left out */
+            break; /* the library counts the messages per answer */
         }
     }
     handed_on_ = taken >= 0;

@@ -10,16 +10,16 @@
 
 #include <friUdpConnection.h>
 
-/* What went over the wire, counted. */
+/* Counters of the wire. */
 struct Traffic {
     unsigned long long received;            /* datagrams */
-    unsigned long long faults[FAULT_COUNT]; /* of them refused, by reason */
-    unsigned long long other_framing;       /* of those, messages of a version with another framing */
+    unsigned long long faults[FAULT_COUNT]; /* refused datagrams, by reason */
+    unsigned long long other_framing;       /* refused messages of a version with another framing */
     unsigned long long messages;            /* handed to the FRI library */
-    unsigned long long overtaken;           /* sound, but a newer one was already there: not answered */
-    unsigned long long timeouts;            /* after the first message: silences */
+    unsigned long long overtaken;           /* sound messages not answered, because a newer one was there */
+    unsigned long long timeouts;            /* silences after the first message */
     unsigned long long lost_messages;       /* gaps in the robot's counter */
-    unsigned long long lost_answers;        /* answers of ours that the robot never reflected, a later one it did */
+    unsigned long long lost_answers;        /* answers that the robot never reflected, but a later one */
     unsigned long long unseen_answers;      /* messages that do not reflect our last answer yet */
     unsigned long long send_failures;
     unsigned long long other_version; /* messages with the fields of another version of the same framing */
@@ -27,18 +27,18 @@ struct Traffic {
     unsigned long long refused() const;
 };
 
-/* What came with the message that the FRI library has now. */
+/* Facts about the message that the FRI library has now. */
 struct Arrival {
     Message message;
-    std::uint32_t advance; /* of the robot's counter since the message before; 0: it counts anew */
-    bool refused;          /* something was refused since the message before */
-    bool other_version;    /* it has, or has not, what this version of the FRI has not, or always has */
-    double age;            /* [s] since the kernel received it, when it was handed on */
+    std::uint32_t advance; /* steps of the robot's counter since the last message; 0: it counts anew */
+    bool refused;          /* a datagram was refused since the last message */
+    bool other_version;    /* its fields are not those of this FRI version */
+    double age;            /* [s] from the kernel's receipt to the FRI library */
 };
 
 /*
- * The connection that the FRI library is given. Only sound messages get through, in order, and of several that wait
- * the newest (with a receive multiplier above 1 all of them): whatever is refused is counted, and the library never sees it. Nothing is allocated.
+ * Connection for the FRI library. It hands on sound messages alone, in order, and of several waiting ones the newest
+ * (with a receive multiplier above 1 all of them). It counts the datagrams that it refuses, and allocates nothing.
  */
 class Connection : public KUKA::FRI::IConnection {
 public:
@@ -52,7 +52,7 @@ public:
     typedef int Size;
 #endif
 
-    /* A silence of so many seconds ends receive. */
+    /* patience: silence [s] that ends receive. */
     Connection(Datagrams &datagrams, double patience);
 
     bool open(int port, const char *host) override { return datagrams_.open(port, host); }
@@ -61,15 +61,15 @@ public:
     int receive(Buffer buffer, Size size) override;
     bool send(SendBytes bytes, Size size) override;
 
-    /* From now on receive ends with this monotonic time [s] at the latest. */
+    /* Set the monotonic time [s] at which receive ends at the latest. */
     void set_deadline(double time) { deadline_ = time; }
 
-    /* Whether the last receive gave a message. */
+    /* Return whether the last receive gave a message. */
     bool handed_on() const { return handed_on_; }
 
     const Arrival &arrival() const { return arrival_; }
     const Traffic &traffic() const { return traffic_; }
-    std::uint32_t sequence() const { return sequence_; } /* the robot's, last taken */
+    std::uint32_t sequence() const { return sequence_; } /* counter of the robot's last message */
     /* [s] from the kernel's receipt of a datagram to the end of its answer's sending. */
     const Durations &answers() const { return answers_; }
 
@@ -89,8 +89,8 @@ private:
     double handing_time_; /* [s] monotonic */
     std::uint32_t sequence_;
     bool sequence_known_;
-    std::uint32_t elsewhere_; /* counter of the last message that counts from elsewhere */
-    int in_a_row_;            /* such messages */
+    std::uint32_t elsewhere_; /* last counter far from the session's */
+    int in_a_row_;            /* messages with such a counter */
     std::uint32_t last_answer_, reflected_;
     bool answered_, reflection_known_;
 };

@@ -40,7 +40,7 @@ public:
         }
     }
 
-    /* elapsed [s] since the last position; 0: nobody knows, the velocity stays as it was. */
+    /* elapsed: [s] since the last position; 0: unknown, the velocity stays as it was. */
     void update(const double *q, double elapsed)
     {
         const double weight = time_constant_ > 0.0 ? -std::expm1(-elapsed / time_constant_) : 1.0;
@@ -64,9 +64,9 @@ private:
 };
 
 /*
- * The joint position to command in torque mode: the measured one through a first-order low pass, exact for an input that
- * is straight between samples. So it lags by the time constant, whatever the period and however long a gap was: at
- * constant velocity v by v x the time constant. It starts at the first position; there is no transient to wait for.
+ * Joint position to command in torque mode: the measured one through a first-order low pass that is exact for an input
+ * that is straight between samples. Its lag at constant velocity is the time constant at every period and after every
+ * gap. It starts at the first position, without a transient.
  */
 class PositionFollower {
 public:
@@ -77,7 +77,7 @@ public:
         }
     }
 
-    /* elapsed [s] since the last position, > 0. */
+    /* elapsed: [s] since the last position, > 0. */
     void update(const double *q, double elapsed)
     {
         const double gone = -std::expm1(-elapsed / TIME_CONSTANT), mean = TIME_CONSTANT / elapsed * gone;
@@ -93,7 +93,7 @@ public:
     const double *position() const { return output_; }
 
 private:
-    /* [s] That of the paper's filter at its period of 1 ms (7.95 samples), at every period. */
+    /* [s] time constant of the paper's filter at its period of 1 ms (7.95 samples). */
     static constexpr double TIME_CONSTANT = 0.008;
 
     bool known_;

@@ -10,7 +10,7 @@ enum { DATAGRAM_SIZE = 1500 };
 /* Name of the button at the media flange, as the robot application registers it. */
 extern const char *const BUTTON;
 
-/* Why a datagram is not handed to the FRI library. */
+/* Reasons to refuse a datagram. */
 enum Fault {
     FAULT_NONE,
     FAULT_EMPTY,        /* a datagram without bytes */
@@ -24,14 +24,14 @@ enum Fault {
     FAULT_INCOMPLETE,   /* cut at the border of a field, or a part left out: connection, measurement, interpolator */
     FAULT_DUPLICATE,    /* the same sequence counter as the last message */
     FAULT_OUT_OF_ORDER, /* an older sequence counter */
-    FAULT_SENDER,       /* sound, but not from where the session's messages come from */
+    FAULT_SENDER,       /* sound, but from another address or port than the session's */
     FAULT_COUNT
 };
 
-/* A word for a fault, "checksum". */
+/* Return the word for a fault, as in "checksum". */
 const char *fault_name(int fault);
 
-/* What the client wants to know of a monitoring message and the FRI library does not tell. */
+/* Facts about a monitoring message that the FRI library does not tell. */
 struct Message {
     std::uint32_t sequence, reflected; /* the robot's counter; ours that it saw last */
     std::uint32_t state, multiplier;                 /* every so many messages are answered */
@@ -44,17 +44,16 @@ struct Message {
 };
 
 /*
- * Looks through a datagram, by a table of the protocol's fields, before the FRI library's decoder sees it: that one
- * trusts the lengths in it, keeps values of earlier messages, and shifts joint values where there are not seven. Checks
- * frame, wire format, required fields, counts and ranges; reads no byte beyond size. FAULT_NONE, or why not.
+ * Check a datagram against a table of the protocol's fields: frame, wire format, required fields, counts and ranges. Read
+ * no byte beyond size. The FRI library's decoder must see checked datagrams alone: KUKA's trusts the lengths in them,
+ * keeps values of earlier messages, and shifts joint values that are not seven. Return FAULT_NONE, or the reason.
  */
 Fault check_datagram(const std::uint8_t *datagram, std::size_t size, Message *message);
 
-/* The counter in an answer as it is sent; false if it is none. */
+/* Read the counter of an answer; false if the datagram is none. */
 bool answer_counter(const std::uint8_t *datagram, std::size_t size, std::uint32_t *sequence);
 
-/* Whether a datagram that was refused would be a monitoring message of the other framing: 2.7 has one, 1.x and 2.5 do
- * not. */
+/* Return whether a refused datagram is a monitoring message of the other framing: 2.7 has a frame, 1.x and 2.5 do not. */
 bool other_framing(const std::uint8_t *datagram, std::size_t size);
 
 #endif

@@ -8,15 +8,15 @@
 #include <cmath>
 
 /*
- * The last look at the torque before the wire. What it lets through is finite, within the effort limit, and moves by no
- * more than the rate limit: per send period of the robot, and per second of this machine's time too, so that answers
- * that leave in a burst do not add up. On release it brings the torque to zero, whatever is wanted.
+ * Last check of the torque before it is sent. The torque sent is finite, within the effort limit, and moves by no more
+ * than the rate limit per send period and in this machine's time, so that answers in a burst do not add up. A torque that
+ * is not finite counts as zero. After release() the torque goes to zero.
  */
 class TorqueGuard {
 public:
     TorqueGuard() : budget_(0.0), share_(1.0), releasing_(false) { reset(); }
 
-    /* Torque zero, nothing released. */
+    /* Start from torque zero. */
     void reset()
     {
         std::fill(sent_, sent_ + JOINTS, 0.0);
@@ -24,22 +24,22 @@ public:
         releasing_ = false;
     }
 
-    /* From now on down to zero within RELEASE_TIME. */
+    /* Bring the torque to zero within RELEASE_TIME. */
     void release() { releasing_ = true; }
     bool releasing() const { return releasing_; }
 
-    /* Whether the torque has come down to zero on release. */
+    /* Return whether a release has brought the torque to zero. */
     bool released() const
     {
         return releasing_ && std::all_of(sent_, sent_ + JOINTS, [](double torque) { return torque == 0.0; });
     }
 
-    /* Time of this machine that has passed [s]; a simulated robot's is not the same, then its period is told. */
+    /* Add time of this machine [s]; for a simulated robot, the robot's own. */
     void pass(double seconds, double period) { budget_ = std::min(budget_ + seconds, 2.0 * period); }
 
     /*
-     * Torque to be sent next (sent()), from the one that is wanted. limit [N m], rate [N m/s], period [s] of the robot.
-     * False if it had to be another one.
+     * Compute the next torque, sent(), from the wanted one. limit [N m], rate [N m/s], period [s] of the robot. Return
+     * whether the two are equal.
      */
     bool next(const double *wanted, const double *limit, const double *rate, double period)
     {
@@ -67,8 +67,8 @@ private:
     static constexpr double RELEASE_TIME = 0.25;
 
     double sent_[JOINTS]; /* [N m] last torque sent */
-    double budget_;       /* [s] for which the rate limit may be used up at once */
-    double share_;        /* of the effort limit that is left on release */
+    double budget_;       /* [s] of the rate limit that may be used at once */
+    double share_;        /* share of the torque that is left in a release */
     bool releasing_;
 };
 

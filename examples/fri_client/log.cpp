@@ -123,7 +123,7 @@ void Log::run()
     }
 }
 
-/* The question, once, and the answer when there is one; nothing is waited for. What was typed before is no answer. */
+/* Print the question once, and read the answer if there is one, without waiting. Text typed before is no answer. */
 void Log::ask()
 {
     if (question_.state() != Question::ASKED) {

@@ -12,13 +12,13 @@
 #include <string>
 #include <thread>
 
-/* Name of a session state. */
+/* Return the name of a session state. */
 const char *state_name(int state);
 
 /*
- * Writes what comes through the ring, in a thread of its own: a line on stdout for a change of state and for an event, a
- * row of the CSV file for a controller step. An event that goes on or comes back is told once a second, with a count.
- * The same thread has the question to the person at the terminal.
+ * Writer of the records, in a thread of its own: a line on stdout for a change of state and for an event, a row of the
+ * CSV file for a controller step. An event that continues or returns is printed once per second, with a count. The same
+ * thread asks the person at the terminal.
  */
 class Log {
 public:
@@ -34,7 +34,7 @@ public:
     /* Whether the file stays: a refused start leaves none behind. */
     void keep(bool keep) { file_.keep(keep); }
 
-    /* Why not everything was written; empty if it was. */
+    /* Return why the log is not complete; empty if it is. */
     std::string trouble() const;
 
     const LogFile &file() const { return file_; }
@@ -52,10 +52,10 @@ private:
 
     Records &records_;
     Question &question_;
-    int asked_;                          /* questions */
+    int asked_;                          /* questions asked so far */
     std::uint32_t events_;               /* of the record before */
-    double told_[EVENTS];                /* [s] when an event was told last */
-    unsigned long long untold_[EVENTS]; /* since then */
+    double told_[EVENTS];                /* [s] when an event was printed last */
+    unsigned long long untold_[EVENTS]; /* events since then */
     LogFile file_;
     std::atomic<bool> stop_;
     std::thread thread_;

@@ -6,7 +6,7 @@
 
 #include <string>
 
-/* The command line. */
+/* Options of the command line. */
 struct Options {
     Settings settings;
     std::string trajectory, log, summary, host;
@@ -19,7 +19,7 @@ struct Options {
 
     Options();
 
-    /* False if only help was asked for. Throws std::runtime_error, naming the option and the remedy. */
+    /* Parse; false if only help was asked for. Throws std::runtime_error, naming the option and the remedy. */
     bool parse(int argc, char **argv);
 };
 

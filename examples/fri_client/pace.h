@@ -4,18 +4,18 @@
 
 #include <algorithm>
 
-/* What the trajectory waits for; 0 of a limit turns that one off. */
+/* Limits at which the trajectory stands still; 0 switches a limit off. */
 struct PaceLimits {
-    double error;    /* [m] of the tip from where the trajectory wants it */
-    double lag;      /* [rad] of the posture that the governor lets the springs pull to, from the wanted one */
-    double energy;   /* [J] stored in the spring */
-    double force;    /* [N] of contact */
-    double patience; /* [s] that it may stand still for one of these; longer where it creeps */
+    double error;    /* [m] distance of the tip from the trajectory */
+    double lag;      /* [rad] distance of the governor's posture from the trajectory */
+    double energy;   /* [J] elastic energy of the springs */
+    double force;    /* [N] contact force */
+    double patience; /* [s] longest standstill; creeping counts in part */
 };
 
 /*
- * How fast the trajectory's own time runs: 1 as in the file, 0 it stands still. The full pace up to 70 % of a limit,
- * none at the limit, so that an arm that is held does not wind the torque up. Never more than 1.
+ * Rate of the trajectory's time: 1 as in the file, 0 at a standstill. It is 1 up to 70 % of a limit and falls to 0 at the
+ * limit, so that a blocked arm does not wind the torque up.
  */
 class Pace {
 public:
@@ -30,7 +30,7 @@ public:
         standing_ = 0.0;
     }
 
-    /* What the last step met, and whether somebody holds the trajectory back on purpose. */
+    /* Update the rate from the last step's values; hold: a person stops the trajectory on purpose. */
     void update(double error, double lag, double energy, double force, bool hold, double seconds)
     {
         double wanted = 1.0;
@@ -39,7 +39,7 @@ public:
         consider(lag, limits_.lag, LAG, &wanted);
         consider(energy, limits_.energy, ENERGY, &wanted);
         consider(force, limits_.force, FORCE, &wanted);
-        /* Near a limit the pace may swing: what creeps stands, in part. */
+        /* Near a limit the rate may swing, so that creeping counts as standing in part. */
         const double stands = 1.0 - std::min(wanted, pace_) / CREEP;
         standing_ = hold ? 0.0 : std::max(standing_ + seconds * stands, 0.0);
         wanted = hold ? 0.0 : wanted;
@@ -48,11 +48,11 @@ public:
     }
 
     double value() const { return pace_; }
-    Reason reason() const { return reason_; }                      /* what slows it down */
-    bool out_of_patience() const { return standing_ > limits_.patience; } /* it stood still for too long */
+    Reason reason() const { return reason_; }                      /* limit that slows the trajectory down */
+    bool out_of_patience() const { return standing_ > limits_.patience; } /* the trajectory stood still for too long */
 
 private:
-    /* [s] in which it comes to a stand, and from there to the full pace. */
+    /* [s] from the full rate to a standstill, and back. */
     static constexpr double TIME = 0.25;
     static constexpr double FULL = 0.7, CREEP = 0.1;
 
@@ -62,7 +62,7 @@ private:
             return;
         }
         const double pace = std::min(std::max((1.0 - value / limit) / (1.0 - FULL), 0.0), 1.0);
-        if (!(pace >= *wanted)) { /* also for what is not a number */
+        if (!(pace >= *wanted)) { /* also if not a number */
             *wanted = pace >= 0.0 ? pace : 0.0;
             reason_ = reason;
         }

@@ -4,15 +4,14 @@
 
 #include <atomic>
 
-/* A question that the FRI thread has for the person at the terminal. It never waits for the answer. */
+/* Question of the FRI thread to the person at the terminal. The FRI thread never waits for the answer. */
 class Question {
 public:
     enum State { NONE, ASKED, YES, NO };
 
     Question() : state_(NONE), joint_(0), distance_(0.0), under_way_(false), asked_(0) {}
 
-    /* From the FRI thread: the arm's way to where the trajectory begins, or stopped (under way), is long; then, whether
-     * to go it. */
+    /* Set the subject, from the FRI thread: the long way to where the trajectory begins, or stopped (under_way). */
     void set(int joint, double distance, bool under_way)
     {
         joint_ = joint;
@@ -25,21 +24,21 @@ public:
         state_ = ASKED;
     }
 
-    /* From the FRI thread: a yes was for one way, not for the next one. */
+    /* Forget a yes, from the FRI thread: the answer was for one way. */
     void forget()
     {
         int yes = YES;
         state_.compare_exchange_strong(yes, NONE);
     }
 
-    /* From the terminal's thread. */
+    /* Answer, from the terminal's thread. */
     void answer(bool yes) { state_ = yes ? YES : NO; }
 
     State state() const { return static_cast<State>(state_.load()); }
-    int joint() const { return joint_; }          /* that is furthest from the trajectory */
+    int joint() const { return joint_; }          /* joint furthest from the trajectory */
     double distance() const { return distance_; } /* [rad] */
     const char *where() const { return under_way_ ? "where the trajectory stopped" : "where the trajectory begins"; }
-    int asked() const { return asked_; } /* so often */
+    int asked() const { return asked_; } /* number of questions */
 
 private:
     std::atomic<int> state_;

@@ -18,8 +18,8 @@ struct Record {
     int start; /* 1: the controller was initialised just before this step */
     int reset; /* 1: a latched fault was reset just before this step */
     int sample_valid;
-    double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6]; /* into the step */
-    double torque[JOINTS];                                            /* out of it */
+    double q[JOINTS], dq[JOINTS], q0[JOINTS], dq0[JOINTS], wrench[6]; /* inputs of the step */
+    double torque[JOINTS];                                            /* output of the step */
     std::uint32_t status;
     int mode;
     double antisymmetric, tank_energy, elastic_energy;
@@ -28,7 +28,7 @@ struct Record {
     double measured_torque[JOINTS], external_torque[JOINTS];
     int quality;
     double tracking;
-    double pace;          /* of the trajectory's time: 1 as in the file, 0 stands still */
+    double pace;          /* rate of the trajectory's time, 0 to 1 */
     double callback_time; /* [s] of the callback before this one */
     std::uint32_t events; /* events.h */
 };

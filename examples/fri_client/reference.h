@@ -7,16 +7,16 @@
 #include <algorithm>
 #include <cmath>
 
-/* Where the arm is to be: a move to the trajectory, the trajectory, then its end. */
+/* Reference of the controller: a move to the trajectory, the trajectory, then its end. */
 class Reference {
 public:
-    /* approach_time [s]: the move's least duration. */
+    /* approach_time: least duration of the move [s]. */
     Reference(const Trajectory &trajectory, double approach_time)
         : trajectory_(trajectory), approach_time_(approach_time), clock_(0.0), progress_(0.0), done_(false)
     {
     }
 
-    /* From a posture to where the trajectory stopped, or its beginning. */
+    /* Start a move from a configuration to where the trajectory stopped, or to its start. */
     void begin(const double *q)
     {
         double goal[JOINTS], rate[JOINTS];
@@ -25,7 +25,7 @@ public:
         clock_ = 0.0;
     }
 
-    /* The joint that is furthest from where begin would lead, and how far [rad]. */
+    /* Return the largest distance [rad] of a joint from the goal of begin, and the joint. */
     double distance(const double *q, int *joint) const
     {
         double goal[JOINTS], rate[JOINTS], most = -1.0;
@@ -51,7 +51,7 @@ public:
         }
     }
 
-    /* Position and velocity; pace is that of its time. */
+    /* Compute position and velocity; pace: rate of the trajectory's time. */
     void at(double pace, double *q, double *dq) const
     {
         if (clock_ < approach_.duration()) {
@@ -64,7 +64,7 @@ public:
         }
     }
 
-    /* Whether it is on its way to where the trajectory stopped, with a speed there that it has not yet. */
+    /* Return whether the arm moves back to where the trajectory stopped. */
     bool returning() const { return progress_ > 0.0 && clock_ < approach_.duration(); }
     double progress() const { return progress_; } /* [s] in the trajectory */
     bool done() const { return done_; }

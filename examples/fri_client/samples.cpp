@@ -7,12 +7,12 @@
 
 namespace {
 
-/* Periods that torque can be commanded at, in seconds. */
+/* Send periods [s] at which torque can be commanded. */
 const double SHORTEST_PERIOD = 0.001, LONGEST_PERIOD = 0.010;
 
 } // namespace
 
-/* Sets the controller up for a send period. */
+/* Initialise the controller for a send period. */
 void WipingClient::adopt(double period)
 {
     sample_time_ = period;
@@ -24,7 +24,7 @@ void WipingClient::adopt(double period)
     }
 }
 
-/* The first usable send period counts; another one only if it stays, and never while the controller runs. */
+/* Adopt the first usable send period; another one only if it stays, and never while the controller runs. */
 void WipingClient::watch_period()
 {
     const double period = robotState().getSampleTime(), expected = settings_.sample_time;
@@ -50,8 +50,8 @@ void WipingClient::watch_period()
     }
 }
 
-/* Whether a measured position can be one: as far beyond its limits as the controller believes it. One wild value must
- * not stay in the filters. */
+/* Return whether a position is within the limits and the controller's tolerance. One wild value must not stay in the
+ * filters. */
 bool WipingClient::within_limits(const double *q)
 {
     for (int i = 0; i < JOINTS; ++i) {
@@ -96,7 +96,7 @@ void WipingClient::observe()
     events_ |= button_ ? EVENT_HOLD : 0;
 }
 
-/* Whether the message is a sample; filters. */
+/* Check whether the message is a sample; update the filters. */
 void WipingClient::watch_samples()
 {
     const Message &message = connection_.arrival().message;
@@ -108,14 +108,14 @@ void WipingClient::watch_samples()
     since_followed_ += clock_.periods() * sample_time_;
     if (believed && fresh && sample_time_ > 0.0) {
         copy(q, q_, JOINTS);
-        /* While a clock is set nobody knows how long it was. */
+        /* While the clock is set the time since the last position is unknown. */
         const double elapsed = clock_.bad_stamp() && message.stamp != 0 ? 0.0 : since_position_;
         velocity_.update(q, elapsed);
         has_velocity_ = elapsed > 0.0;
         since_position_ = 0.0;
     }
     if (believed && sample_time_ > 0.0) {
-        /* The arm moves even where the robot's clock does not. */
+        /* The arm moves even while the robot's clock stands still. */
         follower_.update(q, std::max(since_followed_, sample_time_));
         since_followed_ = 0.0;
     }
@@ -164,7 +164,7 @@ void WipingClient::count_defect(Defect defect)
     }
 }
 
-/* Safety, drives, operation mode, speed: while the controller runs. */
+/* Check safety state, drives, operation mode and speed while the controller runs. */
 void WipingClient::watch_robot()
 {
     const int mode = robotState().getOperationMode();
@@ -192,7 +192,7 @@ void WipingClient::watch_robot()
     watch_speed();
 }
 
-/* One wild position looks like two fast samples. */
+/* Let go after three fast samples: one wild position looks like two. */
 void WipingClient::watch_speed()
 {
     int fast = -1;

@@ -6,7 +6,7 @@
 
 namespace {
 
-/* [s] of this machine after which the client leaves even if the robot does not let it bring its torque down. */
+/* [s] of this machine after which the client leaves even if its torque could not be brought to zero. */
 const double LONGEST_RELEASE = 0.5;
 
 const char *version()
@@ -21,13 +21,13 @@ std::string text(const char *format, double value)
     return line;
 }
 
-/* What has been seen up to some moment. */
+/* Counters at some moment. */
 struct Seen {
     Traffic traffic;
     Counters counters;
 };
 
-/* "datagram_frame 512, datagram_empty 3": what was refused since then. */
+/* Return the refused datagrams since then, as in "datagram_frame 512, datagram_empty 3". */
 std::string refused_since(const Traffic &now, const Traffic &then)
 {
     std::string list;

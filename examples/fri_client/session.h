@@ -14,18 +14,18 @@
 /* Exit codes. */
 enum ExitCode { DONE = 0, FAULT = 1, REFUSED = 2, ENDED_EARLY = 3, INTERRUPTED = 4 };
 
-/* How a session ended: exit code, and a sentence for the person. */
+/* End of a session: exit code, and a sentence for the person. */
 struct Ending {
     ExitCode code;
     std::string sentence;
 };
 
-/* Why the client refuses the session. */
+/* Return why the client refuses the session. */
 std::string refusal_text(const WipingClient &client);
 
 /*
- * The session, from the first datagram to its end. interrupts: how often the person has asked for its end; the first
- * time the torque comes down while the robot is still answered. Disconnects.
+ * Run the session from the first datagram to its end, and disconnect. interrupts: requests to end it; after the first
+ * the torque goes to zero while the robot is still answered, after the second the client leaves at once.
  */
 Ending run_session(const Options &options, WipingClient &client, Connection &connection,
                    KUKA::FRI::ClientApplication &application, const volatile std::sig_atomic_t &interrupts);

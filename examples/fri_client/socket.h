@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 
-/* Where datagrams come from and go to. */
+/* Source and sink of datagrams. */
 class Datagrams {
 public:
     virtual ~Datagrams() {}
@@ -16,16 +16,16 @@ public:
     virtual bool is_open() const = 0;
 
     /*
-     * The next datagram: its size, which is larger than `capacity` if it was cut; -1 if none came in `wait` seconds (0:
-     * none is there), SIGNALLED if a signal came first. `age` [s]: since the kernel received it.
+     * Receive a datagram; return its size, which is larger than `capacity` if it was cut, -1 if none came in `wait`
+     * seconds, or SIGNALLED if a signal came first. `age`: [s] since the kernel received it.
      */
     enum { SIGNALLED = -2 };
     virtual int receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age) = 0;
 
-    /* Whether the last datagram came from where answers go to; true while they go nowhere yet. */
+    /* Return whether the last datagram came from the peer; true while there is none. */
     virtual bool from_peer() const { return true; }
 
-    /* From now on answers go to where the last datagram came from. */
+    /* Make the sender of the last datagram the peer that gets the answers. */
     virtual void adopt_peer() {}
 
     virtual bool send(const std::uint8_t *bytes, std::size_t size) = 0;
@@ -41,7 +41,7 @@ public:
     UdpSocket();
     virtual ~UdpSocket();
 
-    /* False if the host is no numeric IPv4 address ("" is as none) or the port is taken. */
+    /* Return false if the host is no numeric IPv4 address ("": none) or the port is taken. */
     virtual bool open(int port, const char *host);
     virtual void close();
     virtual bool is_open() const { return socket_ >= 0; }
@@ -56,7 +56,7 @@ private:
 
     int socket_;
     bool connected_;
-    struct sockaddr_in peer_, from_; /* where answers go; where the last datagram came from; no port: nobody yet */
+    struct sockaddr_in peer_, from_; /* receiver of answers; last sender; port 0: none */
 };
 
 #endif

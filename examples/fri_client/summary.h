@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
-/* "open_fri 2.7" or "KUKA SDK 2.7". */
+/* Return "open_fri 2.7" or "KUKA SDK 2.7". */
 const char *fri_description();
 
-/* The closing figures of a session. */
+/* Closing figures of a session. */
 class Summary {
 public:
     Summary(const WipingClient &client, const Connection &connection, const Records &records, const Log &log,

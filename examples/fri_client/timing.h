@@ -5,7 +5,7 @@
 #include <cmath>
 #include <ctime>
 
-/* [s] of a clock that only goes forward. */
+/* Return the time [s] of a monotonic clock. */
 inline double monotonic_time()
 {
     struct timespec now;
@@ -13,7 +13,7 @@ inline double monotonic_time()
     return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-/* Durations in steps of 0.1 us up to 2 ms, in memory of fixed size. */
+/* Histogram of durations, in steps of 0.1 us up to 2 ms. */
 class Durations {
 public:
     Durations() : count_(0), most_(0.0)
@@ -34,7 +34,7 @@ public:
     unsigned long long count() const { return count_; }
     double most() const { return most_; }
 
-    /* Least upper edge of a bin [s] that at least that share of the durations does not exceed. */
+    /* Return the least upper edge [s] of a bin that this share of the durations does not exceed. */
     double quantile(double share) const
     {
         const double wanted = std::ceil(share * static_cast<double>(count_));

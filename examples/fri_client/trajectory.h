@@ -7,20 +7,20 @@
 #include <string>
 #include <vector>
 
-/* A zero-force joint trajectory [rad] from a file: through its samples, with velocities fitted to several of them. */
+/* Zero-force joint trajectory [rad] from a file, through its samples, with velocities fitted to several of them. */
 class Trajectory {
 public:
     /*
-     * Comma-separated numbers without a header: one row a joint (7 rows), or one column a joint (7 columns), samples
-     * `period` seconds apart. Throws std::runtime_error, naming file, place and remedy, for a file that cannot be read,
-     * rows of different length, anything that is no finite number, a position beyond the robot's limits, a step faster
-     * than a velocity limit, and a start or an end that is not at rest.
+     * Read comma-separated numbers without a header: one row per joint (7 rows) or one column per joint (7 columns),
+     * samples `period` seconds apart. Throws std::runtime_error, naming file, place and remedy, for a file that cannot be
+     * read, rows of different length, numbers that are not finite, a position beyond the robot's limits, a step faster
+     * than a velocity limit, and a start or end that is not at rest.
      */
     Trajectory(const std::string &path, double period);
 
     double duration() const { return (count() - 1) * period_; }
 
-    /* Position and velocity at a time [s], that is cut to 0 .. duration. */
+    /* Compute position and velocity at a time [s], clamped to 0 .. duration. */
     void at(double time, double *q, double *dq) const;
 
 private:
@@ -37,12 +37,12 @@ private:
     std::vector<Sample> samples_;
 };
 
-/* Minimum-jerk move between two postures at rest: 10 s^3 - 15 s^4 + 6 s^5. */
+/* Minimum-jerk move between two configurations at rest: 10 s^3 - 15 s^4 + 6 s^5. */
 class Approach {
 public:
     Approach() : duration_(0.0) {}
 
-    /* It takes `least` seconds, or longer where a joint would move faster than a quarter of its velocity limit. */
+    /* Plan a move of `least` seconds, or longer where a joint would exceed a quarter of its velocity limit. */
     void plan(const double *from, const double *to, double least);
 
     double duration() const { return duration_; }

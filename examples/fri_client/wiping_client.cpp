@@ -16,12 +16,12 @@ const double WRENCH_PATIENCE = 0.05;
 /* [s] of good samples after which a fault of the communication is reset. */
 const double RESET_TIME = 0.2;
 
-/* Periods that the trajectory may be ahead of this machine's time: messages that come late, and then together. */
+/* Periods that the trajectory may be ahead of this machine's time, since late messages arrive together. */
 const double ALLOWANCE = 8.0;
 
 const double NOT_A_NUMBER = std::nan("");
 
-/* Frobenius norm of the antisymmetric part. */
+/* Return the Frobenius norm of a matrix' antisymmetric part. */
 double antisymmetric_norm(const double *matrix)
 {
     double sum = 0.0;
@@ -34,7 +34,7 @@ double antisymmetric_norm(const double *matrix)
     return std::sqrt(sum);
 }
 
-/* [J] e^T Kq e / 2 of the paper's law, e from the position to the reference. */
+/* Return the paper's elastic energy [J], e^T Kq e / 2 with e from the position to the reference. */
 double quadratic_energy(const robot::Output &output)
 {
     double sum = 0.0;
@@ -61,7 +61,7 @@ Settings::Settings()
       approach_anyway(false), may_ask(false), velocity_filter(0.004), wrench_damping(0.01), external_torque_sign(1.0),
       pace(), dry_run(false), simulated_time(false)
 {
-    /* The paper's. */
+    /* Stiffness of the paper. */
     const double stiffness[6] = {700.0, 700.0, 800.0, 30.0, 30.0, 30.0};
     copy(stiffness, task_stiffness, 6);
     /* The bowl wiping has 0.1 m, 3.7 J and 85 N. */
@@ -92,7 +92,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     robot::default_config(&config_);
     config_.joint_damping = settings.joint_damping;
     config_.law = settings.paper ? robot::LAW_PAPER : robot::LAW_POTENTIAL;
-    /* The governor is for jumps; the trajectory itself it is to follow as it stands. */
+    /* The governor limits jumps; it lets the springs follow the trajectory itself. */
     config_.ramp_time = 0.05;
     config_.tip_velocity_limit = 2.0; /* [m/s] */
     config_.tip_rotation_limit = 6.0; /* [rad/s] */
@@ -140,7 +140,7 @@ void WipingClient::event(Event bit, unsigned long long *counter)
     events_ |= bit;
 }
 
-/* What happened without a step of the controller. */
+/* Log events that came without a step of the controller. */
 void WipingClient::note()
 {
     if (events_ == 0 && record_.events == 0) {
@@ -196,7 +196,7 @@ void WipingClient::monitor()
 {
     observe();
     if (!reference_.done()) {
-        may_begin(); /* what is far is told before anything moves */
+        may_begin(); /* report a long way before anything moves */
     }
     note();
 }
@@ -209,7 +209,7 @@ void WipingClient::waitForCommand()
     if (robotState().getClientCommandMode() == KUKA::FRI::TORQUE) {
         without_torque_mode_ = 0;
         if (connection_.arrival().message.has_ipo) {
-            /* The values are not executed yet; that they are there is what the robot waits for. */
+            /* The robot executes no values yet; it waits until they are there. */
             send(robotState().getIpoJointPosition(), zero);
         } else {
             event(EVENT_MISSING_FIELD, &counters_.missing_fields);
@@ -238,7 +238,7 @@ void WipingClient::command()
 
 /* ---- control ---------------------------------------------------------------------------------------------------- */
 
-/* Whether the arm may move to the trajectory from where it is: a long way is asked about, or refused. */
+/* Return whether the arm may move to the trajectory; ask about a long way, or refuse it. */
 bool WipingClient::may_begin()
 {
     int joint = 0;
@@ -268,18 +268,18 @@ void WipingClient::begin_commanding()
     std::memset(&output_, 0, sizeof output_);
 }
 
-/* Steps for the messages that were lost, then the reference moves on; not while the controller has let go. */
+/* Step the controller for lost messages, then advance the reference unless the controller has a fault. */
 void WipingClient::missed_and_advance()
 {
     const int lost = std::max(clock_.lost(), 0);
-    /* What the controller does from the watchdog's limit on does not depend on how long the silence was. */
+    /* Beyond the watchdog's limit the length of the silence makes no difference. */
     for (int k = 0; k < std::min(lost, config_.missed_limit); ++k) {
         step_controller(false);
         record_step(clock_.time() - (lost - k) * sample_time_);
     }
     double seconds = (lost < config_.missed_limit ? clock_.periods() : 1) * sample_time_;
     if (!settings_.simulated_time) {
-        /* The last witness, where neither counter nor time stamps of the robot are to be trusted. */
+        /* Last check, should both counter and time stamps of the robot be wrong. */
         seconds = std::min(seconds, allowance_);
         allowance_ -= seconds;
     }
@@ -337,12 +337,12 @@ bool WipingClient::fill_input()
     return true;
 }
 
-/* A fault stays until it is reset. One of the communication is, when messages come again; others are not. The arm then
- * starts from where it is, as it did at first: brought back at once, it would be too fast. */
+/* Reset a fault of the communication after good samples; let go for any other fault. The arm then starts from where it
+ * is: a direct return to the reference would be too fast. */
 void WipingClient::watch_controller()
 {
     record_.reset = 0;
-    /* What was lost in between was no good sample. */
+    /* Messages lost in between are no good samples. */
     const bool good = faulted_ && valid_ && clock_.lost() < config_.missed_limit;
     good_time_ = good ? good_time_ + sample_time_ : 0.0;
     if (!faulted_ || let_go_ != LET_GO_NONE) {
@@ -364,7 +364,7 @@ void WipingClient::watch_controller()
     }
 }
 
-/* One step of the controller, on input_ or on nothing. */
+/* Step the controller, with input_ or without a sample. */
 void WipingClient::step_controller(bool valid)
 {
     input_.sample_valid = valid ? 1 : 0;
@@ -377,7 +377,7 @@ void WipingClient::step_controller(bool valid)
     copy(dq0_, record_.dq0, JOINTS);
     copy(input_.wrench, record_.wrench, 6);
     if (!valid) {
-        /* Nothing of it was read. */
+        /* The controller has not read input_. */
         fill(record_.q, NOT_A_NUMBER, JOINTS);
         fill(record_.dq, NOT_A_NUMBER, JOINTS);
         fill(record_.q0, NOT_A_NUMBER, JOINTS);
@@ -404,7 +404,7 @@ void WipingClient::step_controller(bool valid)
     faulted_ = fault;
 }
 
-/* The step's row in the log. */
+/* Push the step's row to the log. */
 void WipingClient::record_step(double time)
 {
     record_.kind = Record::STEP;

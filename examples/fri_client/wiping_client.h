@@ -27,22 +27,22 @@ enum { PATIENCE = 10 };
 /* Settings from the command line. */
 struct Settings {
     double task_stiffness[6];    /* [N/m, N m/rad] diagonal, hybrid frame */
-    bool paper;                  /* the paper's law instead of the exact spring, for comparison */
-    bool conventional;           /* that one without the correction */
-    double damping_ratio;        /* [1] of every mode */
+    bool paper;                  /* law of the paper instead of the exact spring, for comparison */
+    bool conventional;           /* law of the paper without the correction */
+    double damping_ratio;        /* [1] for every mode */
     double joint_damping;        /* [N m s/rad] */
     double posture_stiffness;    /* [N m/rad] */
     double motor_inertia;        /* [kg m^2] */
-    double effort_share;         /* of the robot's effort limits */
+    double effort_share;         /* share of the robot's effort limits */
     double torque_rise;          /* [s] least time from zero torque to the effort limit */
-    double speed_share;          /* of the robot's velocity limits, at which the client lets go */
-    double sample_time;          /* [s] that is expected; 0: whatever the robot says */
+    double speed_share;          /* share of the velocity limits at which the client lets go */
+    double sample_time;          /* [s] expected send period; 0: any */
     double approach_time;        /* [s] least duration of the move to the trajectory */
-    double approach_limit;       /* [rad] of a joint: a longer way is asked about or refused */
-    bool approach_anyway;        /* it is not */
-    bool may_ask;                /* somebody is at the terminal */
+    double approach_limit;       /* [rad] longest way of a joint without a question */
+    bool approach_anyway;        /* a long way needs no question */
+    bool may_ask;                /* a person is at the terminal */
     double velocity_filter;      /* [s] */
-    double wrench_damping;       /* of the inverse that makes the wrench */
+    double wrench_damping;       /* damping of wrench_from_torque */
     double external_torque_sign; /* 1: the external torque is J^T times the wrench that the environment applies; -1 */
     PaceLimits pace;
     bool dry_run;        /* send zero torque */
@@ -51,38 +51,38 @@ struct Settings {
     Settings();
 };
 
-/* What happened, counted. */
+/* Counters of a session. */
 struct Counters {
     unsigned long long cycles;                /* callbacks */
-    unsigned long long usable;                /* of them with a sample that a controller can take */
+    unsigned long long usable;                /* callbacks with a good sample */
     unsigned long long commanding_cycles;     /* in COMMANDING_ACTIVE */
     unsigned long long lost_cycles;           /* by the messages' counter and the robot's clock */
-    unsigned long long lost_commanding;       /* of them in COMMANDING_ACTIVE */
-    unsigned long long missing_fields;        /* messages without a value that is needed */
+    unsigned long long lost_commanding;       /* lost cycles in COMMANDING_ACTIVE */
+    unsigned long long missing_fields;        /* messages that lack a needed value */
     unsigned long long implausible_positions; /* far beyond the joint limits */
-    unsigned long long bad_timestamps;        /* left out, or the clock was set */
+    unsigned long long bad_timestamps;        /* time stamps left out, or the clock was set */
     unsigned long long no_time;               /* the clock does not follow the counter */
-    unsigned long long clock_standing;        /* its time stamp has not changed for long */
+    unsigned long long clock_standing;        /* messages whose time stamp has not changed for long */
     unsigned long long other_periods;         /* messages with another send period, or none */
     unsigned long long quality_drops;
     unsigned long long state_drops; /* COMMANDING_ACTIVE was left before the trajectory's end */
     unsigned long long no_torque_mode;
-    unsigned long long guarded; /* cycles whose torque the client had to cut */
+    unsigned long long guarded; /* cycles whose torque the guard changed */
     unsigned long long slowed;  /* cycles in which the trajectory ran slower for a limit */
     unsigned long long sensor_silent;
     unsigned long long wrench_refused; /* steps whose wrench the controller did not take */
     unsigned long long exceptions;              /* the FRI library refused a call */
-    unsigned long long controller_faults;       /* the controller latched a fault, so often */
+    unsigned long long controller_faults;       /* faults that the controller latched */
     unsigned long long saturated, rate_limited; /* cycles with these bits of the controller's status */
     double antisymmetric; /* [N m/rad] largest Frobenius norm of the applied stiffness' antisymmetric part */
 };
 
-/* Why the client does not take part in the session, or does no more. */
+/* Reasons to refuse a session, and to let go. */
 enum Refusal { REFUSAL_NONE, REFUSAL_SAMPLE_TIME, REFUSAL_TORQUE_MODE, REFUSAL_APPROACH, REFUSAL_CONTROLLER };
 enum LetGo {
     LET_GO_NONE,
-    LET_GO_INTERRUPTED, /* by the person */
-    LET_GO_DECLINED,    /* the way to the trajectory was refused by the person */
+    LET_GO_INTERRUPTED, /* by a person or a signal */
+    LET_GO_DECLINED,    /* the person answered no */
     LET_GO_HELD,        /* the trajectory stood still for too long */
     LET_GO_SPEED,
     LET_GO_AWAY, /* the arm was moved far while messages were lost */
@@ -92,15 +92,15 @@ enum LetGo {
     LET_GO_OPERATION_MODE,
     LET_GO_PERIOD,
     LET_GO_DEFECTS, /* too many messages are no good samples */
-    LET_GO_CONTROLLER, /* it latched a fault that is not of the communication */
-    LET_GO_USELESS /* the robot's messages are of no use any more */
+    LET_GO_CONTROLLER, /* the controller latched a fault other than of the communication */
+    LET_GO_USELESS /* no message has been of use for long */
 };
 
 /*
- * Follows a zero-force trajectory in torque mode with the generated impedance controller.
+ * FRI client that follows a zero-force trajectory in torque mode with the generated impedance controller.
  *
- * The callbacks neither allocate, lock nor print; what is to be seen goes through the ring. The connection tells what a
- * message has, so that the FRI library is never asked for what is not there.
+ * The callbacks neither allocate, lock nor print; records go through the ring. The connection tells which fields a
+ * message has, so that the FRI library is never asked for a missing one.
  */
 class WipingClient : public KUKA::FRI::LBRClient {
 public:
@@ -118,13 +118,13 @@ public:
 
     bool finished() const { return ended_ || (let_go_ != LET_GO_NONE && (!controlling_ || zero_sent())); }
     bool ended_by_robot() const { return ended_; }
-    bool released() const { return guard_.released(); } /* it let go, and the torque has come down */
+    bool released() const { return guard_.released(); } /* the client let go, and its torque is zero */
     Refusal refusal() const { return refusal_; }
     LetGo gone() const { return let_go_; }
     Pace::Reason held_by() const { return held_by_; }
     int fast_joint() const { return fast_joint_; }
     const Defects &defects() const { return defects_; }
-    int wild_joint() const { return wild_joint_; }           /* last one far beyond its limit */
+    int wild_joint() const { return wild_joint_; }           /* last joint far beyond its limit */
     double wild_position() const { return wild_position_; } /* [rad] of that joint */
     int controller_fault() const { return controller_fault_; }
     int controller_reason() const { return output_.reason; }
@@ -133,7 +133,7 @@ public:
     double progress() const { return reference_.progress(); } /* [s] in the trajectory */
     double time() const { return clock_.time(); }             /* [s] of the robot's clock since the first message */
     double sample_time() const { return sample_time_; }
-    double reported_period() const { return reported_period_; } /* [s] as the robot said it last */
+    double reported_period() const { return reported_period_; } /* [s] last reported by the robot */
     int controller_error() const { return controller_error_; }
     const Counters &counters() const { return counters_; }
     const Durations &callback_durations() const { return durations_; }
@@ -185,17 +185,17 @@ private:
     Counters counters_;
     Record record_;
 
-    double sample_time_, reported_period_; /* [s]; 0 until the robot has said it */
-    int other_period_;                     /* messages in a row with another one */
+    double sample_time_, reported_period_; /* [s]; 0 until the robot has reported it */
+    int other_period_;                     /* messages in a row with another period */
     double since_position_;                /* [s] since the last position that was a sample */
-    double since_followed_;                /* [s] since the last one that the command follows */
+    double since_followed_;                /* [s] since the last position that the command follows */
     bool valid_;                           /* this message is a sample */
     Defects defects_;
     int wild_joint_;
     double wild_position_;
-    bool has_velocity_;                    /* it gave a new difference quotient */
+    bool has_velocity_;                    /* this message gave a new difference quotient */
     double q_[JOINTS];                     /* [rad] last measured position */
-    double force_;                         /* [N] of contact in the last sample, before the controller looks at it */
+    double force_;                         /* [N] contact force of the last sample, before the controller looks at it */
     double since_force_;                   /* [s] since that sample */
     bool wrench_refused_;                  /* by the controller, in that sample */
     bool button_, has_button_;             /* pressed; the robot's messages have it */
@@ -209,12 +209,12 @@ private:
     double dq0_[JOINTS]; /* [rad/s] of the reference, for the log */
     std::uint32_t events_;
     double last_command_, last_callback_; /* [s] monotonic time; duration */
-    double allowance_;                    /* [s] that the trajectory may move on by now, by this machine's time */
+    double allowance_;                    /* [s] that the trajectory may advance, by this machine's time */
     Pace::Reason held_by_;
-    int fast_samples_, fast_joint_; /* in a row beyond the speed limit; the joint */
+    int fast_samples_, fast_joint_; /* samples in a row beyond the speed limit; the joint */
     LetGo let_go_;
-    bool zero_;                              /* it let go, and the last callback's torque is zero: not every one's is sent */
-    unsigned long long answers_before_zero_; /* sent before that */
+    bool zero_;                              /* the client let go, and the last callback's torque is zero */
+    unsigned long long answers_before_zero_; /* answers sent before that */
     bool ended_;
     Refusal refusal_;
     int controller_error_;

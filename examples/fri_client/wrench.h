@@ -9,22 +9,22 @@
 #include <thread>
 
 /*
- * Wrench (force, moment) [N, N m] at the tip in base axes from joint torques: the least-squares solution of
- * J^T wrench = torque, damped, (J J^T + damping^2 I)^-1 J torque. J (6 x 7) is the hybrid Jacobian. damping is in the
- * Jacobian's units (m and rad, mixed); it costs a share damping^2 / (s^2 + damping^2) of what belongs to the singular
- * value s, and bounds the wrench near singular postures. False, and zeros, if the inverse does not exist.
+ * Compute the wrench (force, moment) [N, N m] at the tip in base axes from joint torques: the damped least-squares
+ * solution of J^T wrench = torque, (J J^T + damping^2 I)^-1 J torque. J (6 x 7) is the hybrid Jacobian. damping is in the
+ * Jacobian's units (m and rad, mixed); it removes a share damping^2 / (s^2 + damping^2) of the component of the singular
+ * value s, and bounds the wrench near singular postures. Return false, and zeros, if the inverse does not exist.
  */
 bool wrench_from_torque(const double *jacobian, const double *torque, double damping, double *wrench);
 
-/* A force/torque sensor at the tip. Implement it for yours. */
+/* Interface of a force/torque sensor at the tip. */
 class WrenchSensor {
 public:
     virtual ~WrenchSensor() {}
 
     /*
-     * The newest wrench (force, moment) [N, N m] that the ENVIRONMENT APPLIES TO THE ROBOT, about the tip's origin in
-     * tip axes, with the tool's own weight taken out. False if there has been none since the last call. Called once a
-     * cycle from the FRI thread: it must not wait, lock or allocate.
+     * Read the newest wrench (force, moment) [N, N m] that the ENVIRONMENT APPLIES TO THE ROBOT, about the tip's origin
+     * in tip axes, without the tool's weight. Return false if none has come since the last call. Called once per cycle
+     * from the FRI thread: it must not wait, lock or allocate.
      */
     virtual bool read(double wrench[6]) = 0;
 };
@@ -35,7 +35,7 @@ public:
  */
 class UdpWrenchSensor : public WrenchSensor {
 public:
-    /* Throws std::runtime_error if the port cannot be had. */
+    /* Throws std::runtime_error if the port cannot be opened. */
     explicit UdpWrenchSensor(int port);
     virtual ~UdpWrenchSensor();
     virtual bool read(double wrench[6]);
@@ -55,21 +55,21 @@ private:
     std::thread thread_;
 };
 
-/* The wrench that the controller is given: from the external joint torque, or from a sensor. */
+/* Source of the controller's wrench: the external joint torque, or a sensor. */
 class WrenchSource {
 public:
-    /* sensor may be NULL. damping, sign: of wrench_from_torque, and of the external torque. */
+    /* sensor: may be NULL; damping: of wrench_from_torque; sign: of the external torque. */
     WrenchSource(WrenchSensor *sensor, double damping, double sign);
 
     bool uses_external_torque() const { return sensor_ == NULL; }
 
-    /* Once a message: periods [s] that have passed with it. */
+    /* Take the sensor's newest wrench; call once per message with the seconds since the last one. */
     void observe(double seconds);
 
-    /* Whether the sensor has been silent for too long. */
+    /* Return whether the sensor has been silent for too long. */
     bool silent() const;
 
-    /* The wrench that the environment applies to the robot at the tip, in base axes. False: there is none. */
+    /* Compute the wrench that the environment applies to the robot at the tip, in base axes; false if there is none. */
     bool read(const double *q, const double *external_torque, double *wrench) const;
 
 private:
