@@ -32,7 +32,8 @@ unsigned long long Traffic::refused() const
 
 Connection::Connection(Datagrams &datagrams, double patience)
     : datagrams_(datagrams), patience_(patience), deadline_(NEVER), handed_on_(false), handing_time_(0.0), sequence_(0),
-      sequence_known_(false), elsewhere_(0), in_a_row_(0), last_answer_(0), reflected_(0), answered_(false), reflection_known_(false)
+      sequence_known_(false), elsewhere_(0), in_a_row_(0), last_answer_(0), reflected_(0),
+      answered_(false), reflection_known_(false)
 {
     std::memset(&arrival_, 0, sizeof arrival_);
     std::memset(&traffic_, 0, sizeof traffic_);

@@ -83,7 +83,8 @@ public:
         const double gone = -std::expm1(-elapsed / TIME_CONSTANT), mean = TIME_CONSTANT / elapsed * gone;
         for (int i = 0; i < JOINTS; ++i) {
             /* Towards the old input for the whole time, and towards its ramp to the new one. */
-            output_[i] = known_ ? output_[i] + gone * (input_[i] - output_[i]) + (1.0 - mean) * (q[i] - input_[i]) : q[i];
+            const double moved = gone * (input_[i] - output_[i]) + (1.0 - mean) * (q[i] - input_[i]);
+            output_[i] = known_ ? output_[i] + moved : q[i];
             input_[i] = q[i];
         }
         known_ = true;

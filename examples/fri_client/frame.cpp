@@ -366,7 +366,8 @@ Fault unframe(const std::uint8_t *datagram, std::size_t size, Bytes *body)
         return FAULT_FRAME;
     }
     *body = Bytes(datagram + FRONT, size - FRONT - BACK);
-    return read_little_endian(datagram + size - BACK) == checksum(body->at(), body->left()) ? FAULT_NONE : FAULT_CHECKSUM;
+    const bool sound = read_little_endian(datagram + size - BACK) == checksum(body->at(), body->left());
+    return sound ? FAULT_NONE : FAULT_CHECKSUM;
 }
 
 Fault check_body(Bytes body, Message *message)

@@ -44,16 +44,20 @@ struct Message {
 };
 
 /*
- * Check a datagram against a table of the protocol's fields: frame, wire format, required fields, counts and ranges. Read
- * no byte beyond size. The FRI library's decoder must see checked datagrams alone: KUKA's trusts the lengths in them,
- * keeps values of earlier messages, and shifts joint values that are not seven. Return FAULT_NONE, or the reason.
+ * Check a datagram against a table of the protocol's fields: frame, wire format, required fields, counts and ranges.
+ * Read no byte beyond size. The FRI library's decoder must see checked datagrams alone: KUKA's trusts the lengths in
+ * them, keeps values of earlier messages, and shifts joint values that are not seven. Return FAULT_NONE, or the
+ * reason.
  */
 Fault check_datagram(const std::uint8_t *datagram, std::size_t size, Message *message);
 
 /* Read the counter of an answer; false if the datagram is none. */
 bool answer_counter(const std::uint8_t *datagram, std::size_t size, std::uint32_t *sequence);
 
-/* Return whether a refused datagram is a monitoring message of the other framing: 2.7 has a frame, 1.x and 2.5 do not. */
+/*
+ * Return whether a refused datagram is a monitoring message of the other framing: 2.7 has a frame, 1.x and 2.5 do
+ * not.
+ */
 bool other_framing(const std::uint8_t *datagram, std::size_t size);
 
 #endif

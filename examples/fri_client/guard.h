@@ -8,9 +8,9 @@
 #include <cmath>
 
 /*
- * Last check of the torque before it is sent. The torque sent is finite, within the effort limit, and moves by no more
- * than the rate limit per send period and in this machine's time, so that answers in a burst do not add up. A torque that
- * is not finite counts as zero. After release() the torque goes to zero.
+ * Last check of the torque before it is sent. The torque sent is finite, within the effort limit, and moves by no
+ * more than the rate limit per send period and in this machine's time, so that answers in a burst do not add up. A
+ * torque that is not finite counts as zero. After release() the torque goes to zero.
  */
 class TorqueGuard {
 public:

@@ -65,7 +65,8 @@ Log::Log(Records &records, const std::string &path, Question &question)
     file_.end_row();
     file_.flush();
     if (file_.error() != 0) {
-        throw std::runtime_error("log " + path + ": " + std::strerror(file_.error()) + "; make room, or name another --log");
+        throw std::runtime_error("log " + path + ": " + std::strerror(file_.error()) +
+                                 "; make room, or name another --log");
     }
 }
 

@@ -12,7 +12,8 @@
 #include <cstring>
 #include <stdexcept>
 
-LogFile::LogFile() : file_(-1), made_(false), keep_(false), regular_(true), size_(0), rows_(0), error_(0), end_(0), buffer_()
+LogFile::LogFile()
+    : file_(-1), made_(false), keep_(false), regular_(true), size_(0), rows_(0), error_(0), end_(0), buffer_()
 {
 }
 
@@ -42,8 +43,8 @@ void LogFile::create(const std::string &path)
 bool LogFile::same(const std::string &path) const
 {
     struct stat mine, other;
-    return is_open() && ::fstat(file_, &mine) == 0 && ::stat(path.c_str(), &other) == 0 && mine.st_dev == other.st_dev &&
-           mine.st_ino == other.st_ino;
+    return is_open() && ::fstat(file_, &mine) == 0 && ::stat(path.c_str(), &other) == 0 &&
+           mine.st_dev == other.st_dev && mine.st_ino == other.st_ino;
 }
 
 void LogFile::append(const char *format, ...)

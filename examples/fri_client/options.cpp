@@ -50,8 +50,8 @@ const char HELP[] =
     "  --simulated-time         take the robot's time for this machine's (emulator in lockstep)\n"
     "  --realtime PRIORITY      lock the memory, run with SCHED_FIFO, 1 to 99\n"
     "\n"
-    "Ctrl-C brings the torque to zero within 0.3 s and leaves; a second one leaves at once. Ctrl-Z, a closed terminal and\n"
-    "every other signal that would stop or end the program do what the first one does.\n"
+    "Ctrl-C brings the torque to zero within 0.3 s and leaves; a second one leaves at once. Ctrl-Z, a closed terminal\n"
+    "and every other signal that would stop or end the program do what the first one does.\n"
     "Exit code: 0 the trajectory was followed to its end, 1 fault in the session or incomplete log, 2 refused at the\n"
     "start, 3 the robot ended the session early, 4 interrupted.\n";
 

@@ -14,8 +14,8 @@ struct PaceLimits {
 };
 
 /*
- * Rate of the trajectory's time: 1 as in the file, 0 at a standstill. It is 1 up to 70 % of a limit and falls to 0 at the
- * limit, so that a blocked arm does not wind the torque up.
+ * Rate of the trajectory's time: 1 as in the file, 0 at a standstill. It is 1 up to 70 % of a limit and falls to 0 at
+ * the limit, so that a blocked arm does not wind the torque up.
  */
 class Pace {
 public:

@@ -44,7 +44,9 @@ std::string refused_since(const Traffic &now, const Traffic &then)
 std::string refused_text(const Connection &connection, const Traffic &then)
 {
     const Traffic &now = connection.traffic();
-    const auto most = [&](Fault fault) { return 2 * (now.faults[fault] - then.faults[fault]) > now.received - then.received; };
+    const auto most = [&](Fault fault) {
+        return 2 * (now.faults[fault] - then.faults[fault]) > now.received - then.received;
+    };
     const std::string refused = refused_since(now, then), fri = version();
     if (most(FAULT_DUPLICATE)) {
         return "the robot's messages all have the sequence counter " + std::to_string(connection.sequence()) + ": " +
@@ -161,7 +163,8 @@ std::string let_go_text(const Options &options, const WipingClient &client)
                text("%.3g", client.settings().speed_share * robot::velocity(client.fast_joint())) +
                " rad/s; see --speed-share";
     case LET_GO_AWAY:
-        return "the arm was moved by more than --approach-limit while messages were lost; see the network, and start again";
+        return "the arm was moved by more than --approach-limit while messages were lost; see the network, and start "
+               "again";
     case LET_GO_SAFETY: return "the robot reports a safety stop while commanding; see its messages";
     case LET_GO_ROBOT_STATES:
         return "the robot's messages no longer say safety state, drives and operation mode, while commanding";

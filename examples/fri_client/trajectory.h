@@ -12,9 +12,9 @@ class Trajectory {
 public:
     /*
      * Read comma-separated numbers without a header: one row per joint (7 rows) or one column per joint (7 columns),
-     * samples `period` seconds apart. Throws std::runtime_error, naming file, place and remedy, for a file that cannot be
-     * read, rows of different length, numbers that are not finite, a position beyond the robot's limits, a step faster
-     * than a velocity limit, and a start or end that is not at rest.
+     * samples `period` seconds apart. Throws std::runtime_error, naming file, place and remedy, for a file that
+     * cannot be read, rows of different length, numbers that are not finite, a position beyond the robot's limits, a
+     * step faster than a velocity limit, and a start or end that is not at rest.
      */
     Trajectory(const std::string &path, double period);
 

@@ -77,11 +77,13 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     : settings_(settings), connection_(connection), records_(records), question_(question),
       velocity_(settings.velocity_filter), wrench_(sensor, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
-      other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0), has_velocity_(false), force_(0.0), since_force_(1e9),
-      wrench_refused_(false), button_(false), has_button_(false), quality_(0), operation_mode_(0),
-      without_torque_mode_(0), without_drives_(0), without_states_(0), controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE), events_(0),
-      last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0),
-      ended_(false), refusal_(REFUSAL_NONE), controller_error_(0)
+      other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0),
+      has_velocity_(false), force_(0.0), since_force_(1e9), wrench_refused_(false), button_(false), has_button_(false),
+      quality_(0), operation_mode_(0), without_torque_mode_(0), without_drives_(0), without_states_(0),
+      controlling_(false), start_(0), faulted_(false), good_time_(0.0), controller_fault_(robot::FAULT_NONE),
+      events_(0), last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0),
+      fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0), ended_(false),
+      refusal_(REFUSAL_NONE), controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
     std::memset(&input_, 0, sizeof input_);

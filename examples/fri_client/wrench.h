@@ -10,9 +10,10 @@
 
 /*
  * Compute the wrench (force, moment) [N, N m] at the tip in base axes from joint torques: the damped least-squares
- * solution of J^T wrench = torque, (J J^T + damping^2 I)^-1 J torque. J (6 x 7) is the hybrid Jacobian. damping is in the
- * Jacobian's units (m and rad, mixed); it removes a share damping^2 / (s^2 + damping^2) of the component of the singular
- * value s, and bounds the wrench near singular postures. Return false, and zeros, if the inverse does not exist.
+ * solution of J^T wrench = torque, (J J^T + damping^2 I)^-1 J torque. J (6 x 7) is the hybrid Jacobian. damping is in
+ * the Jacobian's units (m and rad, mixed); it removes a share damping^2 / (s^2 + damping^2) of the component of the
+ * singular value s, and bounds the wrench near singular postures. Return false, and zeros, if the inverse does not
+ * exist.
  */
 bool wrench_from_torque(const double *jacobian, const double *torque, double damping, double *wrench);
 

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: MIT
+#ifndef FRI_ATTACK_ARM_H
+#define FRI_ATTACK_ARM_H
+
+/* Messages as the robot writes them, and the arm. */
+#include "attack_schedule.h"
+
+extern "C" void ROBOT_MASS_MATRIX(const double *q, double *mass_matrix);
+
+namespace {
+
+/* ---- messages ---------------------------------------------------------------------------------------------------- */
+
+typedef std::vector<std::uint8_t> Octets;
+
+void put_varint(Octets *out, std::uint64_t value)
+{
+    for (; value > 127; value >>= 7) {
+        out->push_back(static_cast<std::uint8_t>(value | 128));
+    }
+    out->push_back(static_cast<std::uint8_t>(value));
+}
+
+void put(Octets *out, unsigned number, std::uint64_t value)
+{
+    put_varint(out, number << 3);
+    put_varint(out, value);
+}
+
+void put(Octets *out, unsigned number, const Octets &part)
+{
+    put_varint(out, number << 3 | 2);
+    put_varint(out, part.size());
+    out->insert(out->end(), part.begin(), part.end());
+}
+
+void put_reals(Octets *out, unsigned number, const double *values, int count)
+{
+    Octets part;
+    for (int i = 0; i < count; ++i) {
+        part.push_back(0x09);
+        std::uint8_t bytes[8];
+        std::memcpy(bytes, &values[i], 8); /* little-endian, as the wire is */
+        part.insert(part.end(), bytes, bytes + 8);
+    }
+    put(out, number, part);
+}
+
+Octets framed(const Octets &body)
+{
+    if (FRI_VERSION < 207) {
+        return body;
+    }
+    Octets out;
+    const auto word = [&out](std::uint32_t value) {
+        for (int i = 0; i < 4; ++i) {
+            out.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
+        }
+    };
+    word(static_cast<std::uint32_t>(body.size()));
+    out.insert(out.end(), body.begin(), body.end());
+    word(checksum(body.data(), body.size()));
+    return out;
+}
+
+/* A field of this number with length in a message; NULL and 0 if it is not there. */
+struct Part {
+    const std::uint8_t *bytes;
+    std::size_t size;
+};
+
+std::uint64_t take_varint(Part *part)
+{
+    std::uint64_t value = 0;
+    for (unsigned shift = 0; part->size > 0; shift += 7) {
+        const std::uint8_t byte = *part->bytes++;
+        --part->size;
+        value |= static_cast<std::uint64_t>(byte & 127) << shift;
+        if (byte < 128) {
+            break;
+        }
+    }
+    return value;
+}
+
+/* What the client sends: fields with a varint, eight bytes, or a length. */
+Part field(Part in, unsigned number, std::uint64_t *value = NULL)
+{
+    while (in.size > 0) {
+        const std::uint64_t key = take_varint(&in);
+        const unsigned wire = static_cast<unsigned>(key & 7);
+        std::uint64_t size = wire == 1 ? 8 : take_varint(&in);
+        if (wire == 0) {
+            if (key >> 3 == number && value != NULL) {
+                *value = size;
+            }
+            continue;
+        }
+        if (size > in.size) {
+            break;
+        }
+        if (key >> 3 == number) {
+            return Part{in.bytes, static_cast<std::size_t>(size)};
+        }
+        in.bytes += size;
+        in.size -= static_cast<std::size_t>(size);
+    }
+    return Part{NULL, 0};
+}
+
+typedef std::array<double, JOINTS> Vector;
+
+bool take_joints(Part values, Vector *joints)
+{
+    if (values.size != 9 * JOINTS) {
+        return false;
+    }
+    for (std::size_t i = 0; i < JOINTS; ++i) {
+        std::memcpy(&(*joints)[i], values.bytes + 9 * i + 1, 8);
+    }
+    return true;
+}
+
+/* ---- the arm ----------------------------------------------------------------------------------------------------- */
+
+/* Rigid, without gravity and Coriolis forces, that the robot compensates. What blocks a joint is a stiff spring. */
+class Arm {
+public:
+    explicit Arm(const Vector &start) : q(start), anchor_(start) { dq.fill(0.0), external.fill(0.0), blocked_.fill(false); }
+
+    /* Held by the robot's brakes or its position control. */
+    void hold()
+    {
+        dq.fill(0.0);
+        external.fill(0.0);
+    }
+
+    void step(const Vector &torque, const Vector &push, const std::array<bool, JOINTS> &blocked, double time)
+    {
+        double M[JOINTS * JOINTS];
+        ROBOT_MASS_MATRIX(q.data(), M);
+        Vector force;
+        for (std::size_t i = 0; i < JOINTS; ++i) {
+            anchor_[i] = blocked[i] && !blocked_[i] ? q[i] : anchor_[i];
+            external[i] = push[i] + (blocked[i] ? BLOCK * (anchor_[i] - q[i]) - DAMPING * dq[i] : 0.0);
+            const int joint = static_cast<int>(i);
+            const double beyond = q[i] - std::min(std::max(q[i], robot::lower(joint)), robot::upper(joint));
+            external[i] -= beyond != 0.0 ? BLOCK * beyond + DAMPING * dq[i] : 0.0;
+            force[i] = torque[i] + external[i] - FRICTION * dq[i];
+            M[i * JOINTS + i] += MOTOR;
+        }
+        blocked_ = blocked;
+        const Vector rate = solve(M, force);
+        kinetic = 0.0;
+        for (std::size_t i = 0; i < JOINTS; ++i) {
+            dq[i] += time * rate[i];
+            work += time * torque[i] * dq[i];
+            q[i] += time * dq[i];
+        }
+        for (std::size_t i = 0; i < JOINTS; ++i) {
+            for (std::size_t j = 0; j < JOINTS; ++j) {
+                kinetic += 0.5 * dq[i] * M[i * JOINTS + j] * dq[j];
+            }
+        }
+    }
+
+    Vector q, dq, external; /* [rad], [rad/s], [N m] of the environment */
+    double kinetic = 0.0, work = 0.0; /* [J]; done by the torques given */
+
+private:
+    static constexpr double BLOCK = 2e4, DAMPING = 60.0, FRICTION = 0.5, MOTOR = 0.2;
+
+    static Vector solve(const double *M, const Vector &right)
+    {
+        double L[JOINTS][JOINTS];
+        Vector x = right;
+        for (int i = 0; i < JOINTS; ++i) {
+            for (int j = 0; j <= i; ++j) {
+                double sum = M[i * JOINTS + j];
+                for (int k = 0; k < j; ++k) {
+                    sum -= L[i][k] * L[j][k];
+                }
+                L[i][j] = i == j ? std::sqrt(sum) : sum / L[j][j];
+            }
+        }
+        for (int i = 0; i < JOINTS; ++i) {
+            for (int k = 0; k < i; ++k) {
+                x[static_cast<std::size_t>(i)] -= L[i][k] * x[static_cast<std::size_t>(k)];
+            }
+            x[static_cast<std::size_t>(i)] /= L[i][i];
+        }
+        for (int i = JOINTS - 1; i >= 0; --i) {
+            for (int k = i + 1; k < JOINTS; ++k) {
+                x[static_cast<std::size_t>(i)] -= L[k][i] * x[static_cast<std::size_t>(k)];
+            }
+            x[static_cast<std::size_t>(i)] /= L[i][i];
+        }
+        return x;
+    }
+
+    Vector anchor_;
+    std::array<bool, JOINTS> blocked_;
+};
+
+constexpr double Arm::BLOCK, Arm::DAMPING, Arm::FRICTION, Arm::MOTOR;
+
+} // namespace
+
+#endif
