@@ -32,7 +32,8 @@ from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
 from stiffgen import StiffgenError, open_robot
 
 from . import faults
-from .emulator import Emulator, Settings
+from .cycles import Settings
+from .emulator import Emulator
 from .link import Link, LinkError
 from .messages import (
     JOINTS,
