@@ -25,8 +25,8 @@ def ratios(folder: Path, scratch: Path) -> None:
     print("| product over function | single | batch | ns: function, product, batches of them |\n|---|---|---|---|")
     for compiler in filter(shutil.which, ("gcc", "clang")):
         for flags in (NATIVE, AVX2, PLAIN):
-            source = f'-DSOURCE="{folder / folder.name}.c"'
-            built = [str(HERE / "contenders" / "products.c"), source, f"-I{folder}", "-o", str(scratch / "products")]
+            sources = [f'-DSOURCE="{folder / folder.name}.c"', f'-DBATCHES="{folder / folder.name}_batch.c"']
+            built = [str(HERE / "contenders" / "products.c"), *sources, f"-I{folder}", "-o", str(scratch / "products")]
             run([compiler, *flags.split(), "-w", *built, "-lm"])
             ns = [float(text) for text in run(pinned([str(scratch / "products"), str(ROUNDS)])).split()]
             row = f"{ns[1] / ns[0]:.2f} | {ns[3] / ns[2]:.2f} | {', '.join(f'{each:.0f}' for each in ns)}"

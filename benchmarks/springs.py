@@ -27,7 +27,8 @@ def of_springs(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, li
         if not shutil.which(compiler):
             continue
         program = folder / f"springs_{compiler}"
-        source = [f'-DROBOT_C="{robot / robot.name}.c"', f"-I{robot}", str(HERE / "contenders" / "springs.c")]
+        macros = [f'-DROBOT_C="{robot / robot.name}.c"', f'-DBATCH_C="{robot / robot.name}_batch.c"']
+        source = [*macros, f"-I{robot}", str(HERE / "contenders" / "springs.c")]
         run([compiler, *NATIVE.split(), *source, "-o", str(program), "-lm"])
         rows = []
         for line in run(pinned([str(program), str(inputs), str(COUNT), str(SPRING_ROUNDS)])).splitlines():

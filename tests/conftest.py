@@ -109,9 +109,10 @@ def compiled(once: Once, robot_folder: Path) -> Compiled:
 
     def made(compiler: str, language: str, level: str) -> Path:
         command = [require_compiler(compiler), *language_flags(language), level, *STRICT, "-fno-stack-protector"]
-        source = str(robot_folder / "iiwa14.c")
+        sources = [robot_folder / "iiwa14.c", robot_folder / "iiwa14_batch.c"]
         name = re.sub(r"\W+", "_", f"object {compiler} {language} {level}")
-        return once(name, lambda folder: subprocess.run([*command, "-c", source, "-o", folder / "o"], check=True)) / "o"
+        linked = ["-r", "-nostdlib", *map(str, sources)]
+        return once(name, lambda folder: subprocess.run([*command, *linked, "-o", folder / "o"], check=True)) / "o"
 
     return made
 

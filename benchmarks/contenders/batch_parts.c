@@ -6,6 +6,7 @@
  */
 #define _GNU_SOURCE
 #include "iiwa14.c"
+#include "iiwa14_batch.c"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* The generated code, single calls and batches. The robot's source is included to build it with any flags. */
 #include "iiwa14.c"
+#include "iiwa14_batch.c"
 
 void run(const double *q, const double *wrench, const double *task_stiffness, double *joint_stiffness)
 {

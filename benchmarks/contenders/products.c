@@ -5,6 +5,7 @@
  */
 #define _GNU_SOURCE
 #include SOURCE
+#include BATCHES
 
 #include <stdio.h>
 #include <stdlib.h>

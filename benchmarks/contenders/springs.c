@@ -9,6 +9,7 @@
  */
 #define _POSIX_C_SOURCE 199309L
 #include ROBOT_C
+#include BATCH_C
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -18,6 +18,7 @@ from stiffgen.errors import (
 from stiffgen.generate import generate
 from stiffgen.loading import load_chain
 from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.options import GenerationOptions
 from stiffgen.robot.chain import Chain, Tool
 from stiffgen.symbolic.model import StiffnessModel
 from stiffgen.symbolic.moving import move_stiffness
@@ -33,6 +34,7 @@ __all__ = [
     "DescriptionWarning",
     "EmptyRecordingError",
     "GeneratedRobot",
+    "GenerationOptions",
     "MissingExtraError",
     "OutputError",
     "Placement",

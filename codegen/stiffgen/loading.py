@@ -14,6 +14,7 @@ from stiffgen.robot.chain import Chain, ChainOptions, Tool
 from stiffgen.robot.description import Description
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
+from stiffgen.symbolic.kernels import RESERVED_NAMES
 
 _DEFAULTS = ChainOptions()
 
@@ -81,9 +82,5 @@ def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -
     return assemble(description, options, select(description, options), _RESERVED)
 
 
-_RESERVED = (
-    "body", "spatial", "hybrid", "spring", "posture", "limits", "gravity", "packed", "mass_matrix", "bias_forces",
-    "tree",
-    *CPP_NAMES,
-)  # fmt: skip
+_RESERVED = frozenset((*RESERVED_NAMES, *CPP_NAMES, "tree"))
 """Names in a module, and in the namespace of NAME.hpp, that no tip may have."""

@@ -50,6 +50,33 @@ class GeneratedRobot:
                 "second folder without --scalar, with another --name"
             )
 
+    @property
+    def has_controller(self) -> bool:
+        """Whether the folder has an impedance controller."""
+        return f"{self.name}_impedance.c" in self.manifest["files"]
+
+    def kernel_text(self) -> str:
+        """Return the C of all kernels in one piece.
+
+        Raises:
+            OutputError: a file cannot be read.
+
+        """
+        files = [f"{self.name}{end}" for end in ("_lanes.h", ".c", "_batch.c")]
+        try:
+            return joined_kernels(
+                self.name,
+                {
+                    file: (self.folder / file).read_text(encoding="utf-8")
+                    for file in files
+                    if file in self.manifest["files"]
+                },
+            )
+        except OSError as error:
+            raise OutputError(
+                f"{error.filename}: cannot be read ({error.strerror}); generate the folder again"
+            ) from error
+
     def source_digests(self) -> dict[str, str]:
         """Return the SHA-256 of every C source and header of the folder, by file.
 
@@ -72,9 +99,14 @@ class GeneratedRobot:
         """The Python package, imported under a name of its own, wherever the folder lies.
 
         Raises:
-            OutputError: the C module is not compiled, or not for this Python, or refuses to load.
+            OutputError: the folder has no Python module, or the module is not compiled for this Python.
 
         """
+        if not (self.folder / "__init__.py").exists():
+            raise OutputError(
+                f"{self.folder}: has no Python module (--no-python), which is needed here; generate a second folder "
+                "without --no-python, with another --name"
+            )
         name = f"_stiffgen_robot_{abs(hash(self.folder.resolve()))}"
         spec = importlib.util.spec_from_file_location(
             name, self.folder / "__init__.py", submodule_search_locations=[str(self.folder)]
@@ -100,6 +132,13 @@ class GeneratedRobot:
 
         """
         return functions_of(self.module, self.table, self.folder)
+
+
+def joined_kernels(name: str, texts: Mapping[str, str]) -> str:
+    """Return the C of all kernels in one piece: single calls and batches, behind the header that both include."""
+    include = f'#include "{name}_lanes.h"\n'
+    single, batch = texts[f"{name}.c"], texts.get(f"{name}_batch.c", "")
+    return single.replace(include, texts[f"{name}_lanes.h"]) + batch.replace(include, "")
 
 
 def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) -> dict[str, Callable[..., Any]]:

@@ -1,26 +1,31 @@
 # SPDX-License-Identifier: MIT
-"""How the templates of all rooms are read."""
+"""Read the templates of all rooms in one way."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import jinja2
 
 
 def environment(
-    package: str, filters: Mapping[str, Callable[..., object]] | None = None, *, escaped: bool = False
+    source: str | Sequence[Path],
+    filters: Mapping[str, Callable[..., object]] | None = None,
+    *,
+    escaped: bool = False,
 ) -> jinja2.Environment:
-    """Return the templates of a package, in which a name that is not given is an error.
+    """Return an environment of templates in which an undefined name is an error.
 
     Args:
-        package: whose folder ``templates`` they lie in.
-        filters: by name, what the templates may apply.
-        escaped: what is put in becomes text of HTML; else (C, Python, Markdown) it goes in as it is.
+        source: a package, whose folder ``templates`` is read, or folders.
+        filters: functions that the templates may apply, by name.
+        escaped: escape values for HTML; else (C, Python, Markdown) they are inserted as they are.
 
     """
+    loader = jinja2.PackageLoader(source) if isinstance(source, str) else jinja2.FileSystemLoader(source)
     templates = jinja2.Environment(
-        loader=jinja2.PackageLoader(package),
+        loader=loader,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -37,7 +37,7 @@ CONTENTS = {
     "Use": (
         "docs/embedding", "docs/controller", "docs/conventions", "docs/ros2", "docs/fri", "docs/fri_robot",
         "docs/experiment", "docs/stance",
-        "docs/analyze", "docs/troubleshooting", "docs/messages",
+        "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (
         "docs/proofs", "docs/performance", "docs/threads", "docs/accuracy", "docs/targets", "benchmarks/RESULTS",

@@ -81,8 +81,11 @@ LOWER, UPPER, VELOCITY, EFFORT
 
 from inspect import Parameter as _Parameter
 from inspect import Signature as _Signature
+from pathlib import Path as _Path
 
 import numpy as _np
+
+__path__.append(str(_Path(__file__).parent / "python"))  # the package's modules lie there
 
 try:
     from . import iiwa14_python as _c
@@ -93,10 +96,10 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "6dc3de27cbda9adb":
+if getattr(_c, "SOURCES", "") != "967eaaaed2eb555e":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
-        "project, or 'stiffgen generate' on the URDF. A Python that has loaded the old one must be started anew"
+        "project, or 'stiffgen generate' on the URDF. Restart Python if it has loaded the old module"
     )
 
 

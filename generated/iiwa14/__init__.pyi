@@ -301,4 +301,4 @@ posture: Final[__posture]
 limits: Final[__limits]
 packed: Final[__packed]
 
-from .impedance import Fault as Fault, Impedance as Impedance, Mode as Mode, Reason as Reason, Status as Status
+from .python.impedance import Fault as Fault, Impedance as Impedance, Mode as Mode, Reason as Reason, Status as Status

@@ -81,7 +81,7 @@ def derive_for(number: type[float | np.float32], terms: int, beyond: mp.mpf, bit
 
 
 MAIN = """
-#include "iiwa14.c"
+#include "iiwa14_lanes.h"
 #include <stdio.h>
 int main(void)
 {
@@ -128,7 +128,7 @@ def measure(points: int) -> None:
 
 
 SEARCH = r"""
-#include "iiwa14.c"
+#include "iiwa14_lanes.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>

@@ -24,9 +24,10 @@ from stiffgen.opened import open_robot
 from stiffgen.verify.files import check_files, load_module
 from stiffgen.verify.verify import _steps
 from support.confined import LOADED
+from support.generated_c import kernel_files
 from support.project import URDF
 
-C, PYTHON_C, PYTHON, CONTROLLER = "iiwa14.c", "iiwa14_python.c", "__init__.py", "iiwa14_impedance.c"
+C, PYTHON_C, PYTHON, CONTROLLER = "iiwa14.c", "python/iiwa14_python.c", "__init__.py", "iiwa14_impedance.c"
 
 
 class Fault(NamedTuple):
@@ -144,6 +145,16 @@ def corrupted(text: str, fault: Fault) -> str:
     return text[:start] + changed
 
 
+def place(fault: Fault, folder: Path) -> Path:
+    """Return the file that a fault applies to; C stands for all files of kernels."""
+    after, files = fault.after.removesuffix("!"), kernel_files(folder, "iiwa14") if fault.file == C else []
+    for file in files:
+        text = file.read_text()
+        if after in text and re.search(fault.pattern, text[text.index(after) :]):
+            return file
+    return folder / fault.file
+
+
 FIRST = {CONTROLLER: "stepping the controller", PYTHON: "names and limits"}
 """The step of ``verify`` that looks at a file most closely: run first, since one failed comparison is enough."""
 LAST_STEPS = ("certified bounds", "printing again")
@@ -193,14 +204,14 @@ def folder(robot_folder, tmp_path, monkeypatch) -> Path:
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
 def test_every_fault_still_applies(fault, robot_folder):
-    text = (robot_folder / fault.file).read_text()
+    text = place(fault, robot_folder).read_text()
     assert corrupted(text, fault) != text
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
 def test_no_fault_passes(fault, folder):
-    file = folder / fault.file
+    file = place(fault, folder)
     file.write_text(corrupted(file.read_text(), fault))
     try:
         build.build_module(folder, "iiwa14")

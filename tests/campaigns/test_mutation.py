@@ -19,6 +19,7 @@ from mpmath import mp
 
 import stiffgen
 from stiffgen.emit.render import render
+from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
@@ -40,6 +41,7 @@ from support.chains import chain_urdf
 from support.complex_step import columns, gradients
 from support.cuda_host import HostCuda
 from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
+from support.generated_c import merged
 from support.project import kernels_of
 from support.runtime import compile_c
 from support.spring_digits import axis, parameters, stiffness
@@ -285,7 +287,7 @@ AWAITED = (("iiwa14", "CUDA on the host"), ("skew", "C"))
 def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
     """Exchange one sign of the printed bodies at a time: single calls and batches, or CUDA."""
     chain, references, left_out = mutated
-    texts = render(chain, "robot", cuda=True)
+    texts = merged(render(chain, "robot", GenerationOptions(cuda=True)), "robot")
     file = "robot.c" if vehicle == "C" else "robot.cu"
     texts[file], places = with_switches(texts[file], lambda body: not any(name in body for name in left_out))
     batches = {kernel.qualified_name: kernel.batch for kernel in chain_kernels(chain)}
@@ -335,7 +337,7 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
     if types != "iiwa14":
         (tmp_path / "skew.urdf").write_text(chain_urdf(types).replace('"0 0 1"', '"0.48 0.6 0.64"'))
         chain = stiffgen.load_chain(tmp_path / "skew.urdf")
-    texts = render(chain, "robot")
+    texts = merged(render(chain, "robot"), "robot")
     texts["robot.c"], places = with_switches(texts["robot.c"], lambda body: "bias_forces" in body)
     library = compiled_with_switches(texts, tmp_path)
     flip = switches(library, len(places))
@@ -417,7 +419,8 @@ def turned_states(library, chain, kind):
 @pytest.mark.parametrize("kind", KINDS[1:])
 def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
     """Every sign of the bodies of the springs that are not the default one, single calls, against 60 digits."""
-    texts, group = render(chain, "robot", options=SpringOptions((kind,))), spring_of_kind(kind).name
+    texts = merged(render(chain, "robot", GenerationOptions(springs=SpringOptions((kind,)))), "robot")
+    group = spring_of_kind(kind).name
     bodies = {f"robot_{group}_{name}": name for name in SPRING_KERNELS}
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__)
     library = compiled_with_switches(texts, tmp_path)
@@ -496,7 +499,7 @@ def test_no_sign_in_a_vector_jacobian_product_can_be_wrong(types, floating, chos
     table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain, options)}
     products = {name: kernel for name, kernel in table.items() if name in (chosen or table) and name.endswith("_vjp")}
     bodies = {f"robot_{name}": name for name in products} | {f"{name}_lanes": name for name in products}
-    texts = render(chain, "robot", options=options)
+    texts = merged(render(chain, "robot", GenerationOptions(springs=options)), "robot")
     bodies |= shared_by(texts["robot.c"], bodies)
     texts["robot.c"], places = with_switches(texts["robot.c"], bodies.__contains__, SIGN_OR_FIRST)
     library = compiled_with_switches(texts, tmp_path)

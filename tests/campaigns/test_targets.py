@@ -92,7 +92,8 @@ def test_a_branch_is_seen(robot_folder, chain, tmp_path):
     assert guarded is not None
     branch = '    if (x > 0.5) {\n        __asm__ volatile("nop");\n    }\n'
     (folder / "iiwa14.c").write_text(source[: guarded.end()] + branch + source[guarded.end() :])
-    (folder / "iiwa14.h").write_text((robot_folder / "iiwa14.h").read_text())
+    for header in ("iiwa14.h", "iiwa14_lanes.h"):
+        (folder / header).write_text((robot_folder / header).read_text())
     (count,) = counts(machine, built(machine, folder, chain, [], tmp_path, [kernel], 80), tmp_path)
     assert count.fewest < count.most
 

@@ -14,7 +14,7 @@ from support.project import require_compiler
 LAST = 0x45BB8000
 """Bits of the largest angle that the code reduces itself, FAR."""
 _SOURCE = r"""
-#include "{name}.c"
+#include "{name}_lanes.h"
 /* Largest errors of sine and cosine, in 2^-24 and in ulp of the exact value, over floats by their bits, both signs. */
 void worst(unsigned first, unsigned end, double *units, double *ulps, float *at)
 {{

@@ -24,6 +24,7 @@ from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.rounding import Stages
+from support.generated_c import kernel_text
 from support.graphs import BALLS
 
 DOUBLES = PRECISIONS[DOUBLE.name]
@@ -98,7 +99,7 @@ class Measured:
         """
         self.batches, self.longer = batches, longer
         self.chain, self.kernels = chain, {kernel.qualified_name: kernel for kernel in kernels}
-        header, own = (folder / f"{name}.h").read_text(), (folder / f"{name}.c").read_text()
+        header, own = (folder / f"{name}.h").read_text(), kernel_text(folder, name)
         self.number: Literal["double", "float"] = (
             "float" if f"void {name}_forward_kinematics(const float" in header else "double"
         )
@@ -107,7 +108,7 @@ class Measured:
         quad = f"{name}_quad"
         doubles = _renamed(((exact or folder) / f"{name}.h").read_text(), name, quad)
         (work / f"{quad}.h").write_text(doubles)
-        statements = ((exact or folder) / f"{name}.c").read_text()
+        statements = kernel_text(exact or folder, name)
         (work / f"{quad}.c").write_text(_in_quad(_renamed(statements, name, quad), longer))
         driver = work / f"{name}_errors.c"
         drivers = [self._driver(name, quad, kernel) for kernel in kernels]
@@ -196,9 +197,9 @@ def _renamed(text: str, name: str, quad: str) -> str:
 
 def _without_batches(source: str) -> str:
     """NAME.c up to its batches; the self-check behind them goes, too."""
-    found = re.search(r"^/\* ---- \d+\. (Batches|Self-check)", source, flags=re.M)
-    assert found is not None
-    return source[: found.start()]
+    single, check, _ = source.partition("/* ---- Self-check")
+    assert check
+    return single
 
 
 def _in_quad(source: str, longer: str) -> str:

@@ -10,10 +10,11 @@ import shutil
 from pathlib import Path
 from typing import NamedTuple
 
+from support.generated_c import kernel_files
 from support.project import ROOT
 
 FOLDER = ROOT / "generated" / "iiwa14"
-C, CONTROLLER = "iiwa14.c", "iiwa14_impedance.c"
+CONTROLLER = "iiwa14_impedance.c"
 
 
 class Fault(NamedTuple):
@@ -75,7 +76,8 @@ def faulty(fault: Fault, folder: Path) -> Path:
     """Copy the iiwa 14's folder with the fault."""
     target = folder / "iiwa14"
     shutil.copytree(FOLDER, target)
-    file = target / (C if fault.part == "memory" else CONTROLLER)
+    files = kernel_files(target, "iiwa14") if fault.part == "memory" else [target / CONTROLLER]
+    file = next(each for each in files if fault.after in (text := each.read_text()) and fault.old in text)
     text = file.read_text()
     start = 0 if not fault.after else text.index(f"{fault.after}")
     if fault.after:  # a definition, not the comment or the call before it

@@ -12,6 +12,7 @@ import stiffgen
 from stiffgen.emit.manifest import MANIFEST
 from stiffgen.emit.render import render
 from stiffgen.errors import ChainError
+from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS
 from support.c_program import STRICT
@@ -38,11 +39,12 @@ def sources_of_random_robot(
     urdf.write_text(robot.text, encoding="utf-8")
     base = None if floating else robot.base
     chain = stiffgen.load_chain(urdf, base=base, tip=robot.tip, floating_base=floating)
-    texts = render(chain, "arm", options=options)
+    texts = render(chain, "arm", GenerationOptions(springs=options))
     for file, text in texts.items():
         if file.endswith((".h", ".c")) or file == MANIFEST:
+            (folder / file).parent.mkdir(exist_ok=True)
             (folder / file).write_text(text, encoding="utf-8")
-    return [folder / file for file in ("arm.c", "arm_impedance.c") if file in texts]
+    return [folder / file for file in ("arm.c", "arm_batch.c", "arm_impedance.c") if file in texts]
 
 
 def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[str, list[Path]]:

@@ -21,16 +21,22 @@ from stiffgen.folder import temporary_folder
 
 _LAST_LINES = 20
 _FLAGS = ("-O3", "-DNDEBUG", "-std=gnu99", "-fPIC")
-"""As CMake's release build of the folder's CMakeLists.txt has them. The user's own come after them: CFLAGS."""
+"""Flags of CMake's release build of the folder; those in CFLAGS follow them."""
 _FAST_TO_COMPILE = ("-O1",)
-_PASSES_ON = ("-O0",)
-"""Nothing in these files takes time: to optimise hundreds of functions of one line would take more than they do."""
+_FORWARDS = ("-O0",)
+"""These files hold hundreds of functions of one line: optimising them takes longer than it saves."""
+
+
+def kernel_sources(folder: Path, name: str) -> list[Path]:
+    """Return the C files of a folder's kernels: single calls, and batches where there are any."""
+    batch = folder / f"{name}_batch.c"
+    return [folder / f"{name}.c", *([batch] if batch.exists() else [])]
 
 
 def build_module(folder: Path, name: str) -> None:
-    """Compile the NumPy module of a generated folder into that folder, for the instruction set of this machine.
+    """Compile the NumPy module of a generated folder into its python/, for the instruction set of this machine.
 
-    CC names the compiler; what CFLAGS has stands behind the build's own flags, and so wins.
+    CC names the compiler; CFLAGS follow the build's own flags, and so win.
 
     A folder with derivatives also gets the library of NAME.casadi, and that of NAME.jax where jax is installed.
 
@@ -49,47 +55,56 @@ def build_module(folder: Path, name: str) -> None:
             "Python's C headers are missing; install them (Debian: apt-get install python3-dev) or use --no-build"
         )
     folder = folder.resolve()
-    module = folder / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
+    python = folder / "python"
     with temporary_folder("build") as build:
-        native = _native(compiler, build)
-        ours, theirs = [*compiler, *_FLAGS, *native], shlex.split(os.environ.get("CFLAGS", ""))
-        command = [*ours, *theirs]
-        xla = _xla_headers()
-        options: dict[str, Sequence[str]] = {
-            f"{name}.c": [],
-            f"{name}_impedance.c": [],
-            f"{name}_python.c": [f"-I{header.parent}", f"-I{np.get_include()}", "-fvisibility=hidden"],
-            f"{name}_calls.c": _FAST_TO_COMPILE,  # it copies, and calls
-            f"{name}_casadi.c": _PASSES_ON,
-            f"{name}_jax.c": [*_PASSES_ON, *(f"-I{include}" for include in xla)],
-        }
-        sources = [source for source in options if (folder / source).exists()]
-        if not xla:
-            sources = [source for source in sources if source != f"{name}_jax.c"]
-        objects = {source: str(build / f"{source}.o") for source in sources}
+        flags = [*compiler, *_FLAGS, *_native(compiler, build)]
+        user_flags = shlex.split(os.environ.get("CFLAGS", ""))
+        command = [*flags, *user_flags]
+        sources = _sources(folder, name, header)
+        objects = {source.stem: str(build / f"{source.name}.o") for source in sources}
         compile_each = [
-            [*ours, *options[source], *theirs, "-c", str(folder / source), "-o", made]
-            for source, made in objects.items()
+            [*flags, *options, *user_flags, "-c", str(source), "-o", objects[source.stem]]
+            for source, options in sources.items()
         ]
-        wrappers = {which: objects.pop(f"{name}_{which}.c", "") for which in ("casadi", "jax")}
-        calls = objects.pop(f"{name}_calls.c", "")
+        wrappers = {which: objects.pop(f"{name}_{which}", "") for which in ("casadi", "jax")}
+        calls = objects.pop(f"{name}_calls", "")
+        kernels = [objects[source.stem] for source in kernel_sources(folder, name)]
+        module = python / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
         link = [[*command, *_link_options(), *objects.values(), "-o", str(module), *_libraries()]]
         for which, wrapper in wrappers.items():
             if wrapper:
-                library = folder / f"{name}_{which}{'.pyd' if os.name == 'nt' else '.so'}"
-                linked = [wrapper, calls, objects[f"{name}.c"]]
-                link.append([*command, "-shared", *linked, "-o", str(library), *_libraries()])
+                library = python / f"{name}_{which}{'.pyd' if os.name == 'nt' else '.so'}"
+                link.append([*command, "-shared", wrapper, calls, *kernels, "-o", str(library), *_libraries()])
         for commands in (compile_each, link):
             _run(commands, compiler[0], build)
-        _self_check([*command, objects[f"{name}.c"]], folder, name, build)
+        _self_check([*command, *kernels], folder, name, build)
+
+
+def _sources(folder: Path, name: str, header: Path) -> dict[Path, Sequence[str]]:
+    """Return the folder's C files with the compiler's options for each."""
+    xla = _xla_headers()
+    options: dict[Path, Sequence[str]] = {
+        **{source: [] for source in kernel_sources(folder, name)},
+        folder / f"{name}_impedance.c": [],
+        folder / "python" / f"{name}_python.c": [
+            f"-I{header.parent}",
+            f"-I{np.get_include()}",
+            "-fvisibility=hidden",
+        ],
+        folder / "python" / f"{name}_calls.c": _FAST_TO_COMPILE,  # it copies, and calls
+        folder / "python" / f"{name}_casadi.c": _FORWARDS,
+    }
+    if xla:
+        options[folder / "python" / f"{name}_jax.c"] = [*_FORWARDS, *(f"-I{include}" for include in xla)]
+    return {source: chosen for source, chosen in options.items() if source.exists()}
 
 
 def build_library(
     folder: Path, name: str, build: Path, flags: Sequence[str] | None = None, *, more: Sequence[Path] = ()
 ) -> Path:
-    """Compile the kernels of a generated folder, NAME.c and what ``more`` names, into a shared library in ``build``.
+    """Compile the kernels of a generated folder, and further files, into a shared library in ``build``.
 
-    Without ``flags`` it is made to be compiled fast, not to be fast.
+    Without ``flags`` it compiles fast and runs slowly.
 
     Raises:
         BuildError: no compiler, or it failed; with its last lines.
@@ -99,13 +114,13 @@ def build_library(
     library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
     chosen = _FAST_TO_COMPILE if flags is None else flags
     command = [*compiler, "-std=gnu99", *chosen, "-fPIC", "-shared", f"-I{folder.resolve()}"]
-    command += [str(folder.resolve() / f"{name}.c"), *map(str, more)]
+    command += map(str, (*kernel_sources(folder.resolve(), name), *more))
     _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
     return library
 
 
 def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
-    """Raise BuildError if the compiled kernels compute something else, because of flags that change arithmetic."""
+    """Raise BuildError if the compiler's flags changed the arithmetic of the kernels."""
     source, program = build / "self_check.c", build / "self_check"
     source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(); }}\n')
     libraries = ["-lm"] if os.name != "nt" else []
@@ -125,7 +140,7 @@ def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) ->
 
 
 def _compiler() -> list[str]:
-    """The C compiler and its leading arguments: CC if set, else the first of cc, gcc, clang on the PATH."""
+    """Return the C compiler and its leading arguments: CC if set, else the first of cc, gcc, clang on the PATH."""
     chosen = shlex.split(os.environ.get("CC", ""))
     for candidate in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:
         found = shutil.which(candidate[0])
@@ -138,7 +153,7 @@ def _compiler() -> list[str]:
 
 
 def _native(compiler: Sequence[str], build: Path) -> list[str]:
-    """-march=native, where the compiler takes it. The module refuses to load on a machine without the instructions."""
+    """Return -march=native where the compiler accepts it; the module refuses to load on other machines."""
     probe = build / "probe.c"
     probe.write_text("int probe;\n")
     try:
@@ -149,9 +164,9 @@ def _native(compiler: Sequence[str], build: Path) -> list[str]:
 
 
 def _xla_headers() -> list[str]:
-    """The folder of XLA's headers that jax brings; none without jax.
+    """Return the folder of XLA's headers that jax installs; none without jax.
 
-    It is jax.ffi.include_dir(), found without loading JAX, whose threads would be in the way of whoever forks.
+    The folder is jax.ffi.include_dir(), found without loading JAX: its threads would disturb a process that forks.
     """
     package = importlib.util.find_spec("jaxlib")
     if package is None or package.origin is None:
@@ -171,7 +186,7 @@ def _libraries() -> list[str]:
 
 
 def _run(commands: Sequence[Sequence[str]], compiler: str, temporary: Path) -> None:
-    """Run the commands at the same time; none is left running and no file of theirs stays, whatever happens."""
+    """Run commands in parallel; after an error none is left running and none of their files stays."""
     running: list[subprocess.Popen[str]] = []
     try:
         for command in commands:

@@ -29,6 +29,11 @@ INTERFACE = "impedance.h"
 _PARTS = ("matrix", "state", "energy", "sample", "damping", "governor", "stiffness", "torque", "step")
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
+CONTROLLER_KERNELS = (
+    "mass_matrix", "hybrid.jacobian", "hybrid.joint_stiffness", "hybrid.joint_stiffness_uncorrected", "spring.energy",
+    "spring.wrench", "spring.torque", "spring.linearization", "posture.energy",
+)  # fmt: skip
+"""Functions that the controller calls, besides the poses of the tips."""
 _FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
 _STRUCTS = (
     (
@@ -45,18 +50,6 @@ _FIRST_FIELD_ERROR = -20
 def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
     """Return whether a robot can have the controller: masses, a fixed base, at most MAX_DOF coordinates, doubles."""
     return scalar == DOUBLE and chain.masses and not chain.floating and chain.dof <= MAX_DOF
-
-
-def controller_files(name: str, chain: Chain, scalar: Scalar) -> dict[str, str]:
-    """Return the template of each file by its name; empty without a controller."""
-    if not has_controller(chain, scalar):
-        return {}
-    return {
-        f"{name}_impedance.h": "impedance.h.j2",
-        f"{name}_impedance.c": "impedance.c.j2",
-        "impedance.py": "impedance.py.j2",
-        "impedance.pyi": "impedance.pyi.j2",
-    }
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The manifest of a robot's folder, manifest.json: what it was generated from and by what. Written and read here."""
+"""Write and read manifest.json, the record of a robot's folder: robot, options, functions, files."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ import hashlib
 import json
 import math
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 from stiffgen._version import __version__
+from stiffgen.emit.backend import Request
 from stiffgen.errors import printable
-from stiffgen.lower.graph import Operations
-from stiffgen.lower.rounding import Ranges, Stated
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.potentials import SpringOptions
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
@@ -28,53 +26,46 @@ DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeErro
 """Errors with which a damaged manifest, or one of another version, ends."""
 
 
-def manifest_text(
-    chain: Chain,
-    name: str,
-    scalar: Scalar,
-    kernels: Mapping[str, tuple[str, Operations]],
-    texts: Mapping[str, str],
-    options: SpringOptions,
-    bounds: Mapping[str, Sequence[Stated]],
-    ranges: Ranges,
-) -> str:
-    """The manifest of a robot's folder.
+def manifest_text(request: Request, texts: Mapping[str, str]) -> str:
+    """Return the manifest of a robot's folder.
 
     Args:
-        chain: the robot.
-        name: its identifier.
-        scalar: type of its numbers; the manifest names it where it is not double.
-        kernels: signature and operation count of every function, by qualified name.
-        texts: the other files by name; the manifest has their SHA-256.
-        options: what was asked of springs.
-        bounds: of the functions' rounding errors, by qualified name.
-        ranges: what the functions' arguments are at most for these.
+        request: the robot and the user's options.
+        texts: the other files by name; the manifest records their SHA-256.
 
     """
+    chain, scalar, springs = request.chain, request.scalar, request.springs
+    kernels = {
+        kernel.qualified_name: {
+            "signature": kernel.signature(chain),
+            "operations": asdict(function.operations) | {"total": function.operations.total},
+        }
+        for kernel, function in request.single.kernels
+    }
     content = {
         "generator": _GENERATOR,
         "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
-        "name": name,
+        "name": request.name,
         "urdf": {"file": chain.source, "sha256": chain.digest},
-        "kernels": {
-            kernel: {"signature": signature, "operations": asdict(operations) | {"total": operations.total}}
-            for kernel, (signature, operations) in kernels.items()
-        },
+        "options": request.options.to_manifest(),
+        "kernels": kernels,
         "rounding": {
-            "ranges": asdict(ranges),
-            "bounds": {kernel: [asdict(each) for each in stated] for kernel, stated in bounds.items() if stated},
+            "ranges": asdict(request.ranges),
+            "bounds": {
+                kernel: [asdict(each) for each in stated] for kernel, stated in request.bounds.items() if stated
+            },
         },
         "files": {file: hashlib.sha256(text.encode()).hexdigest() for file, text in texts.items()},
-        "springs": options.to_manifest(),
+        "springs": springs.to_manifest(),
         **({"scalar": scalar.name} if scalar != DOUBLE else {}),
-        **({"derivatives": True} if options.derivatives else {}),
+        **({"derivatives": True} if springs.derivatives else {}),
         "chain": _finite({k: v for k, v in asdict(chain).items() if k != "ignored" or v}),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """The manifest of a generated folder, or None if it has none."""
+    """Return the manifest of a generated folder; None without one."""
     file = folder / MANIFEST
     try:
         status = file.stat()
@@ -88,12 +79,12 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def scalar_of_manifest(content: Mapping[str, Any]) -> Scalar:
-    """The type of a folder's numbers; KeyError if there is none like it."""
+    """Return the type of a folder's numbers; KeyError for an unknown type."""
     return SCALARS[content.get("scalar", DOUBLE.name)]
 
 
 def _finite(value: Any) -> Any:
-    """Infinite limits as "inf" and "-inf", which JSON has no numbers for."""
+    """Replace infinite limits, which JSON lacks, by "inf" and "-inf"."""
     if isinstance(value, dict):
         return {key: _finite(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):

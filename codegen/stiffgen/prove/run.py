@@ -9,7 +9,6 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, StiffgenError, listed
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
@@ -93,7 +92,7 @@ def prove(
     if json is not None and not Path(json).parent.is_dir():
         raise OutputError(f"{json}: there is no such folder; give another --json")
     chosen = [each for each in functions if not only or each.qualified_name in only]
-    text = (robot.folder / f"{robot.name}.c").read_text(encoding="utf-8")
+    text = robot.kernel_text()
     verdicts: list[Verdict] = []
     with temporary_folder("prove") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
         job = _Job(robot, functions, tools, temporary.resolve(), timeout, progress, text)
@@ -101,7 +100,7 @@ def prove(
         entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
         checked = ["self_check"] if len(chosen) == len(functions) else []
         memory = pool.submit(_memory, job, chosen, [*entries, *checked]) if "memory" in parts else None
-        with_controller = has_controller(robot.chain) and not only and {"services", "step"} & set(parts)
+        with_controller = robot.has_controller and not only and {"services", "step"} & set(parts)
         controller = pool.submit(_controller, job, parts) if with_controller else None
         widths = pool.submit(width_verdicts, robot, chosen, job.work, timeout, progress) if "widths" in parts else None
         if memory is not None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from stiffgen.emit.controller import has_controller
 from stiffgen.errors import OutputError, listed
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.page import POLICY, STYLE
@@ -267,7 +266,7 @@ def _uncovered(robot: GeneratedRobot, filed: Filed | None, targets: Sequence[Tar
         lines.append(
             f"Rounding of functions that divide or choose, which have no certified bound: {listed(unbounded, 99)}."
         )
-    if has_controller(robot.chain, robot.scalar):
+    if robot.has_controller:
         lines.append(
             "That the closed loop is stable on the arm: the controller's theorem has assumptions, which "
             "docs/controller.md lists."

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from stiffgen.emit.build import kernel_sources
 from stiffgen.opened import GeneratedRobot
 from stiffgen.prove import harness
 from stiffgen.prove.tools import Run, run
@@ -64,7 +65,8 @@ def _run_width(
             f"-fsanitize={sanitizer},float-cast-overflow",
             "-fno-sanitize-recover=all",
         ]
-        command += [f"-I{robot.folder.resolve()}", str(driver), str(robot.folder.resolve() / f"{robot.name}.c")]
+        command += [f"-I{robot.folder.resolve()}", str(driver)]
+        command += map(str, kernel_sources(robot.folder.resolve(), robot.name))
         built = run([*command, "-lm", "-o", str(program)], folder, timeout)
         seconds += built.seconds
         if "error:" in built.said or built.timed_out or not program.exists():

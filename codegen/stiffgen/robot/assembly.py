@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 from stiffgen.names import identifier
@@ -13,7 +13,7 @@ from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
 from stiffgen.robot.selection import Selection
 
 
-def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Sequence[str]) -> Chain:
+def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]) -> Chain:
     """Return the chain of a selection; no tip gets a name of ``reserved``."""
     tree = _Tree(description, selection)
     slides = tree.slide_origins()
@@ -45,7 +45,7 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
     )
 
 
-def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Sequence[str]) -> tuple[Tip, ...]:
+def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Container[str]) -> tuple[Tip, ...]:
     first = BASE_JOINTS if selection.floating else 0
     mounted = Pose.identity() if tool is None else Pose.from_xyz_rpy(tool.xyz, tool.rpy)
     frames = [(pose @ mounted).rounded() for pose in tree.tip_poses]
@@ -56,7 +56,7 @@ def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Sequen
     )
 
 
-def _tip_names(tips: Sequence[str], reserved: Sequence[str]) -> list[str]:
+def _tip_names(tips: Sequence[str], reserved: Container[str]) -> list[str]:
     """Return identifiers of several tips, numbered where two links give the same one or a reserved name."""
     if len(tips) == 1:
         return [""]

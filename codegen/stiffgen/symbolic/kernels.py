@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
+from stiffgen.errors import ChainError, PotentialError, listed, printable
+from stiffgen.names import CPP_NAMES
 from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import adjoint, arguments, gradients, programs
 from stiffgen.symbolic.arguments import POSE, Argument, posture
@@ -78,6 +80,11 @@ class Kernel:
     def path(self) -> tuple[str, ...]:
         """Tip and group, as far as it has them: the namespaces that hold the function in Python."""
         return tuple(filter(None, (self.tip.name if self.tip else None, self.group)))
+
+    @property
+    def choices(self) -> tuple[str, str]:
+        """Words that choose the kernel: its group ("dynamics" where it has none), and group and name."""
+        return self.group or "dynamics", ".".join(filter(None, (self.group, self.name.removesuffix("_total"))))
 
     @property
     def result(self) -> Argument:
@@ -456,6 +463,31 @@ def _serial(
 KERNELS: tuple[Kernel, ...] = _serial()
 """The kernels of a chain with one tip, in the order in which they are printed."""
 
+RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | {PACKED.lstrip("_")}
+"""Names in a robot's module that no tip and no potential may have."""
+
+_ARGUMENT_NAMES = frozenset(
+    argument.name
+    for kernel in KERNELS
+    for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
+)
+_TAKEN = RESERVED_NAMES | _ARGUMENT_NAMES | {kernel.name for kernel in KERNELS} | {"impedance", *CPP_NAMES}
+"""Names that no potential and no parameter of one may have."""
+
+
+def _refuse_taken_names(springs: tuple[Spring, ...]) -> None:
+    """Raise PotentialError if a user's potential, or a parameter of it, has a name of the kernel table."""
+    for spring in springs:
+        if spring.name in _TAKEN:
+            raise PotentialError(
+                f"potential {spring.name}: the name is taken by stiffgen's own functions; give it another"
+            )
+        for parameter in spring.parameters:
+            if parameter.name in _TAKEN:
+                raise PotentialError(
+                    f"potential {spring.name}: a parameter cannot be called '{parameter.name}'; give it another name"
+                )
+
 
 def _cotangent(result: Argument, count: int) -> Argument:
     meaning = f"weights of the entries of {result.name}" + (", both triangles" if result.symmetric else "")
@@ -519,7 +551,7 @@ def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
 def _products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
     """Of each kernel; what calls another's comes behind it, and before sums over the tips, which may call both."""
     whole = {(kernel.path, kernel.name): kernel for kernel in kernels}
-    parts = {kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if kernel.part_of}
+    parts = {kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole}
     for kernel in kernels:
         if kernel not in parts:
             yield vector_jacobian_product(kernel)
@@ -537,14 +569,37 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     representation kernels, and the joint stiffness of all contacts together is added.
     """
     options = options or SpringOptions()
-    kernels = _all_kernels(chain, options.springs())
+    springs = options.springs()
+    _refuse_taken_names(springs[len(springs) - len(options.potentials) :])
+    kernels = _chosen(_all_kernels(chain, springs), options.groups)
     if chain.floating:
         kernels = tuple(map(_in_the_world, kernels))
     if options.derivatives:
         kernels = (*kernels, *_products(kernels))
-    if len(chain.joints) <= MAX_BATCH_JOINTS:
+    if options.batches and len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)
+
+
+def _chosen(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of some groups, all for no groups; the poses of the tips are always among them.
+
+    Raises:
+        ChainError: the robot has no such group or function.
+
+    """
+    known = dict.fromkeys(choice for kernel in kernels for choice in kernel.choices)
+    unknown = [group for group in groups if group not in known]
+    if unknown:
+        raise ChainError(
+            f"--kernels {printable(unknown[0])}: this robot has no such group or function; groups are "
+            f"{listed(list(dict.fromkeys(kernel.choices[0] for kernel in kernels)))}, a function is GROUP.NAME"
+        )
+    if not groups:
+        return kernels
+    return tuple(
+        kernel for kernel in kernels if kernel.name == "forward_kinematics" or set(kernel.choices) & set(groups)
+    )
 
 
 def _in_the_world(kernel: Kernel) -> Kernel:

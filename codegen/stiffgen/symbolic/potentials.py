@@ -25,15 +25,10 @@ from typing import Any
 import casadi as ca
 
 from stiffgen.errors import PotentialError, listed
-from stiffgen.names import CPP_NAMES, checked_identifier
+from stiffgen.names import checked_identifier
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.springs import KINDS, Placement, Spring, spring
 
-_TAKEN = (
-    "body", "spatial", "hybrid", "posture", "limits", "gravity", "packed", "q", "tool_pose", "pose", "energy", "wrench",
-    "torque", "task_stiffness", "joint_stiffness", "linearization", "forward_kinematics", "mass_matrix",
-    "bias_forces", "impedance", *CPP_NAMES,
-)  # fmt: skip
 _WITHOUT_DERIVATIVES = {
     ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder", ca.OP_SIGN: "sign",
     ca.OP_COPYSIGN: "copysign", ca.OP_ERFINV: "erfinv", ca.OP_LIFT: "lift",
@@ -117,7 +112,7 @@ def spring_of(potential: Potential) -> Spring:
     """
     name = potential.name
     checked_identifier(name)
-    if name in _TAKEN or name in {spring(kind).name for kind in KINDS}:
+    if name in {spring(kind).name for kind in KINDS}:
         raise PotentialError(f"potential {name}: the name is taken by stiffgen's own functions; give it another")
     declared = getattr(potential.function, "parameters", {})
     arguments = tuple(_argument(name, parameter, shape) for parameter, shape in _items(name, declared))
@@ -161,7 +156,7 @@ def _argument(owner: str, name: Any, shape: Any) -> Argument:
         valid = False
     if not valid:
         raise PotentialError(f"potential {owner}: the shape of parameter '{name}' must be (), (k,) or (k, l)")
-    if not isinstance(name, str) or name in _TAKEN:
+    if not isinstance(name, str):
         raise PotentialError(f"potential {owner}: a parameter cannot be called '{name}'; give it another name")
     checked_identifier(name)
     return Argument(
@@ -199,16 +194,20 @@ def _refuse_without_derivatives(name: str, value: ca.SX, given: list[ca.SX]) -> 
 
 @dataclass(frozen=True)
 class SpringOptions:
-    """The springs that a robot has: kinds of :func:`stiffgen.symbolic.springs.spring`, and a user's own potentials.
+    """Springs of a robot: kinds of :func:`stiffgen.symbolic.springs.spring`, and a user's own potentials.
 
-    The default spring, "trace", is always there and first. With ``derivatives`` every kernel of the robot, those of
-    springs included, has its vector-Jacobian product beside it (:mod:`stiffgen.symbolic.adjoint`).
+    The default spring, "trace", always comes first. With ``derivatives`` every kernel of the robot, those of
+    springs included, has its vector-Jacobian product beside it (:mod:`stiffgen.symbolic.adjoint`). ``groups`` names
+    the kernels to generate, a group ("hybrid") or one function ("spring.energy"); none for all kernels. Without
+    ``batches`` no kernel has functions for many configurations.
     """
 
     kinds: tuple[str, ...] = ()
     placement: Placement = field(default_factory=Placement)
     potentials: tuple[Potential, ...] = ()
     derivatives: bool = False
+    groups: tuple[str, ...] = ()
+    batches: bool = True
 
     def springs(self) -> tuple[Spring, ...]:
         """All of them, the default one first.
@@ -238,6 +237,8 @@ class SpringOptions:
             "potentials": [
                 {"file": each.file, "function": each.name, "source": each.source} for each in self.potentials
             ],
+            **({"groups": list(self.groups)} if self.groups else {}),
+            **({} if self.batches else {"batches": False}),
         }
 
 
@@ -254,4 +255,6 @@ def springs_of_manifest(content: dict[str, Any]) -> SpringOptions:
         Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
         tuple(potential_of_source(each["source"], each["file"], each["function"]) for each in recorded["potentials"]),
         derivatives,
+        tuple(recorded.get("groups", ())),
+        recorded.get("batches", True),
     )

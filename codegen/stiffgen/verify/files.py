@@ -20,8 +20,8 @@ from stiffgen.emit.render import render
 from stiffgen.errors import printable
 from stiffgen.folder import temporary_folder
 from stiffgen.loading import load_chain
-from stiffgen.lower.rounding import Ranges
 from stiffgen.opened import GeneratedRobot
+from stiffgen.options import options_of_manifest
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.result import Check, faultless
 
@@ -72,14 +72,7 @@ def check_functions(robot: GeneratedRobot) -> Check:
 
 def print_again(robot: GeneratedRobot) -> dict[str, str]:
     """Print the files of the folder again, from the chain and the options in its manifest, by this generator."""
-    return render(
-        robot.chain,
-        robot.name,
-        scalar=robot.scalar,
-        cuda=f"{robot.name}.cu" in robot.manifest["files"],
-        options=robot.springs,
-        ranges=Ranges(**robot.manifest["rounding"]["ranges"]),
-    )
+    return render(robot.chain, robot.name, options_of_manifest(robot.manifest))
 
 
 def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:

@@ -51,7 +51,7 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
     fresh = build / "printed"
     fresh.mkdir(parents=True)
     for file, text in texts.items():
-        if file.endswith((".c", ".h")):
+        if file.endswith((".c", ".h")) and "/" not in file:
             (fresh / file).write_text(text, encoding="utf-8")
     try:
         reference, library = (

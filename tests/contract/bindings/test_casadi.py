@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import importlib
 import re
+import shutil
 import subprocess
 import sys
 
@@ -169,7 +170,7 @@ def test_solver(small, arm):
 
 def test_symbols_carry_the_name(small):
     """CasADi's prefixes adj1_ and jac_ stand before the robot's; nothing else is exported, no inner call."""
-    library = small.folder / "arm_casadi.so"
+    library = small.folder / "python" / "arm_casadi.so"
     listed = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True).stdout
     symbols = [line.split()[-1] for line in listed.splitlines()]
     assert "jac_arm_casadi_hybrid_joint_stiffness" in symbols
@@ -184,13 +185,13 @@ def test_symbols_carry_the_name(small):
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_source_is_free_of_warnings(small, compiler, part, tmp_path):
     require_compiler(compiler)
-    source = small.folder / f"arm_{part}.c"
+    source = small.folder / "python" / f"arm_{part}.c"
     subprocess.run([compiler, "-std=c99", "-O1", *STRICT, "-c", source, "-o", tmp_path / "object.o"], check=True)
 
 
 def test_is_called_as_the_interface_says(small):
     """From C, as CasADi does: arguments that are left out are zero, results that are not wanted are not written."""
-    library = ctypes.CDLL(str(small.folder / "arm_casadi.so"))
+    library = ctypes.CDLL(str(small.folder / "python" / "arm_casadi.so"))
     n, pointers = small.chain.dof, ctypes.POINTER(ctypes.c_double)
     call = library.jac_arm_casadi_hybrid_joint_stiffness
     sizes = [ctypes.c_longlong() for _ in range(4)]
@@ -211,10 +212,7 @@ def test_is_called_as_the_interface_says(small):
 
 def test_left_out_library_is_said(small, tmp_path):
     folder = tmp_path / "arm"
-    folder.mkdir()
-    for file in small.folder.iterdir():
-        if file.is_file() and not file.name.startswith("arm_casadi."):
-            (folder / file.name).write_bytes(file.read_bytes())
+    shutil.copytree(small.folder, folder, ignore=shutil.ignore_patterns("arm_casadi.*"))
     with pytest.raises(ImportError, match=r"not compiled; run 'stiffgen generate --derivatives'"):
         wrapper(open_robot(folder), "casadi")
 

@@ -223,7 +223,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path
         urdf, options = ROBOTS[name]
         folder = stiffgen.generate(urdf, name=name, output=tmp_path_factory.mktemp(name), build=False, **options)
         chain = stiffgen.load_chain(urdf, **{key: value for key, value in options.items() if key != "springs"})
-        sources = [source for source in (f"{name}.c", f"{name}_impedance.c") if (folder / source).exists()]
+        sources = [
+            source for source in (f"{name}.c", f"{name}_batch.c", f"{name}_impedance.c") if (folder / source).exists()
+        ]
         for source in sources:
             subprocess.run(["cc", "-std=c99", "-O0", "-c", source], cwd=folder, check=True)
         (folder / "main.cpp").write_text(program(name, chain, options.get("springs", SpringOptions())))

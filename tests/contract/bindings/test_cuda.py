@@ -16,7 +16,7 @@ import pytest
 import stiffgen
 from stiffgen.cli import main
 from stiffgen.emit.render import render
-from stiffgen.lower.scalar import FLOAT
+from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
@@ -78,7 +78,7 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
 
 def test_single_precision_is_one_record(host, chain, tmp_path):
     """A target with floats: no double is named, none computed with, and the values are those of doubles to 7 digits."""
-    texts = render(chain, "iiwa14", scalar=FLOAT, cuda=True)
+    texts = render(chain, "iiwa14", GenerationOptions(scalar="float", cuda=True))
     source = tmp_path / "iiwa14.cu"
     for file in (source.name, "iiwa14_cuda.h"):
         (tmp_path / file).write_text(texts[file])
@@ -204,7 +204,7 @@ def test_files(folder, chain):
     manifest = json.loads((folder / "manifest.json").read_text())
     assert {"iiwa14.cu", "iiwa14_cuda.h"} <= set(manifest["files"])
     header = (folder / "iiwa14_cuda.h").read_text()
-    assert "Moves 41 doubles a configuration." in header  # 7 of q, 6 of the wrench, 28 of the result
+    assert "Moves 41 doubles per configuration." in header  # 7 of q, 6 of the wrench, 28 of the result
     for file in ("README.md", "CMakeLists.txt", "iiwa14.cu", "iiwa14_cuda.h"):
         assert "http" not in (folder / file).read_text()
 

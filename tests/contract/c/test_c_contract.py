@@ -45,8 +45,8 @@ def test_other_chains_compile_without_a_warning(compiler, tmp_path):
 
 
 def test_compiles_alone(robot_folder, tmp_path):
-    """The README's line, in a folder with nothing but the two files."""
-    for file in ("iiwa14.c", "iiwa14.h"):
+    """The README's line, in a folder with nothing but the file and its headers."""
+    for file in ("iiwa14.c", "iiwa14.h", "iiwa14_lanes.h"):
         (tmp_path / file).write_bytes((robot_folder / file).read_bytes())
     subprocess.run(["cc", "-std=c99", "-c", "iiwa14.c"], check=True, cwd=tmp_path)
     assert (tmp_path / "iiwa14.o").exists()

@@ -16,6 +16,7 @@ import pytest
 import stiffgen
 from support.c_program import run_kernels
 from support.chains import chain_urdf
+from support.generated_c import kernel_text
 from support.project import assert_close, require_32_bits, require_compiler
 
 REORDERED = "-fassociative-math -fno-signed-zeros -fno-trapping-math"
@@ -99,7 +100,7 @@ def test_refused(build, robot_folder, tmp_path):
 )
 def test_found_by_the_self_check(build, robot_folder, tmp_path):
     folder = tmp_path
-    text = (robot_folder / "iiwa14.c").read_text()
+    text = kernel_text(robot_folder, "iiwa14")
     if "NO_BARRIER" in build[1]:  # the code as it would be without what makes it independent of the order of sums
         text = text.replace("__asm__", "(void)").replace('(void)("" : "+x"(x))', "(void)0")
         text = text.replace("halved.bits = turns.bits - 0x0010000000000000ULL;", "halved.number = 0.5 * turns.number;")

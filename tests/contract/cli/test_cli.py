@@ -80,8 +80,13 @@ def test_refusals(capsys, tmp_path, monkeypatch, arguments, named):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_no_command_shows_the_help(capsys):
+    assert main([]) == 0
+    assert "generate C code" in capsys.readouterr().out
+
+
 def test_usage_errors_exit_with_2(capsys):
-    for arguments in ([], ["paint"], ["generate"], ["verify", "x", "--samples", "0"]):
+    for arguments in (["paint"], ["generate"], ["verify", "x", "--samples", "0"]):
         with pytest.raises(SystemExit) as stopped:
             main(arguments)
         assert stopped.value.code == 2
@@ -118,7 +123,7 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     right = "A34 = K[3][4] + t0;"
     at = source.index(right, source.index("void iiwa14_hybrid_joint_stiffness("))
     (folder / "iiwa14.c").write_text(source[:at] + right.replace("+", "-") + source[at + len(right) :])
-    for built in folder.glob("*.so"):
+    for built in folder.rglob("*.so"):
         built.unlink()
     from stiffgen.emit.build import build_module
 

@@ -17,7 +17,7 @@ import pytest
 
 import stiffgen
 from campaigns.__main__ import CAMPAIGNS
-from stiffgen.cli import _parser, main
+from stiffgen.cli import main, parser
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
@@ -116,9 +116,9 @@ def test_c_and_cpp_print_what_the_page_says(language, compiler, robot_folder, de
     """Programs are compiled and run; declarations and fragments are parts of what is generated."""
     standard = {"c": "-std=c99", "cpp": "-std=c++17"}[language]
     flags = [standard, "-Wall", "-Wextra", "-Werror", f"-I{robot_folder}", "-isystem", "/usr/include/eigen3"]
-    for name in ("iiwa14", "iiwa14_impedance"):
+    for name in ("iiwa14", "iiwa14_batch", "iiwa14_impedance"):
         run(["cc", "-std=c99", "-O0", "-c", str(robot_folder / f"{name}.c"), "-o", f"{name}.o"], tmp_path)
-    generated = bare("".join(file.read_text() for file in sorted(derived.iterdir()) if file.suffix in (".c", ".h")))
+    generated = bare("".join(file.read_text() for file in sorted(derived.rglob("*")) if file.suffix in (".c", ".h")))
     compiled = 0
     for page in having(language):
         out, code = "", ""
@@ -126,7 +126,7 @@ def test_c_and_cpp_print_what_the_page_says(language, compiler, robot_folder, de
             code += block.code
             if code.count("{") == code.count("}") and "int main" in code:
                 (tmp_path / f"main.{language}").write_text(code)
-                objects = ["iiwa14_impedance.o", "iiwa14.o", "-o", "a", "-lm"]
+                objects = ["iiwa14_impedance.o", "iiwa14_batch.o", "iiwa14.o", "-o", "a", "-lm"]
                 run([require_compiler(compiler), *flags, f"main.{language}", *objects], tmp_path)
                 out, code, compiled = out + run(["./a"], tmp_path), "", compiled + 1
             elif "int main" not in code:
@@ -218,7 +218,7 @@ def test_commands_in_sentences_exist(page: Path) -> None:
         for line in commands(block) if block.language == "sh" and block.marker else ():
             words = shlex.split(line)
             if Path(words[0]).name == "stiffgen" and "..." not in words:
-                _parser().parse_args(words[1:])
+                parser().parse_args(words[1:])
             elif words[0] == "make":
                 make(words[1:])
     for target, name in re.findall(r"`make ([a-z-]+)( NAME=[a-z-]+)?[` ]", text):

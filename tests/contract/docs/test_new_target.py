@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""emit/README.md, "Add a target", followed: plain C for a machine without vectors, from a record and a template."""
+"""emit/README.md, "Add a backend", followed: plain C for a machine without vectors, from a record and a template."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import subprocess
 
 import numpy as np
 
-from stiffgen.emit import contexts, render
-from stiffgen.emit.c import print_kernels
-from stiffgen.lower.rounding import Ranges
-from stiffgen.lower.variant import BATCH, Variant
-from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.emit.backend import Backend, Request
+from stiffgen.emit.pages import shared_functions
+from stiffgen.emit.render import print_files
+from stiffgen.lower.variant import Variant
 from support.project import assert_close, require_compiler
 
 PLAIN = Variant()
@@ -37,14 +36,21 @@ static void sine_cosine(const double *x, double *sine, double *cosine, int count
 """
 
 
+def plain_files(request: Request) -> dict[str, str]:
+    return {f"{request.name}.c": "plain.c.j2"}
+
+
+def plain_variables(request: Request) -> dict[str, object]:
+    code = request.print(PLAIN)
+    functions = [*shared_functions(code), *(page.definition for page in request.pages(code))]
+    return {"variant": PLAIN, "code": code, "definitions": functions}
+
+
 def test_plain_c_has_the_golden_values(chain, golden, tmp_path):
-    code, batch = (print_kernels(chain, "plain", variant, SpringOptions()) for variant in (PLAIN, BATCH))
-    none_stated = {kernel.qualified_name: () for kernel, _ in code.kernels}
-    robot = render._pages(chain, "plain", code, batch, None, none_stated, Ranges())
-    kernels = [contexts.kernel_page(chain, "plain", PLAIN.scalar, *each, ()).definition for each in code.kernels]
-    definitions = [*contexts.shared_functions(code), *kernels]
-    pages = vars(robot) | {"variant": PLAIN, "code": code, "definitions": definitions}
-    (tmp_path / "plain.c").write_text(render._templates().from_string(TEMPLATE).render(pages))
+    (tmp_path / "templates").mkdir()
+    (tmp_path / "templates" / "plain.c.j2").write_text(TEMPLATE)
+    texts = print_files(Request(chain, "plain"), [Backend(tmp_path, plain_files, plain_variables)])
+    (tmp_path / "plain.c").write_text(texts["plain.c"])
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
     command = [require_compiler("gcc"), *flags, "plain.c", "-o", "plain.so", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True)

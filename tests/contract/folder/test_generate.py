@@ -14,13 +14,18 @@ import stiffgen
 from stiffgen.emit.manifest import chain_from_manifest
 from stiffgen.emit.render import render
 from stiffgen.errors import BuildError, OutputError, StiffgenError
+from support.generated_c import kernel_text
 from support.project import ROOT, URDF
 
 FILES = {
-    "iiwa14.h", "iiwa14.hpp", "iiwa14.c", "iiwa14_impedance.h", "iiwa14_impedance.c", "iiwa14_python.c",
-    "CMakeLists.txt", "__init__.py", "__init__.pyi", "impedance.py", "impedance.pyi", "py.typed", "README.md",
-    "pyproject.toml", "manifest.json",
+    "iiwa14.h", "iiwa14.hpp", "iiwa14_lanes.h", "iiwa14.c", "iiwa14_batch.c", "iiwa14_impedance.h",
+    "iiwa14_impedance.c", "CMakeLists.txt", "__init__.py", "__init__.pyi", "py.typed", "README.md", "pyproject.toml",
+    "manifest.json", "python/iiwa14_python.c", "python/impedance.py", "python/impedance.pyi",
 }  # fmt: skip
+
+
+def files(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
 
 
 def listing(folder):
@@ -37,7 +42,8 @@ def test_same_bytes_in_another_process_and_place(chain, tmp_path):
         "LC_ALL": "C",
     }
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, env=environment)
-    written = {p.name: p.read_text(encoding="utf-8") for p in (tmp_path / "deep" / "er" / "iiwa14").iterdir()}
+    folder = tmp_path / "deep" / "er" / "iiwa14"
+    written = {name: (folder / name).read_text(encoding="utf-8") for name in files(folder)}
     assert written == render(chain, "iiwa14")
 
 
@@ -48,8 +54,8 @@ def test_committed_folder_is_up_to_date(chain):
 
 
 def test_files(robot_folder):
-    built = {path.name for path in robot_folder.iterdir()} - FILES
-    assert sorted(name.split(".")[0] for name in built if name != "__pycache__") == ["iiwa14_python"]
+    built = files(robot_folder) - FILES
+    assert [name.split(".")[0] for name in built if "__pycache__" not in name] == ["python/iiwa14_python"]
 
 
 def test_no_traces_of_the_machine(chain):
@@ -69,11 +75,12 @@ def test_manifest(chain, robot_folder):
 
 def test_sine_and_cosine_once_a_joint(robot_folder):
     """Each function body takes the sines and cosines of all joints in one call, of each angle once."""
-    source = (robot_folder / "iiwa14.c").read_text()
-    definition = source.index("void sine_cosine(")
-    kernels = source[source.index("\n}\n", definition) : source.index("int iiwa14_self_check(")]
+    source = kernel_text(robot_folder, "iiwa14")
+    kernels = source[source.index("\n}\n", source.index("void sine_cosine(")) :]
     found = 0
     for body in kernels.split("\n}\n"):
+        if "int iiwa14_self_check(" in body:
+            continue
         calls = body.count("sine_cosine(")
         found += calls
         assert calls <= 1
@@ -107,9 +114,9 @@ def test_unbuilt_folder_says_what_to_do(tmp_path):
 def test_regenerating_replaces_the_folder(tmp_path):
     folder = stiffgen.generate(URDF, output=tmp_path, build=False)
     (folder / "iiwa14.c").write_text("edited")
-    (folder / "iiwa14_python.cpython-00.so").write_text("old build")
+    (folder / "python" / "iiwa14_python.cpython-00.so").write_text("old build")
     assert stiffgen.generate(URDF, output=tmp_path, build=False) == folder
-    assert {path.name for path in folder.iterdir()} == FILES
+    assert files(folder) == FILES
     assert [path.name for path in tmp_path.iterdir()] == ["iiwa14"]
     assert folder.stat().st_mode & 0o077
 

@@ -43,10 +43,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleType, tmp_path: Path) -> None:
-    before = sorted(path.name for path in folder.iterdir())
+    before = sorted(folder.rglob("*"))
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
     run(*pip, "wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", tmp_path, folder, cwd=tmp_path)
-    assert sorted(path.name for path in folder.iterdir()) == before  # the next 'stiffgen generate' finds its own files
+    assert sorted(folder.rglob("*")) == before  # the next 'stiffgen generate' finds its own files
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
@@ -55,8 +55,9 @@ def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleT
     assert headers.get_all("Requires-Dist") == ["numpy>=1.26"]
     assert (headers["Name"], headers["Version"]) == ("iiwa14", stiffgen.__version__)
     (compiled,) = (name for name in names if name.endswith((".so", ".pyd")))
-    assert compiled.startswith("iiwa14/iiwa14_python.")
-    package = ("__init__.py", "__init__.pyi", "py.typed", "impedance.py", "manifest.json")
+    assert compiled.startswith("iiwa14/python/iiwa14_python.")
+    modules = ("python/impedance.py", "python/impedance.pyi")
+    package = ("__init__.py", "__init__.pyi", "py.typed", "manifest.json", *modules)
     expected = {f"iiwa14/{file}" for file in package} | {compiled}
     assert {name for name in names if ".dist-info/" not in name} == expected
     run(*pip, "install", "--no-deps", "--no-index", "--target", tmp_path / "site", wheel, cwd=tmp_path)
@@ -126,8 +127,11 @@ def test_find_package_knows_its_version(folder: Path, prefix: Path, asked: str, 
 FULL = stiffgen.Tool((0.0, 0.0, 0.24), (0.1, 0.2, 0.3), 0.5, (0.0, 0.0, 0.1), (0.01, 0.0, 0.0, 0.02, 0.0, 0.015))
 TOOLS = {
     "whole": (FULL, "its inertia about that 0.01 0 0 0.02 0 0.015 kg m^2"),
-    "point mass": (stiffgen.Tool(FULL.xyz, FULL.rpy, 0.5, FULL.com), "takes it as a point mass"),
-    "no mass": (stiffgen.Tool(FULL.xyz), "It has no mass: the mass matrix is that of the arm without it"),
+    "point mass": (
+        stiffgen.Tool(FULL.xyz, FULL.rpy, 0.5, FULL.com),
+        "Without an inertia it is a point mass in the mass matrix",
+    ),
+    "no mass": (stiffgen.Tool(FULL.xyz), "It has no mass: the mass matrix is that of the bare arm"),
 }
 
 
@@ -147,7 +151,7 @@ def test_the_tool_is_said_in_header_readme_and_python(kind: str) -> None:
 
 def test_what_is_said_of_a_tool_without_masses_and_at_run_time() -> None:
     bare = render(stiffgen.load_chain(URDF, tool=FULL, masses=False), "arm")
-    assert "Its mass is left out, as all masses are." in " ".join(bare["arm.h"].replace("\n *", " ").split())
+    assert "Its mass is ignored, as all masses are." in " ".join(bare["arm.h"].replace("\n *", " ").split())
     held = stiffgen.Tool(mass=0.5, com=FULL.com)
     late = render(stiffgen.load_chain(URDF, tool=held, runtime_tool=True), "arm")["README.md"]
     assert "0.5 kg" in late and "takes the tip's place" not in late

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from stiffgen.emit import render as render_module
+from stiffgen.emit import backend
 from stiffgen.emit.render import render
 from support.project import URDF
 
@@ -53,9 +53,9 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pair")
     with pytest.MonkeyPatch.context() as patch:
         for name, robot, version in (("left", "iiwa14", "0.1.0"), ("right", "iiwa7", "9.9.9")):
-            patch.setattr(render_module, "__version__", version)
+            patch.setattr(backend, "__version__", version)
             for file, text in render(stiffgen.load_chain(URDF.parent / f"{robot}.urdf"), name).items():
-                if file.endswith((".c", ".h", ".hpp")):
+                if file.endswith((".c", ".h", ".hpp")) and "/" not in file:
                     assert file.startswith(name)
                     (folder / file).write_text(text)
     (folder / "main.c").write_text(MAIN)
@@ -66,7 +66,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def objects(pair: Path) -> dict[str, Path]:
     """The sources, compiled, by the name of the file."""
     compiled = {}
-    for stem in (f"{name}{part}" for name in ("left", "right") for part in ("", "_impedance")):
+    for stem in (f"{name}{part}" for name in ("left", "right") for part in ("", "_batch", "_impedance")):
         compiled[stem] = pair / f"{stem}.o"
         run("gcc", *STRICT, "-fPIC", "-c", pair / f"{stem}.c", "-o", compiled[stem])
     return compiled

@@ -11,7 +11,7 @@ import pytest
 from examples.fri_robot import demo
 from examples.fri_robot.__main__ import arguments
 from examples.fri_robot.faults import KINDS, parse_faults
-from stiffgen.cli import _parser as stiffgen_parser
+from stiffgen.cli import parser as stiffgen_parser
 from support.pages import blocks, commands
 from support.project import ROOT
 

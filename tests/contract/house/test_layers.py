@@ -17,6 +17,7 @@ LAYERS = (
     ("symbolic",),
     ("loading",),
     ("lower",),
+    ("options",),
     ("emit",),
     ("generate",),
     ("opened",),
@@ -26,6 +27,7 @@ LAYERS = (
     ("play",),
     ("new",),
     ("cli",),
+    ("__main__",),
 )
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 

@@ -225,7 +225,8 @@ def test_names_from_a_file_cannot_leave_the_data(scripts: Scripts) -> None:
     folder.mkdir()
     (folder / "manifest.json").write_text(json.dumps(manifest))
     shutil.copyfile(robot.folder / "iiwa14.c", folder / "iiwa14.c")
-    shutil.copyfile(robot.folder / "iiwa14.h", folder / "iiwa14.h")
+    for header in ("iiwa14.h", "iiwa14_lanes.h"):
+        shutil.copyfile(robot.folder / header, folder / header)
     text = page.page_text(open_robot(folder))
     assert "</script><b>" not in text
     assert '"<!--"' not in text

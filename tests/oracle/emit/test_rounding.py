@@ -13,13 +13,14 @@ import stiffgen
 from stiffgen.lower.rounding import ErrorBounds, NoBound, Ranges, rounded_up
 from stiffgen.symbolic.kernels import chain_kernels
 from support.chains import chain_urdf
+from support.generated_c import kernel_text
 from support.project import ROOT, require_compiler
 from support.quad import WIDTHS, Measured, can_run, climbed, kernels_with_bounds, with_eighty_digits
 from support.sine_cosine_proof import NotProvedError, proved_units
 
 RANGES = Ranges()
-SINES = (ROOT / "generated" / "iiwa14" / "iiwa14.c").read_text().partition("#define FAR")
-SINES = "".join(SINES[1:]).partition("/* ---- ")[0]
+SINES = (ROOT / "generated" / "iiwa14" / "iiwa14_lanes.h").read_text().partition("#define FAR")
+SINES = "".join(SINES[1:])
 
 
 CORE = ["forward_kinematics", "body_jacobian", "hybrid_joint_stiffness", "spring_torque"]
@@ -87,7 +88,7 @@ def test_other_chains(types, options, tmp_path):
 )
 def test_what_is_broken_is_beyond_the_bounds(statement, broken, robot_folder, chain, tmp_path):
     """Faults far below the digits that other tests look at."""
-    own = (robot_folder / "iiwa14.c").read_text()
+    own = kernel_text(robot_folder, "iiwa14")
     assert statement in own
     bounds, (kernel,), measured = measured_folder(
         robot_folder, chain, tmp_path, ["forward_kinematics"], source=own.replace(statement, broken)

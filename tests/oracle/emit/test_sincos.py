@@ -19,7 +19,7 @@ import pytest
 
 from stiffgen import load_chain
 from stiffgen.emit.render import render
-from stiffgen.lower.scalar import FLOAT
+from stiffgen.options import GenerationOptions
 from support.project import ROOT, URDF, require_32_bits, require_compiler
 
 BOUND = 1.1
@@ -51,7 +51,7 @@ BUILDS = [
 
 # 8 angles at a time from standard input, their sines and cosines to standard output.
 MAIN = r"""
-#include "iiwa14.c"
+#include "iiwa14_lanes.h"
 #include <stdio.h>
 
 int main(void)
@@ -83,10 +83,6 @@ def sine_cosine(request, robot_folder, tmp_path_factory):
         require_32_bits(require_compiler(compiler))
     work = tmp_path_factory.mktemp("sincos")
     (work / "main.c").write_text(MAIN)
-    # Only what comes before the kernels, which would take most of the time.
-    source = (robot_folder / "iiwa14.c").read_text()
-    end = source.index("/* ---- ", source.index("static inline void sine_cosine("))
-    (work / "iiwa14.c").write_text(source[:end])
     program = work / "program"
     command = [require_compiler(compiler), "-std=gnu99", *flags.split(), f"-I{robot_folder}", str(work / "main.c")]
     subprocess.run([*command, "-o", str(program), "-lm"], check=True)
@@ -189,8 +185,8 @@ def test_coefficients_are_the_derived_ones(robot_folder):
     """Every number that tests/campaigns/sine_cosine.py derives stands in the C code."""
     script = ROOT / "tests" / "campaigns" / "sine_cosine.py"
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
-    source = (robot_folder / "iiwa14.c").read_text()
-    floats = render(load_chain(URDF), "iiwa14", scalar=FLOAT)["iiwa14.c"]
+    source = (robot_folder / "iiwa14_lanes.h").read_text()
+    floats = render(load_chain(URDF), "iiwa14", GenerationOptions(scalar="float"))["iiwa14_lanes.h"]
     for text, printed, count in zip((source, floats), done.stdout.split("floats"), (15, 10), strict=True):
         numbers = re.findall(r"(?<![\^\d.])-?(\d\.\d{6,}(?:e-\d+)?)", printed)
         assert len(numbers) == count

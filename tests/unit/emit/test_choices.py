@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+import stiffgen
 from stiffgen import rendering
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO, OWN
 from stiffgen.lower.scalar import DOUBLE, FLOAT
@@ -60,7 +62,7 @@ def test_lanes_choose_as_numbers_do(compiler, flags, scalar, tmp_path):
         piece = COMPARED.replace("LANES_GIVEN", "a" if one else "a, b").replace("NUMBERS", "x" if one else "x, y")
         compared += piece.replace("NAME", name)
     source = (
-        rendering.environment("stiffgen.emit")
+        rendering.environment([Path(stiffgen.__file__).parent / "emit" / "c" / "templates"])
         .from_string(text)
         .render(
             variant=replace(SINGLE, scalar=scalar),

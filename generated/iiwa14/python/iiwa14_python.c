@@ -11,7 +11,7 @@
 #include <numpy/arrayobject.h>
 #include <numpy/ufuncobject.h>
 
-#include "iiwa14_impedance.h"
+#include "../iiwa14_impedance.h"
 
 enum { MAX_OPERANDS = 7, MAX_RANK = 3, CHUNK = 64 };
 
@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "6dc3de27cbda9adb") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "967eaaaed2eb555e") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: MIT
+"""Run the command line as ``python -m stiffgen``."""
+
+import sys
+
+from stiffgen.cli import main
+
+sys.exit(main())

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: MIT
+"""The command ``bench``: time a robot's compiled functions on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+from stiffgen.bench import bench
+from stiffgen.cli.arguments import add_folder
+from stiffgen.cli.console import Progress, messages, table, tables
+
+
+def add(commands: Any) -> None:
+    """Add the command."""
+    command = commands.add_parser("bench", help="time a robot's compiled functions on this machine")
+    add_folder(command)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Time the functions of a folder."""
+    with Progress(messages(wide=False)).shown() as progress:
+        timings = bench(options.folder, progress=progress)
+    numbers = ("Python call [us]", "per configuration of 4096 [us]", "C call [us]")
+    shown = table("kernel", *numbers, right=numbers)
+    for timing in timings:
+        c = f"{timing.c:.3f}" if math.isfinite(timing.c) else "no compiler"
+        shown.add_row(timing.kernel, f"{timing.call:.2f}", f"{timing.configuration:.3f}", c)
+    tables().print(shown)
+    return 0

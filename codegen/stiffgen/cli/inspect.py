@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""The command ``inspect``: joints, chains and problems of a robot's file."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from stiffgen.cli.console import table, tables
+from stiffgen.errors import DescriptionError, StiffgenError, listed
+from stiffgen.names import comment
+from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.reader import read_description
+from stiffgen.robot.survey import TipSurvey, survey_tip
+
+_MOST_TIPS = 100
+"""Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""
+
+
+def add(commands: Any) -> None:
+    """Add the command."""
+    command = commands.add_parser("inspect", help="show joints, chains to each tip, and problems of a robot's file")
+    command.add_argument("urdf", type=Path, metavar="FILE", help="URDF of the robot")
+    command.add_argument("--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)")
+    command.add_argument("--base", metavar="LINK", help="first link (default: the one nearest the root)")
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show a robot's file; return 1 if it has problems."""
+    try:
+        description = read_description(options.urdf)
+    except DescriptionError as error:
+        raise StiffgenError(error.full) from error  # all problems, where other commands show the first ones
+    console = tables()
+    moving = sum(joint.type not in ("fixed",) for joint in description.joints.values())
+    console.print(
+        f"robot {comment(description.robot)}: {len(description.links)} links, {len(description.joints)} joints "
+        f"({moving} moving), root link {comment(description.root)}",
+        markup=False,
+    )
+    console.print(_joint_table(description))
+    tips = description.leaves if options.tip is None else [options.tip]
+    surveys = [survey_tip(description, tip, options.base) for tip in tips[:_MOST_TIPS]]
+    console.print()
+    console.print(_tip_table(surveys, names=20 if options.tip else 4))
+    if len(tips) > _MOST_TIPS:
+        console.print(f"and {len(tips) - _MOST_TIPS} more tips; --tip shows one", markup=False)
+    if not description.problems:
+        return 0
+    print(f"\n{len(description.problems)} problems; chains that a problem can affect are rejected:")
+    print("\n".join(f"  {problem.text}" for problem in description.problems))
+    return 1
+
+
+def _tip_table(surveys: list[TipSurvey], names: int) -> Table:
+    shown = table("tip", "base", "coordinates (q)", "left out of q")
+    for survey in surveys:
+        coordinates = f"{len(survey.coordinates)}: {listed(survey.coordinates)}" if survey.coordinates else ""
+        lines = [coordinates, survey.hindrance] if survey.hindrance else [coordinates]
+        shown.add_row(
+            escape(comment(survey.tip)),
+            escape(comment(survey.base) + (", which floats" if survey.floating else "")),
+            escape("\n".join(filter(None, lines))),
+            escape("\n".join(f"{what}: {len(joints)} ({listed(joints, names)})" for what, joints in survey.left_out)),
+        )
+    return shown
+
+
+def _joint_table(description: Description) -> Table:
+    numbers = ("lower", "upper", "velocity", "effort", "mass [kg]")
+    shown = table("joint", "type", "axis", *numbers[:4], "parent", "link", numbers[4], right=numbers)
+    for joint in _from_root(description):
+        inertial = description.inertials[joint.child]
+        limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
+        moves = joint.type in ("revolute", "continuous", "prismatic")
+        kind = joint.type if joint.mimic is None else f"{joint.type}, mimics {comment(joint.mimic.joint)}"
+        shown.add_row(
+            escape(comment(joint.name)),
+            escape(kind),
+            " ".join(f"{value:.4g}" for value in joint.axis) if moves else "",
+            *(f"{value:.6g}" if moves and math.isfinite(value) else "" for value in limits),
+            escape(comment(joint.parent)),
+            escape(comment(joint.child)),
+            "" if inertial is None else f"{inertial.mass:.6g}",
+        )
+    return shown
+
+
+def _from_root(description: Description) -> Iterator[JointElement]:
+    """Yield the joints depth first from the root: a chain appears in order."""
+    below: dict[str, list[JointElement]] = {}
+    for joint in description.joints.values():
+        below.setdefault(joint.parent, []).append(joint)
+    stack = list(reversed(below.get(description.root, [])))
+    while stack:
+        joint = stack.pop()
+        yield joint
+        stack.extend(reversed(below.get(joint.child, [])))

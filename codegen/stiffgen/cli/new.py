@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: MIT
+"""The command ``new``: a project of one's own around a robot."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from stiffgen.cli.arguments import add_tool, tool_of
+from stiffgen.cli.console import Progress, messages
+from stiffgen.errors import StiffgenError
+from stiffgen.new.project import new_project
+from stiffgen.new.questions import CONTROLLERS, Given
+from stiffgen.symbolic.springs import KINDS
+
+
+def add(commands: Any) -> None:
+    """Add the command."""
+    command = commands.add_parser("new", help="write a project: a 1 kHz loop, a simulated robot, a test, a script")
+    command.add_argument("urdf", type=Path, metavar="URDF", help="URDF of the robot")
+    command.add_argument("--tip", metavar="LINK", help="link that touches things (needed where there are several)")
+    command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
+    command.add_argument("--controller", choices=list(CONTROLLERS), help="control law of the loop (default: impedance)")
+    command.add_argument("--spring", choices=KINDS, help="spring of --controller spring (default: trace)")
+    command.add_argument("--name", help="prefix of C names and name of the module (default: the robot's name)")
+    command.add_argument("--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control)")
+    command.add_argument("--no-build", action="store_true", help="write the sources, compile nothing")
+    add_tool(command, "mounted on the tip link (default: none)")
+    command.set_defaults(run=run, tool=None, masses=True)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write a project and print its path."""
+    tool = tool_of(options)
+    progress = Progress(messages())
+    with ExitStack() as spinner:
+
+        def ready() -> None:  # the questions are answered
+            spinner.enter_context(progress.shown())
+
+        project = new_project(
+            options.urdf,
+            given=Given(options.tip, options.base, tool is not None, options.spring, options.controller),
+            tool=tool,
+            name=options.name,
+            output=options.output,
+            build=not options.no_build,
+            ask=_ask if sys.stdin is not None and sys.stdin.isatty() else None,
+            ready=ready,
+            progress=progress,
+        )
+    print(project)
+    return 0
+
+
+def _ask(question: str) -> str:
+    """Ask on standard error; standard output holds the result alone."""
+    print(f"{question} ", end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline()
+    if not answer:
+        raise StiffgenError("standard input ended before the questions did; give --tip, --controller and the like")
+    return answer.rstrip("\n")

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: MIT
+"""The command ``prove``: properties of a folder's C for all inputs."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, get_args
+
+from stiffgen.cli.arguments import add_folder
+from stiffgen.cli.console import Progress, messages, table, tables
+from stiffgen.prove.run import PARTS, prove
+from stiffgen.prove.verdict import Outcome
+
+
+def add(commands: Any) -> None:
+    """Add the command."""
+    command = commands.add_parser("prove", help="prove contracts of a robot's C code for all inputs")
+    add_folder(command)
+    command.add_argument("--part", choices=PARTS, action="append", help="part to prove (default: all); repeatable")
+    command.add_argument(
+        "--only", metavar="KERNEL", action="append", default=[], help="kernel to prove (default: all); repeatable"
+    )
+    command.add_argument(
+        "--timeout", type=float, default=300.0, metavar="S", help="time limit per function [s] (default: 300)"
+    )
+    command.add_argument("--json", type=Path, metavar="FILE", help="write the verdicts")
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the provers on a folder; return 1 if a claim is refuted."""
+    with Progress(messages(wide=False)).shown() as progress:
+        verdicts = prove(
+            options.folder,
+            parts=tuple(options.part or PARTS),
+            only=tuple(options.only),
+            timeout=options.timeout,
+            json=options.json,
+            progress=progress,
+        )
+    shown = table("function", "for all inputs", "by", "time [s]", "", right=("time [s]",))
+    for each in verdicts:
+        shown.add_row(each.function, each.claims, each.tool, f"{each.seconds:.1f}", each.outcome)
+    tables().print(shown)
+    tally = {outcome: sum(each.outcome == outcome for each in verdicts) for outcome in get_args(Outcome)}
+    for each in verdicts:
+        if each.outcome != "proved":
+            print(f"{each.outcome}: {each.function}, by {each.tool}: {each.detail}")
+    print(", ".join(f"{count} {outcome}" for outcome, count in tally.items()))
+    if options.json is not None:
+        print(options.json)
+    return 1 if tally["FAILED"] else 0

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: MIT
+"""The command ``verify``: a folder against independent references."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from stiffgen.cli.arguments import add_folder, natural, positive
+from stiffgen.cli.console import Progress, messages, table, tables
+from stiffgen.errors import StiffgenError
+from stiffgen.opened import open_robot
+from stiffgen.prove.safety_page import filed_for, targets_for, write_page
+from stiffgen.verify.result import Check
+from stiffgen.verify.verify import default_count, verify
+
+
+def add(commands: Any) -> None:
+    """Add the command."""
+    command = commands.add_parser("verify", help="verify a robot's compiled functions against independent references")
+    add_folder(command)
+    command.add_argument("--urdf", type=Path, metavar="URDF", help="read the robot's file again and compare the chain")
+    command.add_argument(
+        "--samples", type=positive, help="number of random configurations (default: 200 up to 7 joints, fewer for more)"
+    )
+    command.add_argument("--seed", type=natural, default=0, help="seed of the random configurations (default: 0)")
+    command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
+    command.add_argument("--proofs", type=Path, metavar="FILE", help="add the verdicts of 'stiffgen prove --json'")
+    command.add_argument(
+        "--targets", type=Path, metavar="FILE", help="add measurements on other processors (docs/targets.md)"
+    )
+    command.add_argument("--date", metavar="TEXT", help="date to print on the page (default: none)")
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Verify a folder; return 1 if a comparison fails."""
+    if options.report is None and any(each is not None for each in (options.proofs, options.targets, options.date)):
+        raise StiffgenError("--proofs, --targets and --date fill the page; add --report FILE.html")
+    if options.report is not None:
+        open_robot(options.folder).require_doubles("the page of --report")
+    if options.proofs is not None:  # before the long part
+        filed_for(open_robot(options.folder), options.proofs)
+    if options.targets is not None:
+        targets_for(open_robot(options.folder), options.targets)
+    with Progress(messages(wide=False)).shown() as progress:
+        checks = verify(options.folder, urdf=options.urdf, count=options.samples, seed=options.seed, progress=progress)
+    failed = [check for check in checks if not check.passed]
+    tables().print(_check_table(checks))
+    for check in failed:
+        if check.detail:
+            print(f"{check.kernel}, {check.oracle}: {check.detail}")
+    print(f"{len(checks) - len(failed)} of {len(checks)} comparisons within their bound")
+    if options.urdf is None:
+        print("URDF not checked (pass --urdf)")
+    if options.report is not None:
+        write_page(
+            options.folder,
+            checks,
+            options.report,
+            postures=options.samples or default_count(open_robot(options.folder).chain),
+            seed=options.seed,
+            urdf=options.urdf,
+            proofs=options.proofs,
+            targets=options.targets,
+            date=options.date,
+        )
+        print(options.report)
+    return 1 if failed else 0
+
+
+def _check_table(checks: list[Check]) -> Table:
+    shown = table(
+        "kernel", "verified against", "worst relative error", "bound", "", right=("worst relative error", "bound")
+    )
+    for check in checks:
+        shown.add_row(
+            check.kernel, check.oracle, f"{check.error:.1e}", f"{check.bound:.0e}", "ok" if check.passed else "FAILED"
+        )
+    return shown

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""CasADi: external functions with derivatives."""

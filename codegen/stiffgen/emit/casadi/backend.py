@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: MIT
+"""Describe NAME_casadi.c and NAME_calls.c: the differentiable functions behind one signature."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from stiffgen.emit.backend import Backend, Request
+
+
+def called_functions(request: Request) -> dict[str, Any]:
+    """Return the variable ``called``: differentiable functions and their vector-Jacobian products."""
+    names = {name for function in request.differentiable for name in (function.name, f"{function.name}_vjp")}
+    return {"called": [page for page in request.kernels if page.qualified_name in names]}
+
+
+def _files(request: Request) -> dict[str, str]:
+    if not request.has_wrappers:
+        return {}
+    return {
+        f"python/{request.name}_calls.h": "calls.h.j2",
+        f"python/{request.name}_calls.c": "calls.c.j2",
+        f"python/{request.name}_casadi.c": "casadi.c.j2",
+        "python/casadi.py": "casadi.py.j2",
+    }
+
+
+CASADI = Backend(Path(__file__).parent, _files, called_functions)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""C++: a header over the C functions."""

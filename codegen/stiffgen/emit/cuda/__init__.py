@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""CUDA: batches of kernels, one configuration per thread."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""JAX: calls for XLA with gradients."""

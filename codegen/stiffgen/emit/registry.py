@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: MIT
+"""The registry of backends: a new one is a folder and a line here."""
+
+from __future__ import annotations
+
+from stiffgen.emit.c.backend import C
+from stiffgen.emit.casadi.backend import CASADI
+from stiffgen.emit.cpp.backend import CPP
+from stiffgen.emit.cuda.backend import CUDA
+from stiffgen.emit.jax.backend import JAX
+from stiffgen.emit.package.backend import PACKAGE
+from stiffgen.emit.python.backend import PYTHON
+from stiffgen.emit.torch.backend import TORCH
+
+BACKENDS = (C, CPP, PYTHON, PACKAGE, CUDA, CASADI, JAX, TORCH)
+"""Backends in the order in which their files stand in the manifest."""

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: MIT
+"""Options of generation: one record, read by the Python API, the command line and the manifest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from stiffgen.errors import ChainError, listed
+from stiffgen.lower.rounding import Ranges
+from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
+from stiffgen.robot.chain import ChainOptions, Tool
+from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
+
+
+@dataclass(frozen=True)
+class Help:
+    """Description of an option, for the docstring and for --help.
+
+    Attributes:
+        meaning: a phrase with unit and default.
+        negative: meaning of the flag --no-NAME, for an option that is True by default.
+        argument: keyword arguments of argparse; None where the command line has no such option.
+        flag: name on the command line; "" for the field's own.
+
+    """
+
+    meaning: str
+    negative: str = ""
+    argument: Mapping[str, Any] | None = field(default_factory=dict)
+    flag: str = ""
+
+
+def _help(meaning: str, negative: str = "", flag: str = "", **argument: Any) -> dict[str, Help]:
+    return {"help": Help(meaning, negative, argument, flag)}
+
+
+def _python_only(meaning: str) -> dict[str, Help]:
+    return {"help": Help(meaning, argument=None)}
+
+
+def help_of(option: Any) -> Help:
+    """Return the description of a field of :class:`GenerationOptions`."""
+    described = option.metadata["help"]
+    assert isinstance(described, Help)
+    return described
+
+
+ALL = "all"
+_RANGES = tuple(each.name for each in fields(Ranges))
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerationOptions:
+    """Options of :func:`stiffgen.generate` and of ``stiffgen generate``."""
+
+    # More than twelve fields: every option stands here and nowhere else.
+    tip: str | Sequence[str] | None = field(
+        default=None,
+        metadata=_help(
+            "tip link; repeat it for several tips (default: the only leaf)", metavar="LINK", action="append"
+        ),
+    )
+    base: str | None = field(
+        default=None, metadata=_help("first link of the chain (default: the root link)", metavar="LINK")
+    )
+    floating_base: bool = field(
+        default=False, metadata=_help("free the base: functions take its pose, its twist precedes the joint rates")
+    )
+    lock: Mapping[str, float] | None = field(
+        default=None,
+        metadata=_help("hold a joint at a position [rad or m]; repeatable", metavar="JOINT=VALUE", action="append"),
+    )
+    ignore: Sequence[str] = field(
+        default=(),
+        metadata=_help(
+            "unknown element of the file that is no misspelling; repeatable", metavar="ELEMENT", action="append"
+        ),
+    )
+    tool: Tool | None = field(default=None, metadata=_python_only("tool mounted on the tip link"))
+    runtime_tool: bool = field(
+        default=False, metadata=_python_only("pass the tool's pose to the functions, as an argument after q")
+    )
+    name: str | None = field(
+        default=None, metadata=_help("prefix of C names and name of the module (default: the robot's name)")
+    )
+    output: str | Path = field(
+        default="generated",
+        metadata=_help("folder that receives the robot's folder (default: generated)", metavar="DIR", type=Path),
+    )
+    force: bool = field(
+        default=False, metadata=_help("replace a folder whose robot has other joints, tips or arguments")
+    )
+    kernels: str | Sequence[str] = field(
+        default=ALL,
+        metadata=_help(
+            "groups of functions, separated by commas, such as hybrid,spring (default: all); pose and the controller's "
+            "functions are always included",
+            metavar="GROUPS",
+        ),
+    )
+    batches: bool = field(
+        default=True, metadata=_help("generate functions for many configurations per call", "omit NAME_batch.c")
+    )
+    masses: bool = field(
+        default=True, metadata=_help("generate the functions that need masses", "ignore masses; omit their functions")
+    )
+    controller: bool = field(
+        default=True, metadata=_help("generate the impedance controller", "omit the impedance controller")
+    )
+    python: bool = field(default=True, metadata=_help("generate the Python module", "omit the Python module"))
+    build: bool = field(default=True, metadata=_help("compile the Python module", "write the sources, compile nothing"))
+    cuda: bool = field(default=False, metadata=_help("also generate NAME.cu: batches of functions on a GPU"))
+    scalar: str = field(
+        default=DOUBLE.name,
+        metadata=_help(
+            "type of all numbers (default: double); float excludes the controller and --derivatives",
+            choices=list(SCALARS),
+        ),
+    )
+    springs: SpringOptions | None = field(
+        default=None, metadata=_python_only("additional springs, their axes and centre, potentials, derivatives")
+    )
+    ranges: Ranges | None = field(
+        default=None,
+        metadata=_help(
+            f"largest argument for which the header states rounding bounds; NAME is one of {', '.join(_RANGES)}; "
+            "repeatable (defaults: docs/accuracy.md)",
+            metavar="NAME=VALUE",
+            action="append",
+            flag="--range",
+        ),
+    )
+    progress: Callable[[str], None] = field(
+        default=lambda step: None, metadata=_python_only("function that is called with a few words before each step")
+    )
+
+    @property
+    def chain(self) -> ChainOptions:
+        """Options that select the chain."""
+        return ChainOptions(
+            self.tip,
+            self.base,
+            self.masses,
+            self.tool,
+            self.runtime_tool,
+            self.lock,
+            self.floating_base,
+            tuple(self.ignore),
+        )
+
+    @property
+    def number(self) -> Scalar:
+        """Type of a number.
+
+        Raises:
+            ChainError: there is no such type, or options exclude each other.
+
+        """
+        if self.scalar not in SCALARS:
+            raise ChainError(f"--scalar {self.scalar}: is not one of {listed(list(SCALARS))}")
+        springs = self.springs or SpringOptions()
+        if self.cuda and not self.batches:
+            raise ChainError("--cuda is made from the batches, which --no-batches omits; leave out one of the two")
+        needs_doubles = {
+            "--derivatives": springs.derivatives,
+            "--spring rotation_vector": "rotation_vector" in springs.kinds,  # its series is cut off for doubles
+        }
+        for option, is_chosen in needs_doubles.items():
+            if is_chosen and self.scalar != DOUBLE.name:
+                raise ChainError(
+                    f"--scalar {self.scalar} does not go with {option}, which is made for doubles; leave out one of "
+                    "the two, or generate a second folder of doubles with another --name"
+                )
+        return SCALARS[self.scalar]
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of functions that were chosen; none for all."""
+        chosen = self.kernels.split(",") if isinstance(self.kernels, str) else self.kernels
+        names = tuple(name.strip() for name in chosen)
+        return () if ALL in names else names
+
+    def to_manifest(self) -> dict[str, Any]:
+        """Return the options that decide which files a folder has; the manifest states the others elsewhere."""
+        return {
+            "kernels": list(self.groups) or ALL,
+            "batches": self.batches,
+            "controller": self.controller,
+            "python": self.python,
+            "cuda": self.cuda,
+        }
+
+
+GenerationOptions.__doc__ = "\n".join(
+    [
+        f"{GenerationOptions.__doc__}\n\nAttributes:",
+        *(f"    {option.name}: {help_of(option).meaning}." for option in fields(GenerationOptions)),
+    ]
+)
+
+
+def options_of_manifest(content: Mapping[str, Any]) -> GenerationOptions:
+    """Return the options that a folder was printed with; those that select the chain have their defaults."""
+    return GenerationOptions(
+        **content["options"],
+        scalar=content.get("scalar", DOUBLE.name),
+        springs=springs_of_manifest(dict(content)),
+        ranges=Ranges(**content["rounding"]["ranges"]),
+    )

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: MIT
+"""Functions that a folder was generated without (--kernels): comparisons of the others may need their values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stiffgen.opened import GeneratedRobot
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel, chain_kernels
+from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.verify.result import Array, Check, as_results
+
+
+def missing_functions(robot: GeneratedRobot) -> dict[str, Callable[..., Any]]:
+    """Return a CasADi function of stacks for each function that the folder lacks, by qualified name."""
+    if not robot.springs.groups:
+        return {}
+    present = {kernel.qualified_name for kernel in robot.table}
+    everything = chain_kernels(robot.chain, replace(robot.springs, groups=()))
+    return {
+        kernel.qualified_name: _function_of_stacks(robot.chain, kernel)
+        for kernel in everything
+        if kernel.qualified_name not in present
+    }
+
+
+def _function_of_stacks(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
+    function = casadi_function(chain, kernel)
+    folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+    shapes = [result.array(chain).shape for result in kernel.results]
+
+    def call(*stacks: Array) -> Any:
+        rows = [
+            as_results(function(*(a.reshape(fold) for a, fold in zip(one, folds, strict=True))))
+            for one in zip(*stacks, strict=True)
+        ]
+        columns = zip(zip(*rows, strict=True), shapes, strict=True)
+        results = [np.stack([np.asarray(one).reshape(shape) for one in column]) for column, shape in columns]
+        return tuple(results) if len(results) > 1 else results[0]
+
+    return call
+
+
+def without_missing(checks: list[Check], missing: Mapping[str, object]) -> list[Check]:
+    """Return the comparisons of functions that the folder has."""
+    return [check for check in checks if check.kernel.partition(",")[0] not in missing]
