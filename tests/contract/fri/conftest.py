@@ -176,11 +176,21 @@ def some(*names: str) -> list[Any]:
     return [pytest.param(name, marks=() if name in quick else pytest.mark.slow) for name in names]
 
 
-@pytest.fixture(
-    scope="session", params=some(*VERSIONS, "standin-1.15", "standin-2.7", *(["sdk"] if sdk_options() else []))
-)
+SDK = ["sdk"] if sdk_options() else []
+
+
+@pytest.fixture(scope="session", params=some("1.15", "2.7", "standin-2.7", *SDK))
 def programs(request: pytest.FixtureRequest, make_programs: Callable[[str], Programs]) -> Programs:
-    """The client against the open library in each version, the one in the place of KUKA's, and an installed SDK."""
+    """Build the client against the oldest and the newest open library, KUKA's stand-in, and an installed SDK.
+
+    2.5 has the framing of 1.15 and the interface of 2.7; the tests of the wire run in every version (``every``).
+    """
+    return make_programs(request.param)
+
+
+@pytest.fixture(scope="session", params=some(*VERSIONS, "standin-1.15", "standin-2.7", *SDK))
+def every(request: pytest.FixtureRequest, make_programs: Callable[[str], Programs]) -> Programs:
+    """Build the client against the open library in each version, KUKA's stand-ins, and an installed SDK."""
     return make_programs(request.param)
 
 

@@ -78,20 +78,20 @@ def test_wrong_build_option_is_refused_with_the_remedy(options: list[str], wante
 # ---- the wire ------------------------------------------------------------------------------------------------------
 
 
-def test_torque_command_is_byte_for_byte_what_was_seen_on_the_wire(programs: Programs) -> None:
-    script = programs.script()
+def test_torque_command_is_byte_for_byte_what_was_seen_on_the_wire(every: Programs) -> None:
+    script = every.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 200 - script.sequence - 1)
     torque = np.array([1.0, -2.0, 0.5, 1e-300, -0.0, 320.0, 1 / 3])
     script.add(COMMANDING_ACTIVE, external_torque=torque, position=POSTURE)
-    steps = programs.probe(script)[:-1]
+    steps = every.probe(script)[:-1]
     values = [b"".join(b"\x09" + struct.pack("<d", x) for x in array) for array in (POSTURE, torque)]
     body = counters("0a0a 0881800d 10c701 18c801 128201 0a3f") + values[0] + counters("1a3f") + values[1]
     assert len(body) == 145
     framed = struct.pack("<I", 145) + body + struct.pack("<I", zlib.crc32(body))
-    expected = framed if programs.version == "2.7" else body
+    expected = framed if every.version == "2.7" else body
     assert steps[-1]["sent"] == expected.hex()
-    assert len(expected) == (153 if programs.version == "2.7" else 145)
+    assert len(expected) == (153 if every.version == "2.7" else 145)
 
 
 def random_fields(rng: np.random.Generator) -> dict[str, Any]:
@@ -184,29 +184,29 @@ def assert_seen(seen: dict[str, Any], sent: dict[str, Any], script: RobotScript,
         np.testing.assert_array_equal(seen["external_force"], sent["external_force"])
 
 
-def test_every_getter_gives_what_an_independent_codec_sent(programs: Programs) -> None:
+def test_every_getter_gives_what_an_independent_codec_sent(every: Programs) -> None:
     rng = np.random.default_rng(3)
     for _ in range(10):
-        script, fields = programs.script(), random_fields(rng)
+        script, fields = every.script(), random_fields(rng)
         script.add(COMMANDING_WAIT, **fields)
-        seen = programs.probe(script)[0]
+        seen = every.probe(script)[0]
         assert seen["callback"] == "waitForCommand"
-        assert_seen(seen, fields, script, programs.version)
+        assert_seen(seen, fields, script, every.version)
 
 
-def test_arrays_in_either_encoding_unknown_fields_and_any_order(programs: Programs) -> None:
-    script, fields = programs.script(), random_fields(np.random.default_rng(4))
+def test_arrays_in_either_encoding_unknown_fields_and_any_order(every: Programs) -> None:
+    script, fields = every.script(), random_fields(np.random.default_rng(4))
     script.datagrams.append(repack(script.message(COMMANDING_WAIT, **fields), script.protocol))
-    assert_seen(programs.probe(script)[0], fields, script, programs.version)
+    assert_seen(every.probe(script)[0], fields, script, every.version)
 
 
-def test_commands_are_read_by_an_independent_codec(programs: Programs) -> None:
+def test_commands_are_read_by_an_independent_codec(every: Programs) -> None:
     rng = np.random.default_rng(5)
-    script = programs.script()
+    script = every.script()
     sent = [random_fields(rng) for _ in range(5)]
     for fields in sent:
         script.add(COMMANDING_ACTIVE, **fields)
-    for k, (step, fields) in enumerate(zip(programs.probe(script), sent, strict=False)):
+    for k, (step, fields) in enumerate(zip(every.probe(script), sent, strict=False)):
         command = script.protocol.decode_command(bytes.fromhex(step["sent"]))
         assert (command.sequence, command.reflected) == (k, k + 1)
         np.testing.assert_array_equal(command.position, fields["position"])
@@ -221,11 +221,11 @@ def test_commands_are_read_by_an_independent_codec(programs: Programs) -> None:
 # ---- the cycle -----------------------------------------------------------------------------------------------------
 
 
-def test_states_callbacks_and_idle(programs: Programs) -> None:
-    script = programs.script()
+def test_states_callbacks_and_idle(every: Programs) -> None:
+    script = every.script()
     for state in (IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE, MONITORING_READY, IDLE):
         script.add(state, 2)
-    steps = programs.probe(script)[:-1]
+    steps = every.probe(script)[:-1]
     assert all(step["step"] for step in steps)
     changes = [step["change"] for step in steps if "change" in step]
     assert changes == [[0, 1], [1, 2], [2, 3], [3, 4], [4, 2], [2, 0]]
@@ -234,20 +234,20 @@ def test_states_callbacks_and_idle(programs: Programs) -> None:
     assert [bool(step["sent"]) for step in steps] == [name is not None for name in names for _ in range(2)]
 
 
-def test_setters_out_of_place_are_refused_from_2_7_on(programs: Programs) -> None:
-    script = programs.script()
+def test_setters_out_of_place_are_refused_from_2_7_on(every: Programs) -> None:
+    script = every.script()
     script.add(MONITORING_READY)
-    step = programs.probe(script)[0]
-    assert step["refusals"] == (2 if programs.version == "2.7" else 0)
+    step = every.probe(script)[0]
+    assert step["refusals"] == (2 if every.version == "2.7" else 0)
     command = script.protocol.decode_command(bytes.fromhex(step["sent"]))
-    assert (command.torque is None) == (programs.version == "2.7")
+    assert (command.torque is None) == (every.version == "2.7")
 
 
-def test_every_nth_message_is_answered(programs: Programs) -> None:
-    script = programs.script()
+def test_every_nth_message_is_answered(every: Programs) -> None:
+    script = every.script()
     script.begin(3, 3)
     script.add(COMMANDING_ACTIVE, 12, receive_multiplier=3)
-    steps = programs.probe(script)[:-1]
+    steps = every.probe(script)[:-1]
     assert [bool(step["sent"]) for step in steps[9:]] == 4 * [False, False, True]
     assert all(step["callback"] == "command" for step in steps[9:])
     answers = [script.protocol.decode_command(bytes.fromhex(step["sent"])) for step in steps if step["sent"]]
@@ -255,14 +255,14 @@ def test_every_nth_message_is_answered(programs: Programs) -> None:
     assert [answer.reflected for answer in answers[-4:]] == [12, 15, 18, 21]
 
 
-def test_command_is_cleared_each_cycle(programs: Programs) -> None:
-    script = programs.script()
+def test_command_is_cleared_each_cycle(every: Programs) -> None:
+    script = every.script()
     script.begin(1, 1)
     script.add(COMMANDING_ACTIVE, ios=[IOValue("Group.Lamp", IOType.BOOLEAN, IODirection.OUTPUT, False)])
     script.add(MONITORING_WAIT)
-    last = script.protocol.decode_command(bytes.fromhex(programs.probe(script)[-2]["sent"]))
+    last = script.protocol.decode_command(bytes.fromhex(every.probe(script)[-2]["sent"]))
     assert last.ios == ()
-    assert last.position is None or programs.version != "2.7"
+    assert last.position is None or every.version != "2.7"
 
 
 # ---- hostile traffic -----------------------------------------------------------------------------------------------
