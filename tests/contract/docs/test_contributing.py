@@ -45,7 +45,7 @@ def edit(package: Path, block: Block) -> None:
 
 
 def test_there_are_recipes() -> None:
-    assert len(recipes()) >= 3
+    assert len(recipes()) >= 4
 
 
 @pytest.mark.slow
