@@ -22,16 +22,16 @@ ENLARGED = 1.0 + 2.0**-46
 
 @dataclass(frozen=True)
 class Precision:
-    """What is known of the arithmetic of a type of number.
+    """Properties of the arithmetic of a number type.
 
     Attributes:
         unit: largest relative error of an operation, half the distance from 1 to the next number.
-        smallest: largest error of an operation whose result is too small for that.
-        largest: number.
+        smallest: largest error of an operation whose result is subnormal.
+        largest: largest number.
         far: largest angle of the fast path of sine and cosine [rad] (templates/sine_cosine.c).
         sine: largest error of a sine or cosine of an exact angle up to ``far``.
-        digits: of which rotations in arguments are rotations.
-        rotation: what an entry of a product of at most 128 of these, or of the chain's, is at most.
+        digits: decimal digits to which rotations in arguments are orthogonal.
+        rotation: largest entry of a product of at most 128 such rotations or rotations of the chain.
 
     """
 
@@ -47,10 +47,10 @@ class Precision:
 PRECISIONS = {
     # Proved of templates/sine_cosine.c: 1.22 units (tests/support/sine_cosine_proof.py); CUDA documents two ulps.
     "double": Precision(2.0**-53, 2.0**-1074, 2.0**1023, 1e4, 2.0**-52, 11, 1.0 + 2.0**-36),
-    # 0.96 units, of all floats up to far (tests/campaigns/float_sines.py); CUDA documents two ulps.
+    # 0.96 units over all floats up to far (tests/campaigns/float_sines.py); CUDA documents two ulps.
     "float": Precision(2.0**-24, 2.0**-149, 2.0**127, 6e3, 2.0**-23, 6, 1.0 + 2.0**-19),
 }
-"""By the name of the type."""
+"""Precision by the name of the number type."""
 
 
 class NoBound(Exception):  # noqa: N818 - an answer, not a failure
@@ -75,11 +75,11 @@ class Analysis:
     inputs: Sequence[Bound]
     precision: Precision
     known: Mapping[int, float] = field(default_factory=dict)
-    """What operations are at most for reasons that their operands do not show."""
+    """Sizes of operations that follow from what they are, not from their operands."""
     found: dict[int, Bound] = field(default_factory=dict)
 
     def bounds(self, numbers: Sequence[int]) -> list[Bound]:
-        """The bounds of some of the operations."""
+        """Return the bounds of some of the operations."""
         needed, pending = set(numbers), list(numbers)
         while pending:
             new = set(self.graph.operands(pending.pop())) - needed
@@ -142,7 +142,7 @@ class Analysis:
         return Bound(size * ENLARGED, (error + self.precision.unit * (size + error)) * ENLARGED)
 
     def _turned(self, a: int, b: int) -> Bound | None:
-        """Of c X + s Y, with the cosine and the sine of one angle, before the sum is rounded."""
+        """Return the bound of c X + s Y, cosine and sine of one angle, before rounding; None for other sums."""
         for turn, x in self._with_turn(a):
             for other, y in self._with_turn(b):
                 (kind, angle, _), (another, same, _) = self.graph.keys[turn], self.graph.keys[other]
@@ -151,7 +151,7 @@ class Analysis:
         return None
 
     def _with_turn(self, number: int) -> list[tuple[int, int]]:
-        """The factors of a product that has a sine or a cosine: that one, and the other."""
+        """Return (sine or cosine, other factor) for each factor of a product that is a sine or a cosine."""
         kind, a, b = self.graph.keys[number]
         if kind == "neg":
             return self._with_turn(int(a))

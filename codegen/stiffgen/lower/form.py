@@ -53,7 +53,7 @@ class Scope:
 
 
 class Place(Enum):
-    """Where an array lives."""
+    """Place of an array: parameter or local."""
 
     ARGUMENT = "parameter, read only"
     RESULT = "parameter that is written"
@@ -66,7 +66,7 @@ class Place(Enum):
 
 
 class Layout(Enum):
-    """How the entries of an array lie in memory."""
+    """Order of the entries of an array in memory."""
 
     FLAT = "row-major, one index"
     SHAPED = "row-major, one index per dimension"
@@ -348,7 +348,7 @@ class Statements:
 
 
 class LoopForm(Enum):
-    """How a map runs over its index set."""
+    """Form of the loop of a map."""
 
     ONCE = "no loop"
     VECTOR = "over vectors of joints, into an array of one number per joint"
@@ -443,7 +443,7 @@ Item = Helpers | Unused | Statements | Loop | SparseChange | ColumnSums | TotalS
 
 
 class Declared(Enum):
-    """What a declaration declares."""
+    """Kind of a declaration."""
 
     ARRAY = "an array in its layout"
     ALIGNED = "an array over pairs, aligned for vectors"

@@ -58,7 +58,7 @@ class Graph:
         return self.numbers[key]
 
     def _canonical(self, kind: str, a: int | float, b: int) -> Key | int:
-        """Signs are pulled out of products and into differences (exact in floating point)."""
+        """Pull signs out of products and into differences (exact in floating point)."""
         if kind == "const" and a < 0:
             return "neg", self.add("const", -a), 0
         if kind == "neg":

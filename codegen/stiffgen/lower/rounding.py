@@ -57,12 +57,12 @@ Bounds = dict[str, list[Bound]]
 
 @dataclass(frozen=True)
 class Ranges:
-    """What arguments are at most, entry by entry, for the bounds to hold.
+    """Largest arguments, entry by entry, for which the bounds hold.
 
-    Joint positions stay inside the limits of the URDF: :attr:`Precision.far` where a joint turns without end, ``slide``
-    where one slides without. Blocks of a stiffness that couple translation and rotation are at most the geometric mean
-    of the two others: no positive definite matrix has more. The equilibrium's origin lies no farther away than the
-    robot reaches.
+    Joint positions stay within the limits of the URDF; without limits a turning joint goes up to
+    :attr:`Precision.far` and a sliding one up to ``slide``. Blocks of a stiffness that couple translation and rotation
+    are at most the geometric mean of the two others: no positive definite matrix has more. The equilibrium's origin
+    lies within the robot's reach.
 
     Attributes:
         force, moment: of a wrench [N], [N m].
@@ -290,7 +290,7 @@ def rounded_up(value: float, precision: Precision = PRECISIONS["double"]) -> flo
 
 
 def kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
-    """The kinds of entries that a result has: what they are, their unit, and their numbers."""
+    """Return the kinds of entries of a result: name, unit, and numbers of the entries."""
     every = range(array.size)
     if result.name == "pose":
         return [("rotation", "", [0, 1, 2, 4, 5, 6, 8, 9, 10]), ("position", "m", [3, 7, 11])]
@@ -310,7 +310,7 @@ def kinds(result: Argument, array: Array) -> list[tuple[str, str, list[int]]]:
 
 
 def chain_reach(chain: Chain, ranges: Ranges, precision: Precision) -> float:
-    """How far a point of a tip's frame is from the base at most [m]: all lengths of a chain one after the other."""
+    """Return the largest distance of a point of a tip's frame from the base [m]: the sum of a chain's lengths."""
     joints = chain.joints[chain.base_joints :]
     ways = [math.sqrt(sum(x * x for x in place)) for place in (*(j.translation for j in joints), *_tips(chain))]
     slides = [
@@ -332,14 +332,14 @@ def _tips(chain: Chain) -> Iterator[tuple[float, float, float]]:
 
 
 def _largest(chain: Chain, coordinate: int, ranges: Ranges, precision: Precision) -> float:
-    """How far from zero a joint position gets [rad or m]."""
+    """Return the largest distance of a joint position from zero [rad or m]."""
     own = chain.coordinates[coordinate]
     size = max(abs(own.lower), abs(own.upper))
     return size if math.isfinite(size) else (ranges.slide if own.type == "prismatic" else precision.far)
 
 
 def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: float, precision: Precision) -> list[float]:
-    """What the entries of a kernel's argument are at most, row-major.
+    """Return the largest magnitude of each entry of a kernel's argument, row-major.
 
     Raises:
         NoBound: of this argument no range is known.

@@ -17,13 +17,13 @@ class Scalar:
     """A floating-point type of C.
 
     Attributes:
-        name: of the type.
-        suffix: of its constants, and of libm's functions of it.
-        bits: of its significand.
-        bytes: of its size.
-        limits: prefix of its macros in float.h.
-        pattern: the integer type of its size.
-        group: macro that puts ``widest`` of its numbers into lanes (templates/lanes.c).
+        name: C name.
+        suffix: suffix of constants, and of libm's functions.
+        bits: bits of the significand.
+        bytes: size of a number [bytes].
+        limits: prefix of the macros in float.h.
+        pattern: integer type of the same size.
+        group: macro that puts ``widest`` numbers into a vector (templates/lanes.c).
 
     """
 
@@ -46,7 +46,7 @@ class Scalar:
         return np.dtype(f"f{self.bytes}")
 
     def filled(self, count: int) -> int:
-        """``count`` numbers, padded."""
+        """Return the smallest multiple of ``widest`` that holds ``count`` numbers."""
         return -(-count // self.widest) * self.widest
 
     @property
@@ -77,7 +77,7 @@ class Scalar:
 DOUBLE = Scalar("double", "", 53, 8, "DBL", "unsigned long long", "EIGHT")
 FLOAT = Scalar("float", "f", 24, 4, "FLT", "unsigned", "SIXTEEN")
 SCALARS = {scalar.name: scalar for scalar in (DOUBLE, FLOAT)}
-"""By name."""
+"""Number types by name."""
 
 
 def scalar_of(values: Any) -> Scalar:

@@ -15,14 +15,14 @@ class Variant:
 
     Attributes:
         scalar: type of a number.
-        lanes: what runs side by side, in the lanes of vectors; else loops run one by one. Lanes of joints are entries
-            of rows over joints, lanes of configurations every entry of arguments and results.
-        batches: only the kernels that have a batch are printed.
-        suffix: of the names of internal functions.
-        qualifier: before the definitions of internal functions.
-        helper: before those of small helpers, which are to be inlined.
-        table: before the definitions of constant tables.
-        aligned: before the declarations of arrays over pairs of joints.
+        lanes: what the lanes of a vector hold: "" for no vectors, "joints" for rows over joints, "configurations" for
+            every entry of arguments and results.
+        batches: whether only the kernels that have a batch are printed.
+        suffix: suffix of the names of internal functions.
+        qualifier: text before the definitions of internal functions.
+        helper: text before the definitions of small helpers, which are to be inlined.
+        table: text before the definitions of constant tables.
+        aligned: text before the declarations of arrays over pairs of joints.
 
     """
 
@@ -37,7 +37,7 @@ class Variant:
 
     @property
     def joint_lanes(self) -> bool:
-        """Whether rows over joints are lanes of joints."""
+        """Whether rows over joints are vectors of joints."""
         return self.lanes == "joints"
 
     @property
@@ -47,7 +47,7 @@ class Variant:
 
     @property
     def row(self) -> str:
-        """C type of what rows over joints are made of; the ``number`` where nothing runs side by side over joints."""
+        """C type of an element of a row over joints."""
         return "lanes" if self.lanes else self.scalar.name
 
     @property
@@ -74,10 +74,10 @@ class Variant:
 
 # gcc 12 stores to large arrays with an alignment that it does not give them itself.
 SINGLE = Variant(lanes="joints", aligned="ALIGNED ")
-"""One configuration; what runs over joints runs over lanes of joints (templates/lanes.c)."""
+"""One configuration; loops over joints run over vectors of joints (templates/lanes.c)."""
 
 BATCH = Variant(lanes="configurations", batches=True, suffix="_lanes", aligned="ALIGNED ")
 """LANES configurations at a time, one in each lane."""
 
 CUDA = Variant(batches=True, qualifier="DEVICE", helper="DEVICE", table="TABLE")
-"""One configuration a thread. CUDA with ``scalar=FLOAT`` is the same in single precision."""
+"""One configuration per thread. CUDA with ``scalar=FLOAT`` is the same in single precision."""

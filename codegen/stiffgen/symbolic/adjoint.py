@@ -2,9 +2,9 @@
 """Reverse mode: the vector-Jacobian product of a program, as another program.
 
 A kernel computes results r from arguments x. With a cotangent c for every entry of r, its vector-Jacobian product is
-x_bar = (dr/dx)^T c, the gradient of L = sum c r by every argument: one more kernel, whatever the number of arguments.
-It is made by going backwards through the steps of the kernel's program (:func:`reverse`); nothing is differentiated by
-hand, and the printers print what they print of any program. With v_bar for the gradient of L by v,
+x_bar = (dr/dx)^T c, the gradient of L = sum c r with respect to every argument: one more kernel, whatever the number of
+arguments. :func:`reverse` goes backwards through the steps of the kernel's program; nothing is differentiated by hand,
+and the printers print the result like any program. With v_bar for the gradient of L with respect to v,
 
     Map over joints          t_j = f(x_j, y)             x_bar_j += (df/dx)^T t_bar_j       a Map
                                                          y_bar += sum_j (df/dy)^T t_bar_j   a Reduce
@@ -15,15 +15,15 @@ hand, and the printers print what they print of any program. With v_bar for the 
     StraightLine             statements                  CasADi's reverse mode of the statements, one more step
     StraightLine of columns  J(q), pose(q)               q_bar_j = sum_i J_bar_i . dJ_i/dq_j + J_j . f
 
-For the last, dJ_i/dq_j is the table's own closed form (:func:`kinematics.jacobian_column_derivative`). It is linear in
-J_j: q_bar_j = J_j . sum_i y_i with one y_i for the joints j beyond i and one for those before, so that running sums
-(Scan) do, and no product over pairs is left. The pose moves with the hybrid column of a joint: f is the covector
-(p_bar, sum of R_c x R_bar_c over the columns c of R).
+For the last line, dJ_i/dq_j is the closed form :func:`kinematics.jacobian_column_derivative`. The form is linear in
+J_j: q_bar_j = J_j . sum_i y_i with one y_i for the joints j beyond i and one for the joints before, so that running
+sums (Scan) suffice and no product over pairs is left. The pose moves with the hybrid column of a joint: f is the
+covector (p_bar, sum of R_c x R_bar_c over the columns c of R).
 
-On a floating base the first six joints of these sums are the base's own, columns of its body twist (v, w). It moves as
-one, and every column with it, so that dJ_i/dq_j is for all i what it is for a j before i. The gradient by ``base_pose``
-is the covector of that twist, six numbers: L changes by base_pose_bar . (v, w) t + O(t^2) as the base moves to
-p + R v t, R exp([w] t). Where statements read the pose, its entries' gradient (p_bar, R_bar) is turned into
+On a floating base the first six joints of these sums are the base's, columns of its body twist (v, w). The base moves
+as one, and every column with it, so that dJ_i/dq_j is for all i what it is for a j before i. The gradient with respect
+to ``base_pose`` is the covector of that twist, six numbers: L changes by base_pose_bar . (v, w) t + O(t^2) as the base
+moves to p + R v t, R exp([w] t). Where statements read the pose, the gradient (p_bar, R_bar) of its entries becomes
 (R^T p_bar, sum of r_c x (R^T R_bar)_c), r_c the columns of the identity.
 """
 
@@ -53,10 +53,10 @@ def reverse(
 
     Args:
         chain: the robot that the program was made for.
-        program: what is differentiated.
-        arguments: what it takes; for each the result writes an array of its :func:`gradient_shape` under its
-            :func:`bar_name`.
-        results: what it writes.
+        program: steps to differentiate.
+        arguments: arrays that the program reads. For each the returned program writes an array of its
+            :func:`gradient_shape` under its :func:`bar_name`.
+        results: arrays that the program writes.
         cotangents: arrays of the shapes of the results, in their order.
 
     Returns:
@@ -82,6 +82,7 @@ class _Reverse(Gradients):
         self.forward = [self._with_columns(step) for step in program]
 
     def steps_of(self, arguments: Sequence[Array], results: Sequence[Array], cotangents: Sequence[Array]) -> Program:
+        """Return the reverse program, preceded by the forward steps whose values it reads."""
         for result, cotangent in zip(results, cotangents, strict=True):
             self.bars[result.name] = [cotangent]
         for step in reversed(self.forward):
@@ -91,7 +92,7 @@ class _Reverse(Gradients):
                 RULES[type(step)](self, step)
         for argument in arguments:
             self._finish(argument)
-        self._drop_unread()
+        self._drop_unread({bar_name(argument.name) for argument in arguments})
         return self._needed() + tuple(self.steps)
 
     def _with_columns(self, step: Step) -> Step:
@@ -100,15 +101,14 @@ class _Reverse(Gradients):
             return programs.columns_and_pose(self.chain, Array("J", (6, len(self.chain.joints))), step.outputs[0])
         return step
 
-    def _drop_unread(self) -> None:
-        """Leave out what nothing reads on the way back."""
-        results = set(self.final.values()) - set(self.final)
+    def _drop_unread(self, results: set[str]) -> None:
+        """Drop reverse steps that write neither a result nor what a later step reads."""
+        results = results | (set(self.final.values()) - set(self.final))
         kept: list[Step] = []
         needed: set[str] = set()
         for step in reversed(self.steps):
             written = {array.name for array in step.writes}
-            is_result = any(name.endswith("_bar") for name in written) or written & results
-            if is_result or written & needed:
+            if written & (results | needed):
                 kept.append(step)
                 needed |= {array.name for array in step.reads}
         self.steps = kept[::-1]
@@ -124,7 +124,7 @@ class _Reverse(Gradients):
         return tuple(reversed(kept))
 
     def _finish(self, argument: Array) -> None:
-        """Write the gradient by an argument of the kernel."""
+        """Write the gradient with respect to an argument of the kernel."""
         result = Array(bar_name(argument.name), gradient_shape(argument))
         contributions = self.bars.get(argument.name, [])
         if argument.name == BASE_POSE.name:
@@ -146,7 +146,7 @@ class _Reverse(Gradients):
     def _finish_base(self, pose: Array, result: Array) -> None:
         """Return the covector of the base's twist in its own axes, from motions and gradients of the pose."""
         entries = self.bars.get(pose.name, [])
-        given = [Operand(each, "") for each in (*self.motions, *((pose, *entries) if entries else ()))]
+        operands = tuple(Operand(each, "") for each in (*self.motions, *((pose, *entries) if entries else ())))
 
         def body(*values: ca.SX) -> ca.SX:
             total = sum((value[: self.chain.base_joints] for value in values[: len(self.motions)]), ca.SX.zeros(6))
@@ -156,27 +156,27 @@ class _Reverse(Gradients):
                 total += ca.vertcat(bar[:, 3], turn(ca.SX.eye(3), bar[:, :3]))
             return ca.densify(total)
 
-        self.steps.append(Map(f"{result.name}: in the base's axes", Over.ONCE, Operand(result, ""), tuple(given), body))
+        self.steps.append(Map(f"{result.name}: in the base's axes", Over.ONCE, Operand(result, ""), operands, body))
 
     def _is(self, name: str, array: Array) -> bool:
         return self.names.get(name, name) == array.name
 
 
 def _sum(step: Sum) -> Sum:
-    """Of a sum over tips: each tip's own product, with the whole cotangent."""
+    """Return the sum over tips of the tips' products, each with the whole cotangent."""
     first = step.terms[0]
     cotangents = [
         Array(cotangent_name(output.name, len(step.outputs)), output.shape) for output in step.outputs
     ]  # fmt: skip
     terms = []
     for term in step.terms:
-        own = [array for array, _ in term.arguments]
+        arguments = [array for array, _ in term.arguments]
         results = [Array(name, output.shape) for name, output in zip(step.results, step.outputs, strict=True)]
         inner = [Array(cotangent_name(each.name, len(results)), each.shape) for each in results]
-        program = reverse(term.chain, term.program, own, results, inner)
-        given = tuple((array, ArgumentSlice(outer, None)) for array, outer in zip(inner, cotangents, strict=True))
-        terms.append(Term(f"{term.function}_vjp", term.chain, program, (*term.arguments, *given)))
-    given_whole = [(part.array or array, part.index) for array, part in first.arguments]
-    outputs = tuple(Array(bar_name(array.name), gradient_shape(array)) for array, _ in given_whole)
-    apart = frozenset(output.name for output, (_, index) in zip(outputs, given_whole, strict=True) if index is not None)
+        program = reverse(term.chain, term.program, arguments, results, inner)
+        seeds = tuple((array, ArgumentSlice(outer, None)) for array, outer in zip(inner, cotangents, strict=True))
+        terms.append(Term(f"{term.function}_vjp", term.chain, program, (*term.arguments, *seeds)))
+    wholes = [(part.array or array, part.index) for array, part in first.arguments]
+    outputs = tuple(Array(bar_name(array.name), gradient_shape(array)) for array, _ in wholes)
+    apart = frozenset(output.name for output, (_, index) in zip(outputs, wholes, strict=True) if index is not None)
     return Sum(outputs, tuple(bar_name(array.name) for array, _ in first.arguments), tuple(terms), apart)

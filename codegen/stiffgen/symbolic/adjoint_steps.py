@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Reverse rules of the steps: each appends to the gradients what its step hands back (:mod:`.adjoint`)."""
+"""Reverse rules of the steps: each appends the steps that propagate gradients through its step (:mod:`.adjoint`)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _any_straight_line(run: Gradients, step: StraightLine) -> None:
 
 
 def _sparse_sum(run: Gradients, step: SparseSum) -> None:
-    """As a map; a start that is symmetric anyway gets what the sum gets, both triangles."""
+    """Differentiate as a map; a symmetric start receives the full gradient, both triangles."""
     if step.start is None or step.start.name not in run.mirrored:
         _map(run, step.whole())
         return
@@ -46,7 +46,7 @@ def _sparse_sum(run: Gradients, step: SparseSum) -> None:
 
 
 def _map(run: Gradients, step: Map) -> None:
-    """Over joints, or once: a map for each operand of a joint, one sum over the joints for all others."""
+    """Append a map for each operand of a joint, and one sum over the joints for all other operands."""
     bars = tuple(Operand(bar, step.output.at) for bar in run.bars[step.output.array.name])
     whole: dict[str, tuple[Array, ca.SX]] = {}
     values = [symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
@@ -62,7 +62,7 @@ def _map(run: Gradients, step: Map) -> None:
             alike = len(bars) == 1 and bars[0].array.shape == operand.array.shape
             alone = alike and operand.array.name in run.written and gradient.numel() == seed.numel()
             if alone and ca.is_equal(column(gradient), seed, 1):
-                run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # handed on as it is
+                run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # the gradient passes unchanged
                 continue
             _append_map(run, step, operand, gradient, given)
             continue
@@ -83,7 +83,7 @@ def _append_map(
     comment = f"gradient by {shown(operand.array)}, through {shown(step.output.array)}"
     total = column(gradient)
     if operand.at == "j" and operand.array.name in run.written and operand.array.name in run.bars:
-        # What other steps hand back is added here: one array, not one each.
+        # Contributions of other steps are added here, so that one array holds them all.
         others = [Operand(each, "j") for each in run.bars.pop(operand.array.name)]
         seeds = [symbols(each, f"b{k}_") for k, each in enumerate(others)]
         given = (*given, *zip(others, seeds, strict=True))
@@ -95,7 +95,7 @@ def _append_map(
 
 
 def _through_sums(run: Gradients, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
-    """Gradients (columns) by what a sparse sum reads, or by the array itself if it is no sparse sum's."""
+    """Return gradients (columns) with respect to what a sparse sum reads; else with respect to the array itself."""
     step = run.sparse.get(array.name)
     if step is None:
         return [(array, column(gradient))]
@@ -108,7 +108,7 @@ def _through_sums(run: Gradients, array: Array, gradient: ca.SX) -> list[tuple[A
 
 
 def _pairs(run: Gradients, step: Map) -> None:
-    """Over pairs: for either joint the sum over the other one, weighted with what the pair hands back."""
+    """Append for either joint of the pairs the sum over the other joint, weighted with the gradient of the pair."""
     if not step.operands:
         return
     bar = run.only(step.output.array)
@@ -141,7 +141,7 @@ def _pairs(run: Gradients, step: Map) -> None:
 
 
 def _straight_line(run: Gradients, step: StraightLine, by: tuple[Array, ...]) -> None:
-    """CasADi's reverse mode of the statements; that of columns which several kernels share is shared, too."""
+    """Append CasADi's reverse mode of the statements; shared columns have a shared product."""
     outputs = tuple(run.new(array) for array in by)
     bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
     shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
@@ -158,7 +158,7 @@ def _straight_line(run: Gradients, step: StraightLine, by: tuple[Array, ...]) ->
 
 
 def _moving(run: Gradients, step: StraightLine) -> None:
-    """Columns and pose: closed forms of their derivatives by q; a tool's pose by the statements."""
+    """Append closed forms of the derivatives of columns and pose; a tool's pose goes through the statements."""
     assert step.moves is not None
     others = tuple(each for each in step.arguments if each.name not in (BASE_POSE.name, Q.name))
     J, m = step.outputs[0], len(run.chain.joints)
@@ -199,7 +199,7 @@ def _columns(run: Gradients, moves: Representation, J: Array, covectors: list[Ar
 
 
 def _covector(run: Gradients, pose: Array) -> Array:
-    """(p_bar, sum of R_c x R_bar_c): the hybrid wrench of the pose's gradient."""
+    """Append the hybrid wrench of the pose's gradient, (p_bar, sum of R_c x R_bar_c), and return its array."""
     bars = run.bars[pose.name]
     covector = run.local("f", (6,))
     operands = (Operand(pose, ""), *(Operand(bar, "") for bar in bars))
@@ -213,7 +213,7 @@ def _covector(run: Gradients, pose: Array) -> Array:
 
 
 def turn(rotation: ca.SX, gradient: ca.SX) -> ca.SX:
-    """Gradient by a small turn w of a rotation R, R + [w] R, from that by its entries."""
+    """Return the gradient with respect to a small turn w of a rotation R, R + [w] R, from that of its entries."""
     return sum((ca.cross(rotation[:, c], gradient[:, c]) for c in range(3)), ca.SX.zeros(3))
 
 
@@ -228,7 +228,7 @@ def _dots(J: Array, covectors: tuple[Operand, ...], output: Array, *, based: boo
 
 
 def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tuple[list[Step], list[Array]]:
-    """For every joint j the sums of y_i, dJ_i/dq_j . J_bar_i = J_j . y_i: the steps, and the arrays of sums."""
+    """Return the steps and arrays of the sums of y_i for every joint j, where dJ_i/dq_j . J_bar_i = J_j . y_i."""
     column, by, seed = ca.SX.sym("column", 6), ca.SX.sym("by", 6), ca.SX.sym("c", 6)
     given = (Operand(J, "j"), column), (Operand(bar, "j"), seed)
     steps: list[Step] = []
@@ -251,7 +251,7 @@ def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tupl
 def _statements(
     step: StraightLine, by: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], outputs: tuple[Array, ...]
 ) -> StraightLine:
-    """CasADi's reverse mode of a block's statements: gradients by some arguments; ``bars``: outputs and their own."""
+    """Return CasADi's reverse mode of a step, with respect to ``by``; ``bars``: outputs with their gradients."""
     differentiated = [argument in by for argument in step.arguments]
     given = len(step.arguments)
 

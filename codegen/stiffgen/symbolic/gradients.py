@@ -12,17 +12,17 @@ from stiffgen.symbolic.steps import Gather, Map, SparseSum
 
 
 def cotangent_name(result: str, count: int) -> str:
-    """Name of the cotangent of a result, of a function with so many results."""
+    """Return the name of the cotangent of a result, of a function with ``count`` results."""
     return "cotangent" if count == 1 else f"{result}_cotangent"
 
 
 def bar_name(argument: str) -> str:
-    """Name of the gradient by an argument."""
+    """Return the name of the gradient with respect to an argument."""
     return f"{argument}_bar"
 
 
 def gradient_shape(argument: Array) -> tuple[int, ...]:
-    """Shape of the gradient by an argument: its own, but of a floating base's pose that of a twist."""
+    """Return the shape of the gradient: that of the argument, for a floating base's pose that of a twist."""
     return (6,) if argument.name == BASE_POSE.name else argument.shape
 
 
@@ -74,9 +74,7 @@ class Gradients:
         total = self.local(bar_name(columns.name), columns.shape)
         operands = tuple(Operand(bar, "j") for bar in bars)
         comment = f"gradient by {shown(columns)}"
-        self.steps.append(
-            Map(comment, Over.JOINTS, Operand(total, "j"), operands, lambda *values: sum(values, ca.SX(0)))
-        )
+        self.steps.append(Map(comment, Over.JOINTS, Operand(total, "j"), operands, _sum))
         return total
 
     def known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
@@ -89,7 +87,7 @@ def _sum(*values: ca.SX) -> ca.SX:
 
 
 def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
-    """Entries of a map's output that are zero whatever it reads."""
+    """Return the entries of a map's output that are zero whatever it reads."""
     values = [
         _cleared(symbols(operand, f"x{k}_"), before.get(operand.array.name) if operand.at else None)
         for k, operand in enumerate(step.operands)

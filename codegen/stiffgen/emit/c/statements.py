@@ -160,10 +160,11 @@ class _Writer:
         if not batch:
             # "s1" and "c1" are the names of a joint's own sine and cosine.
             rows, view = view, {"sin": f"sines{call}" if call else "s", "cos": f"cosines{call}" if call else "c"}
+            kinds = {self.graph.keys[number][0] for number in used}
             self.lines += [
                 f"const {scalar.name} *const {view[kind]} = (const {scalar.name} *){rows[kind]};"
                 for kind in ("sin", "cos")
-                if self._any(used, kind)
+                if kind in kinds
             ]
         for number in used:
             kind, argument, _ = self.graph.keys[number]
@@ -180,9 +181,6 @@ class _Writer:
             first = min(first, int(index)) if kind == "input" else first
             pending.extend(self.graph.operands(current))
         return first, number
-
-    def _any(self, numbers: Sequence[int], kind: str) -> bool:
-        return any(self.graph.keys[number][0] == kind for number in numbers)
 
     def poison_line(self, text: str, *, wide: bool) -> None:
         """Define what is 0, or NaN if an input is NaN."""
@@ -304,7 +302,7 @@ class _Writer:
         return self._spread(text) if wide and number not in self.wide else text
 
     def _spread(self, text: str) -> str:
-        """An entry of a row, made of a scalar."""
+        """Return an entry of a row made of a scalar."""
         if not self.variant.spread:
             return text
         self.calls.add(self.variant.spread)
