@@ -286,15 +286,16 @@ def zones(random: Random, loop: Loop) -> Schedule:
 def gaps(random: Random, loop: Loop) -> Schedule:
     """Draw shaking at almost the velocity limit while calls are left out and some calls have no sample."""
     made = shaking(random, loop)
-    longest = made.config["missed_limit"] - 1
-    made.parts[0]["skip"] = skip = int(random.integers(0, longest + 1))
-    every, step = int(random.integers(2, 6)), skip + 1
-    for count, start in enumerate(range(step, SAMPLES, step)):
-        before = max((one for one in made.parts if one["start"] <= start), key=lambda one: one["start"], default=None)
-        if before is not None and len(made.parts) < 900:
-            made.parts.append({**before, "start": start, "missed": int(count % every == 0)})
-            made.parts.sort(key=lambda one: one.get("start", 0))
-    return _ordered(made)
+    skip, every = int(random.integers(0, made.config["missed_limit"])), int(random.integers(2, 6))
+    made.parts[0]["skip"] = skip
+    turns, at, parts = _ordered(made).parts, 0, [made.parts[0]]
+    for start in range(1, SAMPLES):
+        turn = at + 1 < len(turns) and turns[at + 1]["start"] <= start
+        at += int(turn)
+        if turn or start % (skip + 1) == 0:
+            parts.append({**turns[at], "start": start, "missed": int(start // (skip + 1) % every == 0)})
+    made.parts = parts
+    return made
 
 
 def streams(random: Random, loop: Loop) -> Schedule:
@@ -366,13 +367,14 @@ def _shake(random: Random, one: dict[str, Any]) -> None:
 
 def measure(loop: Loop, chosen: Schedule) -> Measured:
     """Run a schedule. Calls come at least every missed_limit sample times, and the arm keeps its velocity limits."""
-    parts = [{**one, "skip": min(one.get("skip", 0), chosen.config["missed_limit"] - 1)} for one in chosen.parts]
+    parts = [{**one, "skip": min(one.get("skip", 0), chosen.config.get("missed_limit", 3) - 1)} for one in chosen.parts]
     constant = not any("wanted" in one for one in parts[1:]) and not any(
         np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate")
     )
     away = int(bool(np.any(np.asarray(chosen.episode["q"]) != parts[0]["wanted"])))
     limit, tank = chosen.config["engagement_limit"], chosen.config["tank_initial"]
-    episode = loop.episode(**chosen.episode, engagement=limit, fastest=1.0)
+    limits = {"engagement": limit, "fastest": 1.0, "rate": chosen.config.get("torque_rate_limit", 10 * loop.effort)}
+    episode = loop.episode(**chosen.episode, **limits)
     summary = loop.run(SAMPLES, loop.segments(*parts), episode, loop.config(**chosen.config))
     held = tank + summary.first_energy
     if constant:
