@@ -55,6 +55,11 @@ class GeneratedRobot:
         """Whether the folder has an impedance controller."""
         return f"{self.name}_impedance.c" in self.manifest["files"]
 
+    @property
+    def has_batches(self) -> bool:
+        """Whether the folder has functions of many configurations."""
+        return f"{self.name}_batch.c" in self.manifest["files"]
+
     def kernel_text(self) -> str:
         """Return the C of all kernels in one piece.
 

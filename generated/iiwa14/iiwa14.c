@@ -3278,21 +3278,5 @@ int iiwa14_self_check(void)
         memcpy(&bits, put, sizeof bits);
         wrong |= (bits << 1) > 0xffe0000000000000ULL ? 0 : 2;
     }
-    double numbers[LANES * (LANES + 5)], back[LANES * (LANES + 5)];
-    lanes entries[LANES + 5];
-    for (int k = 0; k < LANES * (LANES + 5); ++k) {
-        numbers[k] = angles[0] * (double)k;
-    }
-    load_lanes(numbers, LANES + 5, 0, LANES, LANES + 5, entries);
-    store_lanes(entries, LANES, LANES + 5, back);
-    for (int k = 0; k < LANES + 5; ++k) {
-        for (int c = 0; c < LANES; ++c) {
-            const int at = (LANES + 5) * c + k;
-            const double off = ((const double *)&entries[k])[c] - numbers[at], off_back = back[at] - numbers[at];
-            if (!(off <= 0.0 && -off <= 0.0 && off_back <= 0.0 && -off_back <= 0.0)) {
-                wrong |= 4;
-            }
-        }
-    }
     return wrong;
 }

@@ -679,10 +679,13 @@ void iiwa14_limits_joint_stiffness_packed_batch(size_t count, const double *q, p
 
 /*
  * Check this build. Some compiler flags change the arithmetic and cannot be seen by the source (clang -fno-honor-nans
- * -fno-signed-zeros). Return 0 if it is right, else the sum of 1 (sines and cosines are wrong), 2 (infinity does not
- * become NaN) and 4 (batches exchange numbers). CMake's build and Python's import call it; a build of your own should.
+ * -fno-signed-zeros). Return 0 if it is right, else the sum of 1 (sines and cosines are wrong) and 2 (infinity does not
+ * become NaN). CMake's build and Python's import call it; a build of your own should.
  */
 int iiwa14_self_check(void);
+
+/* Check the build of iiwa14_batch.c likewise. Return 0 if it is right, else 4: batches exchange numbers. */
+int iiwa14_batch_self_check(void);
 
 #ifdef __cplusplus
 }

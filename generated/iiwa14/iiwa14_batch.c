@@ -3135,3 +3135,28 @@ void iiwa14_limits_joint_stiffness_packed_batch(size_t count, const double *q, p
         store_lanes(joint_stiffness_of_all, count - done, 28, joint_stiffness + 28 * done);
     }
 }
+
+/* ---- Self-check of the compiler's copies -------------------------------------------------------------------- */
+
+int iiwa14_batch_self_check(void)
+{
+    static const volatile double half = 0.5; /* nothing is computed when compiling */
+    int wrong = 0;
+    double numbers[LANES * (LANES + 5)], back[LANES * (LANES + 5)];
+    lanes entries[LANES + 5];
+    for (int k = 0; k < LANES * (LANES + 5); ++k) {
+        numbers[k] = half * (double)k;
+    }
+    load_lanes(numbers, LANES + 5, 0, LANES, LANES + 5, entries);
+    store_lanes(entries, LANES, LANES + 5, back);
+    for (int k = 0; k < LANES + 5; ++k) {
+        for (int c = 0; c < LANES; ++c) {
+            const int at = (LANES + 5) * c + k;
+            const double off = ((const double *)&entries[k])[c] - numbers[at], off_back = back[at] - numbers[at];
+            if (!(off <= 0.0 && -off <= 0.0 && off_back <= 0.0 && -off_back <= 0.0)) {
+                wrong |= 4;
+            }
+        }
+    }
+    return wrong;
+}

@@ -122,7 +122,8 @@ def build_library(
 def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) -> None:
     """Raise BuildError if the compiler's flags changed the arithmetic of the kernels."""
     source, program = build / "self_check.c", build / "self_check"
-    source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(); }}\n')
+    batches = f" | {name}_batch_self_check()" if len(kernel_sources(folder, name)) > 1 else ""
+    source.write_text(f'#include "{name}.h"\nint main(void) {{ return {name}_self_check(){batches}; }}\n')
     libraries = ["-lm"] if os.name != "nt" else []
     _run([[*command, f"-I{folder}", str(source), "-o", str(program), *libraries]], command[0], build)
     try:

@@ -145,7 +145,14 @@ def bodies_apart(kernels: Sequence[Function], text: str) -> str:
 
 def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Function], entries: Sequence[str]) -> str:
     """All kernels for Frama-C: memory, undefined behaviour, uninitialised reads."""
-    return _render("kernels_memory.c.j2", name=robot.name, kernels=kernels, entries=entries, most=MOST)
+    return _render(
+        "kernels_memory.c.j2",
+        name=robot.name,
+        kernels=kernels,
+        entries=entries,
+        most=MOST,
+        batched=robot.has_batches,
+    )
 
 
 def contracts(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
@@ -168,7 +175,7 @@ def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bo
 
 def widths(robot: GeneratedRobot, kernels: Sequence[Function], most: int) -> str:
     """Return a program that calls every kernel in arrays of exactly their sizes, for every number of lanes."""
-    return _render("widths.c.j2", name=robot.name, kernels=kernels, most=most)
+    return _render("widths.c.j2", name=robot.name, batched=robot.has_batches, kernels=kernels, most=most)
 
 
 @cache

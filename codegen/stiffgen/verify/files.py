@@ -8,7 +8,7 @@ import hashlib
 import json
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -134,8 +134,9 @@ def check_tables(robot: GeneratedRobot, libraries: Mapping[str, ctypes.CDLL]) ->
     for library in list(libraries.values())[:1]:
         checks.append(faultless("constants in C", "chain", _c_faults(library, robot, rows, joints, links)))
     for width, library in libraries.items():
-        check: Callable[[], int] = library[f"{robot.name}_self_check"]
-        checks.append(Check("self-check", f"sines, NaN, transpose; {width}", float(check()), 0.0))
+        calls = [f"{robot.name}_self_check", *([f"{robot.name}_batch_self_check"] if robot.has_batches else [])]
+        wrong = sum(int(library[call]()) for call in calls)
+        checks.append(Check("self-check", f"sines, NaN, transpose; {width}", float(wrong), 0.0))
     return checks
 
 

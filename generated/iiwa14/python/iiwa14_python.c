@@ -2524,7 +2524,7 @@ static int execute(PyObject *module)
             "run 'stiffgen generate' here", missing);
         return -1;
     }
-    if (iiwa14_self_check() != 0) {
+    if ((iiwa14_self_check() | iiwa14_batch_self_check()) != 0) {
         PyErr_SetString(PyExc_ImportError, "iiwa14: compiled with flags that change its arithmetic; "
             "compile it without -Ofast and its like (see CC, CFLAGS)");
         return -1;
@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "967eaaaed2eb555e") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "b00f72169eacafe0") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

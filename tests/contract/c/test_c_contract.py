@@ -71,7 +71,7 @@ def test_symbols(compiler, optimisation, compiled):
     functions = {f"iiwa14_{kernel.qualified_name}" for kernel in KERNELS}
     functions |= {f"iiwa14_{kernel.qualified_name}{batch.suffix}" for kernel in KERNELS for batch in kernel.batches}
     tables = {f"iiwa14_{c}" for c in ("joints", "lower", "upper", "velocity", "effort")}
-    assert exported == functions | tables | {"iiwa14_self_check"}
+    assert exported == functions | tables | {"iiwa14_self_check", "iiwa14_batch_self_check"}
 
 
 THREADS = r"""

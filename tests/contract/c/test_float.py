@@ -24,6 +24,7 @@ from stiffgen.verify.verify import verify
 from support.c_program import STRICT, language_flags
 from support.chains import chain_urdf
 from support.float_sines import Sines
+from support.generated_c import kernel_text
 from support.project import URDF, compilers, kernels_of, require_32_bits, require_compiler
 from support.quad import draw
 
@@ -160,11 +161,12 @@ def test_nothing_is_a_double(compiler, language, level, folder, tmp_path):
     """No warning, no promotion, no function of libm for doubles; nothing exported but the header's names."""
     compiled = tmp_path / "o"
     promotion = ["-Wdouble-promotion", "-Wfloat-conversion"]
-    source = ["-c", str(folder / f"{NAME}.c"), "-o", str(compiled)]
+    source = ["-r", "-nostdlib", *(str(folder / f"{NAME}{end}.c") for end in ("", "_batch")), "-o", str(compiled)]
     subprocess.run(
         [require_compiler(compiler), *language_flags(language), level, *STRICT, *promotion, *source], check=True
     )
-    code = re.sub(r"/\*.*?\*/", "", (folder / f"{NAME}.c").read_text() + (folder / f"{NAME}.h").read_text(), flags=re.S)
+    text = kernel_text(folder, NAME) + (folder / f"{NAME}.h").read_text()
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
     assert not re.search(r"\bdouble\b", code)
     lines = subprocess.run(["nm", str(compiled)], check=True, capture_output=True, text=True).stdout.split("\n")
     symbols = [line.split()[-2:] for line in lines if line]
@@ -175,7 +177,7 @@ def test_nothing_is_a_double(compiler, language, level, folder, tmp_path):
     }
     tables = {f"{NAME}_{table}" for table in ("joints", "lower", "upper", "velocity", "effort")}
     exported = {name for kind, name in symbols if kind.isupper() and kind != "U"}
-    assert exported == functions | tables | {f"{NAME}_self_check"}
+    assert exported == functions | tables | {f"{NAME}_self_check", f"{NAME}_batch_self_check"}
 
 
 BLIND = "-U__ASSOCIATIVE_MATH__ -U__NO_SIGNED_ZEROS__"
