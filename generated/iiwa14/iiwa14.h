@@ -168,7 +168,8 @@ void iiwa14_body_kinematic_stiffness(const double q[7], const double wrench[6], 
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in tip axes, moment
  *     about the tip's origin
  * connection_correction (6 x 6) [N, N m]: (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness
- * Rounding: translation block exact, coupling exact, rotation block exact.
+ * Rounding: translation block exact but for underflow, coupling exact but for underflow, rotation block
+ * exact but for underflow.
  */
 void iiwa14_body_connection_correction(const double wrench[6], double connection_correction[36]);
 
@@ -246,7 +247,8 @@ void iiwa14_spatial_kinematic_stiffness(const double q[7], const double wrench[6
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
  *     about the base's origin
  * connection_correction (6 x 6) [N, N m]: (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness
- * Rounding: translation block exact, coupling exact, rotation block exact.
+ * Rounding: translation block exact but for underflow, coupling exact but for underflow, rotation block
+ * exact but for underflow.
  */
 void iiwa14_spatial_connection_correction(const double wrench[6], double connection_correction[36]);
 
@@ -324,7 +326,8 @@ void iiwa14_hybrid_kinematic_stiffness(const double q[7], const double wrench[6]
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
  *     about the tip's origin
  * connection_correction (6 x 6) [N, N m]: (Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness
- * Rounding: translation block exact, coupling exact, rotation block exact.
+ * Rounding: translation block exact but for underflow, coupling exact but for underflow, rotation block
+ * exact but for underflow.
  */
 void iiwa14_hybrid_connection_correction(const double wrench[6], double connection_correction[36]);
 
@@ -415,7 +418,8 @@ void iiwa14_spring_wrench(const double q[7], const double equilibrium[16],
  *     the upper triangle is read
  * task_stiffness (6 x 6) [N/m, N, N m]: covariant Hessian of U on twists (linear, angular), base axes at
  *     the tip's origin; bitwise symmetric
- * Rounding: translation block exact, coupling exact, rotation block within 4.7e-10 N m.
+ * Rounding: translation block exact but for underflow, coupling exact but for underflow, rotation block
+ * within 4.7e-10 N m.
  */
 void iiwa14_spring_task_stiffness(const double q[7], const double equilibrium[16],
     const double translation_stiffness[9], const double rotation_stiffness[9], double task_stiffness[36]);

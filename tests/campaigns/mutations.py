@@ -148,7 +148,7 @@ class Workshop:
     def _compare(self, library: Path, seed: int) -> None:
         chain, name = self.robot.chain, self.robot.name
         both = (ControllerLibrary(each, name, chain) for each in (self.reference, library))
-        sys.exit(1 if differences(*both, chain, seed) else 0)
+        sys.exit(1 if differences(*both, chain, seed, enough=1) else 0)
 
 
 def count_survivors(workshop: Workshop, drawn: list[Mutant], seed: int) -> tuple[int, list[Mutant]]:

@@ -278,12 +278,16 @@ class Stated:
     @property
     def text(self) -> str:
         """In words."""
-        size = f"within {self.bound:.1e}{f' {self.unit}' if self.unit else ''}" if self.bound else "exact"
+        size = (
+            f"within {self.bound:.1e}{f' {self.unit}' if self.unit else ''}"
+            if self.bound
+            else "exact but for underflow"
+        )
         return f"{self.what} {size}"
 
 
 def rounded_up(value: float, precision: Precision = PRECISIONS["double"]) -> float:
-    """To two digits; what only underflow can cause is 0."""
+    """Round up to two digits; return 0 where only underflow makes errors."""
     if value < 2.0**50 * precision.smallest:
         return 0.0
     return float(Context(prec=2, rounding=ROUND_UP).create_decimal_from_float(value))

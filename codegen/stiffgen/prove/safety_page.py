@@ -217,7 +217,7 @@ def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str,
         (
             kernel,
             each["what"],
-            f"{each['bound']:.1e} {each['unit']}" if each["bound"] else "exact",
+            f"{each['bound']:.1e} {each['unit']}" if each["bound"] else "exact but for underflow",
             met.get(kernel, "") if k == 0 else "",
         )
         for kernel, parts in bounds["bounds"].items()

@@ -26,8 +26,6 @@ from stiffgen.verify.result import Array, Check, faultless
 
 SESSIONS = 60
 _STEPS = 400
-_ENOUGH = 3
-"""Differences after which no further session is run."""
 _LIMITS = ("lower_limit", "upper_limit", "limit_zone", "limit_stiffness")
 """Fields whose change while a joint is in its zone the controller may have to put off."""
 Random = np.random.Generator
@@ -67,15 +65,17 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
     ]
 
 
-def differences(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, seed: int) -> list[str]:
-    """Return where a controller differs from the reference: in a function, or in a session, which ends there."""
+def differences(
+    reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, seed: int, enough: int = 4
+) -> list[str]:
+    """Return where a controller differs from the reference: in functions, and in sessions until there are enough."""
     faults = compare_services(reference, library, chain)
     for session in range(SESSIONS):
+        if len(faults) >= enough:
+            break
         step = first_difference(reference, library, chain, [seed, session])
         if step is not None:
             faults.append(f"session {session}: step {step}")
-        if len(faults) > _ENOUGH:
-            break
     return faults
 
 

@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "b00f72169eacafe0") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "037e14b23fdfd3c2") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

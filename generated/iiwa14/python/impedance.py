@@ -6,6 +6,7 @@ The header documents every field with its unit. A wrench is what the environment
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping
 from enum import IntEnum, IntFlag
 from typing import Any
@@ -106,6 +107,13 @@ class Config:
             raise ValueError(_c.error_text(code))
         self._values[:] = trial
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self}
+
+    def __setstate__(self, values: Mapping[str, ArrayLike]) -> None:
+        self.__init__()  # type: ignore[misc]
+        self.update(values)
+
     def __dir__(self) -> list[str]:
         return [*_CONFIG.names, "update"]
 
@@ -205,6 +213,14 @@ class Impedance:
         self._recorded = 0
         self._record = (np.zeros(record, _INPUT), np.zeros(record, _OUTPUT))
         self.restart(torque)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return copy.deepcopy(self.__dict__)  # a copy shares no state with the controller
+
+    def __setstate__(self, content: dict[str, Any]) -> None:
+        if content["_state"].nbytes // 8 != (_c.SIZES["state"] + 7) // 8:
+            raise ValueError("iiwa14: this controller was pickled by another version of the folder; make a new one")
+        self.__dict__.update(content)
 
     @property
     def config(self) -> Config:
