@@ -21,7 +21,7 @@ BUILDS = 5
 
 
 def ratios(folder: Path, scratch: Path) -> None:
-    """A line for every compiler and its flags."""
+    """Return a line for every compiler and its flags."""
     print("| product over function | single | batch | ns: function, product, batches of them |\n|---|---|---|---|")
     for compiler in filter(shutil.which, ("gcc", "clang")):
         for flags in (NATIVE, AVX2, PLAIN):
@@ -34,7 +34,7 @@ def ratios(folder: Path, scratch: Path) -> None:
 
 
 def compiled(output: Path, *, derivatives: bool) -> tuple[Path, float]:
-    """A folder, and the processor time of its compiler [s]."""
+    """Return a folder, and the processor time of its compiler [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     folder = stiffgen.generate(URDF, output=output, springs=SpringOptions(derivatives=derivatives))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

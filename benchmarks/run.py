@@ -131,7 +131,7 @@ def libraries(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, Pat
 
 
 def pinocchio_joints(chain: stiffgen.Chain) -> str:
-    """The joints as the C++ contender adds them; its URDF parser needs headers that the wheel does not have."""
+    """Return the joints as the C++ contender adds them; its URDF parser needs headers that the wheel lacks."""
     lines = []
     for joint in chain.joints:
         x, y, z = joint.axis
@@ -275,7 +275,7 @@ def in_jax(
 
 
 def streaming(robot: Path) -> list[tuple[str, int, int]]:
-    """(what, configurations, kB of memory that one call takes beyond its arrays)."""
+    """Return (what, configurations, kB of memory that one call takes beyond its arrays)."""
     status = Path("/proc/meminfo")
     available = int(status.read_text().split("MemAvailable:")[1].split()[0]) if status.exists() else 0
     rows = []

@@ -60,7 +60,7 @@ class Run:
 
 
 def loss(robot: Any, q: Array, wrench: Array, stiffness: Array) -> tuple[float, Array]:
-    """What the careful learner minimises, and its gradient by log(k), k the three translation stiffnesses [N/m].
+    """Return the loss of the careful learner and its gradient with respect to log(k), k the stiffnesses [N/m].
 
     With S = Kq(q, F, K) + Kp the deflection to expect is e = J S^-1 J^T F (linear part), the loss
     |e|^2 / (2 ALLOWED^2) + |log(k / USUAL)|^2 / 2. By S it changes as -lambda dq^T with
@@ -80,7 +80,7 @@ def loss(robot: Any, q: Array, wrench: Array, stiffness: Array) -> tuple[float, 
 
 
 def careful(robot: Any) -> Learner:
-    """A step down the gradient."""
+    """Take a step down the gradient."""
 
     def learner(time: float, q: Array, wrench: Array, stiffness: Array) -> Array:
         step = np.clip(-RATE * loss(robot, q, wrench, stiffness)[1], -LARGEST, LARGEST)
@@ -95,7 +95,7 @@ def greedy(time: float, q: Array, wrench: Array, stiffness: Array) -> Array:
 
 
 def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATION) -> Run:
-    """The controller with a simulated arm, from rest at Q0."""
+    """Run the controller with a simulated arm, from rest at Q0."""
     steps = round(duration / T)
     controller = robot.Impedance(
         motor_inertia=MOTOR, posture_stiffness=POSTURE_STIFFNESS, tank_initial=tank, tank_maximum=tank, record=steps

@@ -147,7 +147,7 @@ def joined_kernels(name: str, texts: Mapping[str, str]) -> str:
 
 
 def functions_of(module: ModuleType, kernels: tuple[Kernel, ...], folder: Path) -> dict[str, Callable[..., Any]]:
-    """The functions of a generated module by the qualified names of ``kernels``; OutputError if one is missing.
+    """Return the functions of a generated module by the qualified names of ``kernels``; OutputError if one is missing.
 
     Those that give symmetric results as upper triangles have "_packed" behind these names.
     """

@@ -172,7 +172,7 @@ class Plant:
         return np.concatenate([external_force, external_moment + _cross(lever, external_force)])
 
     def contact_wrench(self) -> Array:
-        """The same wrench as the sum of the contact forces on the tool: what :meth:`wrench` must agree with."""
+        """Return the same wrench as the sum of the contact forces on the tool: what :meth:`wrench` must agree with."""
         total = np.zeros(6)
         for index in self._tool_contacts():
             contact, local = self.data.contact[index], np.empty(6)
@@ -277,7 +277,7 @@ def _add_tool_geoms(body: mujoco.MjsBody) -> None:
 
 
 def _add_bowl(spec: mujoco.MjSpec, bowl: Bowl, cells: int = 60) -> None:
-    """The bowl as a height field: its cells are convex prisms, so the hollow is real for the contact search.
+    """Return the bowl as a height field: its cells are convex prisms, so that contacts see the hollow.
 
     Where a sphere touches several cells at once, the normals of the shallower ones lean by up to some 15 degrees; the
     deepest one's, and the sum of the forces, are the sphere's to 3 degrees.

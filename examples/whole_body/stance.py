@@ -147,7 +147,7 @@ class Stance:
         return np.asarray(self.robot.mass_matrix(self.q))
 
     def moved(self, x: Array) -> Stance:
-        """The stance after the motion x (18): the base along its exponential, the joints by addition."""
+        """Return the stance after the motion x (18): the base along its exponential, the joints by addition."""
         pose = self.base_pose.copy()
         pose[:3, 3] += pose[:3, :3] @ x[:3]
         # A turn of doubles after a turn of doubles drifts from a rotation: back to the nearest.
@@ -187,12 +187,12 @@ class Stance:
 
 
 def _largest_positive(direction: Array) -> Array:
-    """The one of v and -v whose largest entry on the base is positive, so that pictures are the same every time."""
+    """Return v or -v, whichever has a positive largest entry on the base, so that figures are reproducible."""
     return np.asarray(direction * np.sign(direction[np.abs(direction[:6]).argmax()] or 1.0))
 
 
 def base_shares(stance: Stance, mode: Mode) -> Array:
-    """What part (6) each of the base's directions has in a mode's motion, the joints held: m v^2 and I w^2, sum 1."""
+    """Return the share (6) of each direction of the base in a mode's motion with fixed joints: m v^2, I w^2, sum 1."""
     inertia = np.diag(stance.mass_matrix())[:6]
     energy = inertia * mode.direction[:6] ** 2
     return np.asarray(energy / energy.sum())

@@ -80,7 +80,7 @@ TABLE_HEAD = ("quantity", "unit", "least", "mean", "median", "99 %", "most", "le
 
 
 def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]) -> list[str]:
-    """What the analysis found, in sentences."""
+    """Return the findings of the analysis, in sentences."""
     worst = summary["measures"]["singular_value_antisymmetric"]
     lines = [
         f"{result.good} of {result.rows} rows analysed.",
@@ -94,7 +94,7 @@ def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]
 
 
 def warnings(recording: Recording, result: Summary) -> list[str]:
-    """What the reader must know before trusting the numbers; empty if all is well."""
+    """Return the warnings that a reader must know before trusting the numbers; empty if all is well."""
     lines = []
     if result.bad:
         head, *rest = bad_rows(recording, result)

@@ -156,7 +156,7 @@ def _bits(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str],
 
 
 def _judge(result: frama_c.Analysis, entries: Sequence[str]) -> tuple[Outcome, str]:
-    """What an analysis says of its entries: an alarm is a fault until somebody shows that it is none."""
+    """Return the verdicts of an analysis: an alarm is a fault until somebody shows that it is none."""
     if result.trouble:
         return "unproved", result.trouble
     found = [alarm for each in result.alarms.values() for alarm in each]

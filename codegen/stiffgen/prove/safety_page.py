@@ -209,7 +209,7 @@ def _bars(errors: Array, least: int) -> list[_Bar]:
 
 
 def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str, str]]:
-    """Function, part of its result, bound, and the largest fraction of it that was met; none of an older folder."""
+    """Return function, part of its result, bound, and the largest fraction of it; none for an older folder."""
     if bounds is None:
         return []
     met = {check.kernel: f"{check.error:.1e}" for check in checks if check.oracle == CERTIFIED}
@@ -226,7 +226,7 @@ def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str,
 
 
 def _uncovered(robot: GeneratedRobot, filed: Filed | None, targets: Sequence[Target], *, compared: bool) -> list[str]:
-    """What this page does not show, for the reader who has to show it otherwise."""
+    """Return the evidence that this page lacks, for a reader who must find it elsewhere."""
     lines = [
         "Comparisons are at random postures and the sizes of wrench and stiffness that stiffgen draws; they prove "
         "nothing of the values in between. A worst error is the worst one met.",
