@@ -12,5 +12,14 @@ from stiffgen.emit.package.backend import PACKAGE
 from stiffgen.emit.python.backend import PYTHON
 from stiffgen.emit.torch.backend import TORCH
 
-BACKENDS = (C, CPP, PYTHON, PACKAGE, CUDA, CASADI, JAX, TORCH)
+BACKENDS = (
+    C,
+    CPP,
+    PYTHON,
+    PACKAGE,
+    CUDA,
+    CASADI,
+    JAX,
+    TORCH,
+)
 """Backends in the order in which their files stand in the manifest."""
