@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -93,6 +93,22 @@ class Graph:
         if kind in ("const", "input"):
             return ()
         return (int(a), b) if kind in _TWO_OPERANDS else (int(a),)
+
+    def above(self, starts: Iterable[int]) -> set[int]:
+        """Return the operations that depend on some operations, and these."""
+        above = set(starts)
+        for number in range(len(self.keys)):  # operands come before what uses them
+            if any(operand in above for operand in self.operands(number)):
+                above.add(number)
+        return above
+
+    def sine_levels(self) -> list[int]:
+        """Return how deep sines and cosines are nested in each operation: 1 in sin(q), 2 in sin(3 cos(q)), 0 in q."""
+        levels: list[int] = []
+        for number, (kind, _, _) in enumerate(self.keys):  # operands come before what uses them
+            below = max((levels[operand] for operand in self.operands(number)), default=0)
+            levels.append(below + (kind in ("sin", "cos")))
+        return levels
 
     def uses(self, outputs: Sequence[int]) -> dict[int, int]:
         """Count how often each operation that ``outputs`` depend on is used; a sign is transparent."""

@@ -9,10 +9,10 @@ it: no hash, address or platform enters, so the same chain prints the same bytes
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from stiffgen.lower.form import Access, Body, Entry
+from stiffgen.lower.form import Body, Entry
 from stiffgen.lower.graph import CONDITIONAL, LIBM, LIBM_OF_TWO, OWN, Operations
 from stiffgen.lower.scalar import Scalar
 from stiffgen.lower.variant import Variant
@@ -82,7 +82,11 @@ class _Writer:
         self.variant = variant
         self.inputs = inputs
         self.poison = body.poison
-        self.wide = self._wide_nodes(body.inputs)
+        self.wide = self.graph.above(
+            number
+            for number, (kind, index, _) in enumerate(self.graph.keys)
+            if kind == "input" and body.inputs[int(index)].wide
+        )
         self.lines: list[str] = []
         self.operations = Operations()
         self.text: dict[int, str] = {}  # nodes that have a C name
@@ -91,38 +95,11 @@ class _Writer:
         self.temporaries = 0
         self.sine_calls = 0
         self.computed_levels = 0
-        self.levels = self._sine_levels()
+        self.levels = self.graph.sine_levels()
         self.spent: dict[int, int] = {}  # uses of angles by sines and cosines that have been computed
-        self.choices = self._above(number for number, key in enumerate(self.graph.keys) if key[0] in CONDITIONAL)
+        self.choices = self.graph.above(number for number, key in enumerate(self.graph.keys) if key[0] in CONDITIONAL)
         self.calls: set[str] = set()
         self.uses = body.graph.uses([output.number for output in body.outputs])
-
-    def _wide_nodes(self, inputs: Sequence[Access]) -> set[int]:
-        wide: set[int] = set()
-        for number, (kind, a, _) in enumerate(self.graph.keys):  # operands come before what uses them
-            if kind == "input":
-                is_wide = inputs[int(a)].wide
-            else:
-                is_wide = any(operand in wide for operand in self.graph.operands(number))
-            if is_wide:
-                wide.add(number)
-        return wide
-
-    def _above(self, starts: Iterable[int]) -> set[int]:
-        """Return the nodes that depend on some nodes, and these."""
-        above = set(starts)
-        for number in range(len(self.graph.keys)):  # operands come before what uses them
-            if any(operand in above for operand in self.graph.operands(number)):
-                above.add(number)
-        return above
-
-    def _sine_levels(self) -> list[int]:
-        """Return how deep sines and cosines are nested in each node: 1 in sin(q), 2 in sin(3 cos(q)), 0 in q."""
-        levels: list[int] = []
-        for number, (kind, _, _) in enumerate(self.graph.keys):  # operands come before what uses them
-            below = max((levels[operand] for operand in self.graph.operands(number)), default=0)
-            levels.append(below + (kind in ("sin", "cos")))
-        return levels
 
     def sines_and_cosines(self, *, of_level: int) -> None:
         """Compute the sines and cosines of a level's angles in one call; the nodes get the names of its results."""
