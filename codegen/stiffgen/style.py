@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How every figure looks: one style, one colour for one meaning, ink in the colour of the page."""
+"""Style of stiffgen's figures for matplotlib: one colour per meaning, ink in the colour of the page. Public."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 
 from stiffgen.page import DARK_PAGE, PAGE
 
-INK = "#010203"  # stands for the page's text colour until the SVG is written
+INK = "#010203"  # replaced by the page's text colour when the SVG is written
 CORRECTED, CONVENTIONAL, POTENTIAL = "#1f8fd6", "#e0702a", "#2fa36b"
-"""The laws: the paper's stiffness blue, the conventional one orange, the gradient of an energy green."""
+"""Colours of the laws: the paper's stiffness, the conventional stiffness, the gradient of an energy."""
 AXES = ("#b35fc9", "#c9a227", "#6f8fa3")
-"""x, y and z, or whatever else comes in threes and is no law."""
+"""Colours of x, y and z, and of other triples."""
 SHADES = (*AXES, "#d6456b", "#4fb0a5", "#8a7ff0", "#9a6b4f")
-"""Of the seven joints."""
+"""Colours of seven joints."""
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "stiffgen",  # the same bytes every time
@@ -46,7 +46,7 @@ THEME = (
 
 
 def themed_svg(figure: Figure) -> str:
-    """SVG text of a figure drawn with STYLE, in the colours of the page it is on."""
+    """Return a figure drawn with STYLE as SVG text, in the colours of the page."""
     text = io.StringIO()
     figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()

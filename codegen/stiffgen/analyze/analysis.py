@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Stiffness analysis of a recording: ``stiffgen analyze LOG --robot DIR``.
 
-The recording is read as a stream (:mod:`stiffgen.recording`); every partition is summarised by
-:func:`summarise_partition`, here in threads or on Dask workers, and the summaries are merged in the order of the file.
-Both ways give the same result, to the last bit.
+The recording is read as a stream (:mod:`stiffgen.analyze.recording`). :func:`summarise_partition` summarises each
+partition, in threads or on Dask workers; the summaries are merged in the order of the file. Both ways give the same
+result, to the last bit.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 GENERATOR = "stiffgen analyze"
 SUMMARY = "summary.json"
 _MOST_THREADS = 8
-_AHEAD = 2  # partitions a worker has in hand besides the one at work
+_AHEAD = 2  # partitions per worker that wait behind the current one
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """The result of :func:`analyze`.
+    """Result of :func:`analyze`.
 
     Attributes:
-        folder: what was written.
+        folder: the folder that was written.
         summary: the contents of ``summary.json``.
-        result: everything that was added up, with histograms and envelopes.
+        result: the merged summary of all rows, with histograms and envelopes.
         recording: the recording.
 
     """
@@ -63,17 +63,17 @@ class Analysis:
 def analyze(options: AnalysisOptions) -> Analysis:
     """Analyse the joint stiffness along a recording, corrected and conventional, and write a report.
 
-    Memory does not grow with the recording. Bad rows are left out, counted, and the first ones named.
+    Memory does not grow with the recording. Bad rows are skipped and counted; the first ones are named.
 
     {arguments}
 
     Returns:
-        What was found and where it was written.
+        The findings and the folder with the report.
 
     Raises:
         EmptyRecordingError: no row could be analysed; nothing is written.
         RecordingError: the recording, its columns or an option cannot be used.
-        OutputError: the robot's folder is none of stiffgen's or not built, or the output folder cannot be written.
+        OutputError: the robot's folder is not from stiffgen or not built, or the output folder cannot be written.
         MissingExtraError: a package is not installed.
 
     """
@@ -144,7 +144,7 @@ def checked_stiffness(value: ArrayLike) -> Array:
         row, column = (int(i) for i in np.unravel_index(difference.argmax(), K.shape))
         raise RecordingError(
             f"--task-stiffness: is not symmetric: entry ({row}, {column}) is {K[row, column]:.9g}, "
-            f"({column}, {row}) is {K[column, row]:.9g} (counted from 0); take (K + K^T)/2 if that is what is meant"
+            f"({column}, {row}) is {K[column, row]:.9g} (counted from 0); give (K + K^T)/2 for the symmetric part"
         )
     symmetric: Array = (K + K.T) / 2
     return symmetric
@@ -176,7 +176,7 @@ def _chain(robot: Path) -> Chain:
     chain = opened.chain
     if chain.runtime_tool:
         raise RecordingError(
-            f"{robot}: its functions take the tool's pose at run time, which a recording does not hold; "
+            f"{robot}: its functions take the tool's pose at run time, which a recording does not have; "
             "generate the robot with the tool fixed (--tool-xyz, --tool-rpy)"
         )
     return chain
@@ -202,15 +202,19 @@ def _refuse_foreign(target: Path) -> None:
     except (OSError, ValueError):
         content = None
     if not isinstance(content, dict) or content.get("generator") != GENERATOR or target.is_symlink():
-        raise OutputError(f"{target}: exists and is no analysis of stiffgen; move it away or choose another --output")
+        raise OutputError(
+            f"{target}: exists and is not an analysis by stiffgen; move it away or choose another --output"
+        )
     foreign = sorted(e.name for e in target.iterdir() if e.name not in (SUMMARY, "report.html") and e.suffix != ".svg")
     if foreign:
-        raise OutputError(f"{target}: holds files of others ({listed(foreign)}); move them away first")
+        raise OutputError(
+            f"{target}: holds files that stiffgen did not write ({listed(foreign)}); move them away first"
+        )
 
 
 @dataclass(frozen=True)
 class _Job:
-    """What a worker must know besides the partition; small, and made of plain data."""
+    """Data that a worker needs besides the partition; small enough to send to another process."""
 
     robot: Path
     task: Task
@@ -226,7 +230,7 @@ def _robot_module(folder: Path) -> Any:
 def summarise_partition(
     job: _Job, partition: Partition, advance: Callable[[float], None] = lambda work: None
 ) -> Summary:
-    """Read a partition block by block and add up what is found. Runs in threads and on Dask workers."""
+    """Read a partition block by block and merge the summaries. Runs in threads and on Dask workers."""
     module = _robot_module(job.robot)
     summary = Summary()
     for block in read_blocks(partition, job.block_rows):
@@ -275,7 +279,7 @@ def _reduced(job: _Job, partitions: Sequence[Partition], dask: str | None, progr
 
 
 def _in_order(submit: Callable[[Partition], Any], partitions: Iterable[Partition], ahead: int) -> Iterator[Summary]:
-    """Results in the order of the partitions; at most ``ahead`` are under way or wait."""
+    """Yield results in the order of the partitions; at most ``ahead`` are running or waiting."""
     waiting: deque[Any] = deque()
     for partition in partitions:
         waiting.append(submit(partition))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""What is measured of the joint stiffness at every row of a recording, and the summary of many rows.
+"""Measures of the joint stiffness at each row of a recording, and summaries of many rows.
 
-A :class:`Summary` is of bounded size whatever the number of rows: counts, extremes, sums, histograms on fixed grids,
-and minimum and maximum over bins of 2^k rows, where k is the smallest that leaves at most ``BINS`` bins. Summaries of
-parts of a recording merge into that of the whole, however it was cut.
+The size of a :class:`Summary` does not depend on the number of rows. It has counts, extremes, sums, histograms on fixed
+grids, and minimum and maximum over bins of 2^k rows, with the smallest k that gives at most ``BINS`` bins. Summaries of
+parts of a recording merge into the summary of the whole, independent of how the recording was divided.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ NaN below SMALL_MOMENT.
 """
 
 SMALL_MOMENT = 1e-3
-"""[N m] Below, the antisymmetric part is not divided by the moment."""
+"""Smallest moment [N m] by which the antisymmetric part is divided."""
 
 INDEFINITE = 1e-12
-"""An eigenvalue counts as negative (positive) beyond this share of the largest one in absolute value."""
+"""Share of the largest absolute eigenvalue beyond which an eigenvalue counts as negative or positive."""
 
 LIMIT_MARGIN = 0.1
-"""A joint position is bad if it is beyond a limit by more than this share of the joint's range."""
+"""Share of a joint's range by which a position may exceed a limit before its row is bad."""
 
 BINS = 2048
 PER_DECADE = 100
@@ -61,18 +61,18 @@ DECADES = (-18, 9)
 GRID_PER_DECADE = 40
 GRID_DECADES = (-3, 4)
 NAMED_ROWS = 20
-_LARGEST = 1e150  # of stiffness and wrench; squares must not overflow
+_LARGEST = 1e150  # largest stiffness and wrench; squares must not overflow
 _A, _M = MEASURES.index("singular_value_antisymmetric"), MEASURES.index("moment")
 
 
 @dataclass(frozen=True)
 class Task:
-    """What to compute at each row.
+    """Computation to do at each row.
 
     Attributes:
-        representation: in which the wrenches and the task stiffness are given.
+        representation: representation of the wrenches and of the task stiffness.
         task_stiffness: (6, 6) symmetric [N/m, N, N m/rad].
-        negate: the recorded wrench is the one that the robot applies to the environment.
+        negate: true if the recorded wrench is the one that the robot applies to the environment.
         lower, upper: (n,) limits of q [rad or m], infinite where there is none.
         tip: name of the tip in the robot's module, "" for the only one.
 
@@ -91,7 +91,7 @@ def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
 
     Args:
         robot: a generated module.
-        task: what to compute; ``negate`` and limits are not looked at here.
+        task: the computation; ``negate`` and the limits have no effect here.
         q: (N, n) joint positions [rad or m].
         wrench: (N, 6) wrench of the environment on the robot, in ``task.representation`` [N, N m].
 
@@ -101,7 +101,7 @@ def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
     """
     count = len(q)
     wrench = wrench.copy()
-    if count == 1:  # the ufuncs' function for stacks and the one for single calls differ in the last digit
+    if count == 1:  # single calls and batches differ in the last digit
         q, wrench = np.repeat(q, 2, axis=0), np.repeat(wrench, 2, axis=0)
     functions = getattr(getattr(robot, task.tip) if task.tip else robot, task.representation)
     K = task.task_stiffness
@@ -134,19 +134,19 @@ def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
 
 
 def _parts(matrices: Array) -> tuple[Array, Array]:
-    """Symmetric and antisymmetric part."""
+    """Return the symmetric and the antisymmetric part."""
     transposed = np.swapaxes(matrices, 1, 2)
     return (matrices + transposed) / 2, (matrices - transposed) / 2
 
 
 def _largest_singular_value(matrices: Array) -> Array:
-    """From the eigenvalues of A^T A: for the largest one as accurate as a decomposition of A, and twice as fast."""
+    """Compute the largest singular value from the eigenvalues of A^T A, as accurate as an SVD and twice as fast."""
     value: Array = np.sqrt(np.maximum(np.linalg.eigvalsh(np.swapaxes(matrices, 1, 2) @ matrices)[:, -1], 0.0))
     return value
 
 
 def _closed_form(functions: Any, q: Array, wrench: Array) -> Array:
-    """Antisymmetric part of the conventional stiffness: what the correction takes away, J^T anti(-Gamma F) J.
+    """Return the antisymmetric part of the conventional stiffness, which the correction removes: J^T anti(-Gamma F) J.
 
     In the hybrid representation this is J_r^T [m]x J_r / 2, with J_r the rotational half of the Jacobian.
     """
@@ -170,7 +170,7 @@ class Envelope:
 
     @staticmethod
     def of(rows: NDArray[np.int64], values: Array, times: Array) -> Envelope:
-        """Of ascending rows (N,), their measures (N, M) and times (N,) [s]."""
+        """Make the envelope of ascending rows (N,) with measures (N, M) and times (N,) [s]."""
         shift = 0
         while (rows[-1] >> shift) - (rows[0] >> shift) >= BINS:
             shift += 1
@@ -202,7 +202,7 @@ class Envelope:
         )
 
     def _add(self, other: Envelope) -> None:
-        """Put the bins of another one, which are as wide or narrower, into those of this one."""
+        """Add the bins of another envelope, which are as wide or narrower."""
         place = ((np.arange(len(other.start)) + other.first) >> (self.shift - other.shift)) - self.first
         np.minimum.at(self.least, place, other.least)
         np.maximum.at(self.most, place, other.most)
@@ -212,7 +212,7 @@ class Envelope:
         np.maximum.at(self.stop, place, other.stop)
 
     def merged(self, other: Envelope) -> Envelope:
-        """Both together, in bins as wide as needed."""
+        """Merge two envelopes, in bins as wide as needed."""
         shift = max(self.shift, other.shift)
         while True:
             ends = [
@@ -231,21 +231,21 @@ class Envelope:
 
 @dataclass
 class Summary:
-    """What is known of some rows of a recording; see :meth:`merged`.
+    """Summary of some rows of a recording; see :meth:`merged`.
 
     Attributes:
-        rows: rows looked at. good: rows analysed.
-        bad: rows left out, by category. named: the first of them, (row, sentence).
-        count, total, squares, least, most: of each of MEASURES over the good rows.
-        least_row, most_row: where the extremes stand.
+        rows: number of rows read. good: number of rows analysed.
+        bad: skipped rows by category. named: the first of them, (row, sentence).
+        count, total, squares, least, most: values per measure over the good rows.
+        least_row, most_row: rows of the extremes.
         indefinite: rows whose corrected stiffness has eigenvalues of both signs.
         asymmetric: rows whose corrected stiffness is not symmetric to the last bit.
-        histogram: (M, ...) counts on a logarithmic grid of absolute values, PER_DECADE bins a decade.
-        grid: counts of (moment, antisymmetric singular value), GRID_PER_DECADE bins a decade.
+        histogram: (M, ...) counts on a logarithmic grid of absolute values, PER_DECADE bins per decade.
+        grid: counts of (moment, antisymmetric singular value), GRID_PER_DECADE bins per decade.
         q_least, q_most: (n,) range of the joint positions.
         times: (first, last) time of a good row, or None.
         longest_step: longest time from a row to the next [s].
-        backwards: rows whose time is before that of the good row before. backwards_named: the first of them.
+        backwards: rows whose time is before the time of the previous good row. backwards_named: the first of them.
 
     """
 
@@ -274,7 +274,7 @@ class Summary:
     envelope: Envelope | None = None
 
     def merged(self, other: Summary) -> Summary:
-        """Of these rows followed by those of ``other``."""
+        """Merge with the summary of the rows that follow."""
         if not other.good or not self.good:
             first = self if self.good else other
             result = Summary(**vars(first))
@@ -414,7 +414,7 @@ def _of_good_rows(rows: NDArray[np.int64], q: Array, time: Array | None, values:
 
 
 def _decade_bins(values: Array, decades: tuple[int, int], per_decade: int) -> NDArray[np.int64]:
-    """Bin 0 below the grid, the last one above; NaN goes to bin 0 and must be left out by the caller."""
+    """Return bins: 0 below the grid, the last one above it. NaN goes to bin 0; the caller must exclude it."""
     size = (decades[1] - decades[0]) * per_decade
     with np.errstate(divide="ignore", invalid="ignore"):
         place = np.floor((np.log10(np.abs(values)) - decades[0]) * per_decade) + 1
@@ -437,7 +437,7 @@ def _grid(moment: Array, antisymmetric: Array) -> NDArray[np.int64]:
 
 
 def bad_rows(recording: Recording, result: Summary, most: int = 5) -> list[str]:
-    """Lines about the rows that were left out: counts by reason, then the first ones by name."""
+    """Return lines about skipped rows: counts by reason, then the first rows by name."""
     if not result.bad:
         return []
     counts = ", ".join(f"{category} {count}" for category, count in sorted(result.bad.items()))
@@ -447,7 +447,7 @@ def bad_rows(recording: Recording, result: Summary, most: int = 5) -> list[str]:
     if left:
         lines.append(f"and {left} more")
     if result.bad.get("beyond joint limits", 0) > result.rows / 2:
-        lines.append("joint positions are taken in radians (metres): are these degrees, or another order of joints?")
+        lines.append("joint positions are read in radians (metres): are these degrees, or another order of joints?")
     return lines
 
 
@@ -457,7 +457,7 @@ def late_rows(recording: Recording, result: Summary, most: int = 3) -> str:
         return ""
     shown = ", ".join(recording.row_name(row) for row in result.backwards_named[:most])
     more = f" and {result.backwards - most} more" if result.backwards > most else ""
-    return f"time runs backwards at {shown}{more}; the rows are analysed all the same, figures are drawn over rows"
+    return f"time runs backwards at {shown}{more}; these rows are analysed, and the figures are drawn over rows"
 
 
 def stiffness_unit(chain: Chain) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What an analysis is asked for: one record, and the command line and :func:`stiffgen.analyze` derive from it."""
+"""Options of an analysis: one record, from which the command line and :func:`stiffgen.analyze` are made."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True)
 class Told:
-    """What there is to say of a field, in the docstring and under --help.
+    """Description of a field for the docstring and for --help.
 
     Attributes:
-        meaning: a phrase with units; of a field that is True if nothing is said, what False does.
-        group: heading under which the command line lists it, "" for none.
-        command: what the command line gives to argparse beside it; None if it has no such option.
+        meaning: a phrase with units; for a field whose default is True, the effect of False.
+        group: heading of the option in --help, "" for none.
+        command: further arguments for argparse; None if the command line has no such option.
 
     """
 
@@ -70,7 +70,7 @@ def _silent(step: str, done: float) -> None:
 
 @dataclass(frozen=True)
 class AnalysisOptions:
-    """A recording, a robot, a task stiffness, and how they are taken. The fields say what each is."""
+    """Options of an analysis: recording, robot, task stiffness, and how to read them."""
 
     log: str | Path = field(
         metadata=_told("recording with q and wrench: .csv, .tsv, .txt, .npz, .parquet or .mcap (ROS 2)", metavar="LOG")
@@ -87,17 +87,17 @@ class AnalysisOptions:
     _: KW_ONLY
     representation: Representation = field(
         default="hybrid",
-        metadata=_told("in which wrenches and task stiffness are given (README, Frames)", choices=REPRESENTATIONS),
+        metadata=_told("representation of wrenches and task stiffness (docs/frames.md)", choices=REPRESENTATIONS),
     )
     negate_wrench: bool = field(
-        default=False, metadata=_told("the wrenches are those that the robot applies to the environment")
+        default=False, metadata=_told("recorded wrenches are those that the robot applies to the environment")
     )
-    tip: str | None = field(default=None, metadata=_told("which tip, of a robot with several", metavar="LINK"))
+    tip: str | None = field(default=None, metadata=_told("tip link, for a robot with several tips", metavar="LINK"))
     q_columns: Sequence[str] | None = field(
         default=None,
         metadata=_told(
-            "columns with joint positions [rad or m] (default: q_0 ...; NPZ: one array q; MCAP: names of joints, "
-            "default those of the robot)",
+            "columns with joint positions [rad or m] (default: q_0 ...; NPZ: one array q; MCAP: joint names, "
+            "default: the robot's)",
             COLUMNS,
             type=_names,
             metavar="A,B,...",
@@ -126,33 +126,31 @@ class AnalysisOptions:
     )
     tolerance: float = field(
         default=0.01,
-        metadata=_told("largest time between joint positions and their wrench [s]", TOPICS, type=float, metavar="S"),
+        metadata=_told("largest time from joint positions to their wrench [s]", TOPICS, type=float, metavar="S"),
     )
     output: str | Path | None = field(
         default=None,
-        metadata=_told("folder to write (default: analysis/ and LOG's name without its ending)", metavar="DIR"),
+        metadata=_told("folder to write (default: analysis/NAME, with the recording's name)", metavar="DIR"),
     )
-    figures: bool = field(
-        default=True, metadata=_told("leave out figures and report.html, write the numbers only (summary.json)")
-    )
+    figures: bool = field(default=True, metadata=_told("write summary.json only, without figures and report.html"))
     dask: str | None = field(
         default=None,
         metadata=_told(
-            "address of a Dask scheduler, or 'local' for a cluster of processes on this machine (which import the "
-            "calling script: it guards its own calls by if __name__ == '__main__')",
+            "address of a Dask scheduler, or 'local' for processes on this machine (they import the calling "
+            "script, which must guard its calls by if __name__ == '__main__')",
             metavar="ADDRESS",
         ),
     )
-    block_rows: int = field(default=8192, metadata=_told_in_python("rows that a thread or worker computes at a time"))
+    block_rows: int = field(default=8192, metadata=_told_in_python("rows per block"))
     progress: Progress = field(
-        default=_silent, metadata=_told_in_python("called with a few words and the share done (0 ... 1)")
+        default=_silent, metadata=_told_in_python("called with a few words and the completed share (0 ... 1)")
     )
 
 
 def taking(record: Callable[_Fields, _Record]) -> Callable[[Callable[[_Record], _Result]], Callable[_Fields, _Result]]:
-    """Make a function of a record one of the record's fields, with their signature and their meanings.
+    """Turn a function of a record into a function of the record's fields, with their signature and meanings.
 
-    ``{arguments}`` in its docstring is where the meanings stand.
+    The meanings replace ``{arguments}`` in the docstring.
     """
 
     def made(function: Callable[[_Record], _Result]) -> Callable[_Fields, _Result]:
@@ -183,5 +181,5 @@ def _with_fields(text: str | None, record: Any) -> str | None:
 
 
 def has_default(field: Field[Any]) -> bool:
-    """Whether it may be left out."""
+    """Return whether the field has a default."""
     return field.default is not MISSING

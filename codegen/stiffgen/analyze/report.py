@@ -38,12 +38,12 @@ LABELS: Mapping[str, str] = {
     "force": "force",
     "moment": "moment",
 }
-"""Rows of the table, in order."""
+"""Rows of the table, in order, with their labels."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """A measure to draw, in one panel."""
+    """Measure to draw in one panel."""
 
     measure: str
     label: str
@@ -54,7 +54,7 @@ class _Line:
 
 @dataclass(frozen=True)
 class _Figure:
-    """A figure over time: panels from top to bottom, each an axis label and its lines."""
+    """Figure over time: panels from top to bottom, each with an axis label and its lines."""
 
     file: str
     title: str
@@ -63,7 +63,7 @@ class _Figure:
 
 
 def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Cells of the measures in LABELS, as TABLE_HEAD names them; "" where there is no number."""
+    """Return the cells of the measures in LABELS, in the columns of TABLE_HEAD; "" where there is no number."""
     rows = []
     for name, label in LABELS.items():
         measure = summary["measures"][name]
@@ -80,7 +80,7 @@ TABLE_HEAD = ("quantity", "unit", "least", "mean", "median", "99 %", "most", "le
 
 
 def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]) -> list[str]:
-    """Return the findings of the analysis, in sentences."""
+    """Return the findings in sentences."""
     worst = summary["measures"]["singular_value_antisymmetric"]
     lines = [
         f"{result.good} of {result.rows} rows analysed.",
@@ -94,7 +94,7 @@ def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]
 
 
 def warnings(recording: Recording, result: Summary) -> list[str]:
-    """Return the warnings that a reader must know before trusting the numbers; empty if all is well."""
+    """Return the reasons to doubt the numbers; empty if there are none."""
     lines = []
     if result.bad:
         head, *rest = bad_rows(recording, result)
@@ -107,10 +107,10 @@ def write_report(folder: Path, recording: Recording, chain: Chain, result: Summa
     """Write ``report.html`` and the SVG figures beside it.
 
     Args:
-        folder: where to write.
-        recording: what was read.
+        folder: folder to write into.
+        recording: the recording.
         chain: the robot.
-        result: what was found.
+        result: the summary of all rows.
         summary: the contents of ``summary.json``.
 
     """
@@ -206,12 +206,12 @@ def _figures(chain: Chain, result: Summary, representation: str) -> tuple[_Figur
 
 
 def _abscissa(result: Summary) -> tuple[Array, str]:
-    """Where bins stand: time since the first row, or row numbers where there is no time to draw over."""
+    """Return the places of the bins: time since the first row, or row numbers where time cannot be used."""
     envelope = result.envelope
     assert envelope is not None
     if result.times is not None and not result.backwards:
         span = result.times[1] - result.times[0]
-        # One pause longer than the rest is a broken clock rather than a recording.
+        # A pause longer than all other steps together is a broken clock.
         if span > 0 and (result.longest_step <= span / 2 or result.good < 4):
             middle = np.full(len(envelope.start), np.nan)
             some = envelope.start <= envelope.stop

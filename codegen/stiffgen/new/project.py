@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A robot's file becomes a project: its generated folder, and around it a loop, a simulated robot, a test, a script."""
+"""Make a project from a robot's file: the generated folder, a loop, a simulated robot, a test, a script."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ FILES = {
     "python/first_steps.py": "first_steps.py.j2",
     "tests/test_control.cpp": "test_control.cpp.j2",
 }
-"""Template by the file that it becomes."""
+"""Templates by the file that they become."""
 _FORCE, _SPEED = 100.0, 2.0
-"""Where the URDF has no limit, or none that can be one: [N m or N], [rad/s or m/s]. The README says: to be replaced."""
+"""Limits in place of missing or unusable limits of the URDF: [N m or N], [rad/s or m/s]. The README names them."""
 
 
 @dataclass(frozen=True)
 class _Page:
-    """What the templates read.
+    """Values for the templates.
 
     Attributes:
         name, macro: prefixes of C names and macros.
         robot: the chain.
-        answers: what was decided.
-        group: namespace of the spring, with its tip's, if any.
-        posture: where the robot starts, away from limits and from a stretched arm.
+        answers: the decisions.
+        group: namespace of the spring, with the namespace of the tip if there is one.
+        posture: the start configuration, away from limits and from a stretched arm.
         zone: width of the zone inside the limits that pushes back [rad or m].
-        rotors: inertia of the motors at the joints [kg m^2 or kg].
+        rotors: assumed inertia of the motors at the joints [kg m^2 or kg].
         effort, velocity: limits to set because the URDF has none, by joint.
         regenerate: the command that made the generated folder.
 
@@ -80,26 +80,26 @@ def new_project(
     ready: Callable[[], None] = lambda: None,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
-    """Write a project of the user's own, which builds and runs at once, with a simulated robot.
+    """Write a project for the user, which builds and runs at once with a simulated robot.
 
-    The folder appears whole or not at all, and nothing that stands there is replaced.
+    The folder appears whole or not at all; an existing folder is never replaced.
 
     Args:
         urdf: path of the URDF file; a copy of it becomes part of the project.
-        given: what is decided already: tip, base, spring, controller.
-        tool: what is mounted on the tip link.
+        given: decisions already made: tip, base, spring, controller.
+        tool: the tool on the tip link.
         name: prefix of the C names and name of the Python module (default: from the robot's name).
         output: the folder to write (default: NAME_control).
         build: compile the Python module.
-        ask: how to ask for what is open; None: nobody is there.
-        ready: called when there is nothing more to ask.
+        ask: function that asks for open decisions; None if nobody can answer.
+        ready: called after the last question.
         progress: called with a few words before each step.
 
     Returns:
         Path of the project.
 
     Raises:
-        StiffgenError: see :func:`stiffgen.generate`, and what is ambiguous with nobody to ask.
+        StiffgenError: see :func:`stiffgen.generate`; also if something is ambiguous and nobody can answer.
 
     """
     urdf = Path(urdf)
@@ -109,7 +109,7 @@ def new_project(
     target = Path(f"{name}_control") if output is None else Path(output)
     if target.exists() or target.is_symlink():
         raise OutputError(
-            f"{printable(str(target), 200)}: exists, and a project is never written over; choose another --output"
+            f"{printable(str(target), 200)}: exists, and a project is never overwritten; choose another --output"
         )
     answers = decide(description, given or Given(tool=tool is not None), ask)
     ready()
@@ -146,20 +146,20 @@ def _text_of(urdf: Path) -> bytes:
     try:
         return urdf.read_bytes()
     except OSError:
-        read_description(urdf)  # says it
+        read_description(urdf)  # raises a clear error
         raise
 
 
 def _check(chain: Chain, answers: Answers) -> None:
     if chain.floating:
         raise ChainError(
-            f"{chain.source}: the base floats, and projects are made for robots whose base stands; "
+            f"{chain.source}: the base floats, and projects need a fixed base; "
             "choose a --base above which nothing moves, or use 'stiffgen generate'"
         )
     if answers.controller == "impedance" and not has_controller(chain):
         raise StiffgenError(
-            f"{chain.source}: the impedance controller is made for at most 40 coordinates, here are {chain.dof}; "
-            "take --controller spring"
+            f"{chain.source}: the impedance controller takes at most 40 coordinates, and this robot has {chain.dof}; "
+            "choose --controller spring"
         )
 
 
@@ -195,11 +195,11 @@ def _quoted(word: str) -> str:
 
 
 def _range(coordinate: Coordinate) -> tuple[float, float]:
-    """Where a joint may be at first: its range near zero, at most three rad or m of it."""
+    """Return the range in which a joint may start: near zero, at most three rad or m wide."""
     lower, upper = max(coordinate.lower, -1.5), min(coordinate.upper, 1.5)
     if lower < upper:
         return lower, upper
-    beyond = coordinate.lower > 0  # all of the range is
+    beyond = coordinate.lower > 0  # the whole range is above 1.5
     lower, upper = (coordinate.lower, lower + 1.0) if beyond else (upper - 1.0, coordinate.upper)
     return max(lower, coordinate.lower), min(upper, coordinate.upper)
 
@@ -211,6 +211,6 @@ def _start(index: int, coordinate: Coordinate) -> float:
 
 
 def _rendered(page: _Page) -> dict[str, str]:
-    # C++, Python and Markdown: what comes from the robot's file goes through the filters
+    # in C++, Python and Markdown, names from the robot's file go through the filters
     templates = environment("stiffgen.new", {"comment": comment, "c_string": c_string, "python": ascii})
     return {file: templates.get_template(template).render(vars(page)) for file, template in FILES.items()}

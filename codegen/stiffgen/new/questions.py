@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a project leaves open: taken from options, asked at a terminal, or the one answer there is; else refused."""
+"""Open decisions of a project: from options, from questions at a terminal, or the only possible answer."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ CONTROLLERS = {
     "impedance": "the generated controller: energy account, governor, limits, faults",
     "spring": "a law of your own to edit: the torque of a spring, and damping in the joints",
 }
-"""What closes the loop of a project."""
+"""Laws that can close the loop of a project."""
 _MOST_TIPS = 100
 
 Ask = Callable[[str], str]
-"""Shows a question and returns the answer, without its end of line."""
+"""Function that shows a question and returns the answer, without its end of line."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What was decided: links, the tool's origin in the tip link [m] (None: no tool), kind of spring, controller."""
+    """Decisions: links, origin of the tool in the tip link [m] (None: no tool), kind of spring, controller."""
 
     tip: str
     base: str
@@ -36,7 +36,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class Given:
-    """What the options say; None for what they leave open. ``tool``: whether they describe one."""
+    """Decisions from options; None where open. ``tool`` is true if the options describe a tool."""
 
     tip: str | None = None
     base: str | None = None
@@ -46,15 +46,15 @@ class Given:
 
 
 def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
-    """Answer what the options leave open.
+    """Decide what the options leave open.
 
     Args:
-        description: of the robot.
-        given: by options.
-        ask: at the terminal; None without one.
+        description: description of the robot.
+        given: decisions from options.
+        ask: function that asks at the terminal; None without a terminal.
 
     Raises:
-        StiffgenError: something is ambiguous and there is nobody to ask, or choices do not fit each other.
+        StiffgenError: something is ambiguous and nobody can answer, or choices exclude each other.
         ChainError: there is no such tip or base.
 
     """
@@ -68,7 +68,7 @@ def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
         if given.spring not in (None, "trace"):
             raise StiffgenError(
                 f"--spring {given.spring}: the impedance controller has the spring 'trace'; "
-                "take --controller spring, or leave --spring out"
+                "choose --controller spring, or leave out --spring"
             )
         return Answers(survey.tip, base, tool, "trace", controller)
     spring = given.spring or _chosen(ask, f"Spring: {', '.join(KINDS)} [trace]", "trace", KINDS)
@@ -86,7 +86,7 @@ def _tip(description: Description, given: Given, ask: Ask | None) -> TipSurvey:
         raise StiffgenError(f"{description.file}: tip '{printable(hindered[0].tip)}': {hindered[0].hindrance}")
     if not good:
         raise StiffgenError(
-            f"{description.file}: no leaf link has a chain to it; 'stiffgen inspect' says what hinders each"
+            f"{description.file}: no leaf link has a usable chain; 'stiffgen inspect' names the reasons"
         )
     if len(good) == 1 or ask is None:
         if len(good) > 1:
@@ -107,18 +107,18 @@ def _menu(title: str, lines: dict[str, str], default: str | None = None) -> str:
 
 
 def _chosen(ask: Ask | None, question: str, default: str, allowed: Iterable[str]) -> str:
-    """One of the names; the default without a terminal, or by an empty line."""
+    """Return one of the names; the default without a terminal or after an empty answer."""
     names = list(allowed)
     while ask is not None:
         answer = ask(question).strip() or default
         if answer in names:
             return answer
-        question = f"'{printable(answer)}' is none of them: {listed(names)}\n[{printable(default)}]"
+        question = f"'{printable(answer)}' is not one of them: {listed(names)}\n[{printable(default)}]"
     return default
 
 
 def _tool(ask: Ask | None, tip: str) -> tuple[float, float, float] | None:
-    question = f"Tool: its point in the axes of {printable(tip)}, as x y z [m]; nothing without a tool []"
+    question = f"Tool: its origin in the axes of {printable(tip)}, as x y z [m]; nothing without a tool []"
     while ask is not None:
         answer = ask(question).split()
         if not answer:

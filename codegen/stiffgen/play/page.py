@@ -33,17 +33,17 @@ KERNELS = (
     "spring_torque",
     "spring_joint_stiffness",
 )
-"""What the page calls, of every tip: qualified names without the tip's. Shapes are those of the kernel table."""
+"""Functions that the page calls for each tip: qualified names without the tip. The kernel table has the shapes."""
 
 SCRIPTS = (
     "algebra.js", "kernels.js", "chain.js", "mechanics.js", "solids.js", "figures.js", "panels.js", "view.js",
     "main.js",
 )  # fmt: skip
-"""The page's modules, each after those that it imports; written into the page as one."""
+"""Modules of the page, each after the modules that it imports."""
 
 _LBR = [f"A{k}" for k in range(1, 8)]
 _PAPERS_POSTURE = (70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89)
-"""Of the KUKA LBR on the paper's recorded trajectory [deg]."""
+"""Configuration of the KUKA LBR on the paper's recorded trajectory [deg]."""
 
 
 def write_page(
@@ -52,15 +52,15 @@ def write_page(
     """Write the playground of a generated robot.
 
     Args:
-        folder: what ``stiffgen generate`` wrote. Its Python module is not needed.
-        output: the file to write; default: NAME.html.
-        progress: is told each step.
+        folder: a folder that ``stiffgen generate`` wrote. Its Python module is not needed.
+        output: the file to write (default: NAME.html).
+        progress: called with each step.
 
     Returns:
         The file.
 
     Raises:
-        OutputError: the folder is none of stiffgen's, or of another version, or the file cannot be written.
+        OutputError: the folder is not from stiffgen or from another version, or the file cannot be written.
         BuildError: clang or wasm-ld is missing or failed.
 
     """

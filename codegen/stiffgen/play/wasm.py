@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The kernels of a generated folder as WebAssembly: its C, as it is, compiled by clang and linked by lld."""
+"""Kernels of a generated folder as WebAssembly: the unchanged C, compiled by clang and linked by lld."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LINK = ("--no-entry", "--strip-all", "--gc-sections", "-z", "stack-size=1048576
 _LAST_LINES = 10
 
 _MATH = ("sin", "cos", *LIBM)
-"""Of one number. fabs, sqrt and copies in memory are instructions; of the others those that are called are imported."""
+"""Functions of one number that the module may import; fabs, sqrt and copies in memory are instructions."""
 
 _HEADERS = {
     "math.h": "".join(f"double {name}(double);\n" for name in _MATH)
@@ -28,7 +28,7 @@ _HEADERS = {
     "string.h": "#include <stddef.h>\nvoid *memcpy(void *, const void *, size_t);\nvoid *memset(void *, int, size_t);\n"
     "void *memmove(void *, const void *, size_t);\n",
 }
-"""What the generated C needs of a C library; mathematics comes from the page."""
+"""Headers of the C library that the generated C includes; the page supplies the mathematics."""
 
 
 def compile_wasm(source: Path, functions: Sequence[str]) -> bytes:
@@ -36,7 +36,7 @@ def compile_wasm(source: Path, functions: Sequence[str]) -> bytes:
 
     Args:
         source: NAME.c, its header beside it.
-        functions: C names of the functions that the module exports; the others are left out.
+        functions: C names of the functions that the module exports.
 
     Returns:
         The module. It exports ``memory``, ``__heap_base`` and the functions, and imports at most functions of libm,

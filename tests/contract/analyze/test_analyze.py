@@ -424,7 +424,7 @@ REFUSALS = [
     (lambda here, log: (log, {"options": ["--q-columns", "a,b,c,d,e,f,q_0"]}), "no column a, b, c, d, e, f;"),
     (lambda here, log: (log, {"options": ["--tip", "hand"]}), "--tip hand"),
     (lambda here, log: (log, {"options": ["--tolerance", "-1"]}), "--tolerance"),
-    (lambda here, log: (log, {"options": ["--output", "taken"]}), "taken: exists and is no analysis"),
+    (lambda here, log: (log, {"options": ["--output", "taken"]}), "taken: exists and is not an analysis"),
     (lambda here, log: (log, {"robot": "taken"}), "stiffgen generate"),
     (lambda here, log: (write(here / "n.csv", b"1,2,3\n4,5,6\n"), {}), "numbers where the columns' names"),
     (lambda here, log: (write(here / "e.csv", b""), {}), "is empty"),

@@ -59,12 +59,12 @@ def test_answers_are_taken_and_wrong_ones_asked_again():
     ask, questions = asked("middle hand", "right-hand", "", "up", "0 0 0.2", "robust", "spring", "quaternion")
     found = decide(read_description(DUAL), Given(), ask)
     assert found == Answers("right-hand", "base", (0.0, 0.0, 0.2), "quaternion", "spring")
-    assert "left hand: " in questions[0] and "'middle hand' is none of them" in questions[1]
-    assert "Three numbers" in questions[4] and "'robust' is none of them: impedance, spring" in questions[6]
+    assert "left hand: " in questions[0] and "'middle hand' is not one of them" in questions[1]
+    assert "Three numbers" in questions[4] and "'robust' is not one of them: impedance, spring" in questions[6]
 
 
 def test_another_spring_does_not_go_with_the_controller():
-    with pytest.raises(StiffgenError, match=r"--spring quaternion.*take --controller spring"):
+    with pytest.raises(StiffgenError, match=r"--spring quaternion.*choose --controller spring"):
         decide(read_description(URDF), Given(spring="quaternion"), None)
 
 
@@ -73,7 +73,7 @@ def test_another_spring_does_not_go_with_the_controller():
     [
         ([str(DUAL)], "no terminal to ask at; choose one with --tip: left hand, right-hand"),
         (["nowhere.urdf"], "nowhere.urdf"),
-        ([str(URDF), "--output", "taken"], "taken: exists, and a project is never written over; choose another"),
+        ([str(URDF), "--output", "taken"], "taken: exists, and a project is never overwritten; choose another"),
         ([str(URDF), "--spring", "coupled"], "--controller spring"),
         ([str(URDF), "--tip", "link_9"], "link_9"),
         ([str(URDF), "--name", "int"], "nearest: --name robot_int"),
@@ -138,7 +138,7 @@ def test_questions_at_a_terminal(tmp_path):
     out, err = process.communicate()
     os.close(ours)
     assert (process.returncode, out.strip()) == (0, "arm_control"), err
-    assert "Tool: its point in the axes of finger" in err
+    assert "Tool: its origin in the axes of finger" in err
     assert "xyz 0 0 0.1 m" in (tmp_path / "arm_control" / "generated" / "arm" / "arm.h").read_text()
 
 
