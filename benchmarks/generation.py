@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How long ``stiffgen generate`` takes: the iiwa 14, and a chain of 40 joints with nothing aligned, and its C's size.
+"""Time of ``stiffgen generate`` and size of its C: the iiwa 14, and a chain of 40 joints with nothing aligned.
 
 Fresh processes, median of five (two for the long chain).
 """

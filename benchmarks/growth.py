@@ -51,7 +51,7 @@ int main(void)
 
 
 def growth(folder: Path) -> list[tuple[int, float, int, int]]:
-    """(joints, ns a call, bytes of machine code of the whole library, lines of C)."""
+    """Return (joints, ns per call, bytes of machine code of the whole library, lines of C)."""
     rows = []
     for n in JOINTS:
         urdf = folder / "chain.urdf"
@@ -68,7 +68,7 @@ def growth(folder: Path) -> list[tuple[int, float, int, int]]:
 
 
 def exponent(rows: list[tuple[int, float, int, int]], column: int, last: int) -> float:
-    """Of a power of the number of joints, fitted from 10 joints to the last."""
+    """Fit the exponent of a power of the number of joints, from 10 joints to the last."""
     chosen = [(row[0], row[column]) for row in rows if 10 <= row[0] <= last]
     x, y = np.log([c[0] for c in chosen]), np.log([c[1] for c in chosen])
     return float(np.polyfit(x, y, 1)[0])

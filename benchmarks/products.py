@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What derivatives cost: a product over its function, and a folder with derivatives over the same without.
+"""Cost of derivatives: products compared with their functions, folders with derivatives with folders without.
 
     python -m benchmarks.products
 
@@ -21,7 +21,7 @@ BUILDS = 5
 
 
 def ratios(folder: Path, scratch: Path) -> None:
-    """Return a line for every compiler and its flags."""
+    """Print a line per compiler and flags."""
     print("| product over function | single | batch | ns: function, product, batches of them |\n|---|---|---|---|")
     for compiler in filter(shutil.which, ("gcc", "clang")):
         for flags in (NATIVE, AVX2, PLAIN):
@@ -34,7 +34,7 @@ def ratios(folder: Path, scratch: Path) -> None:
 
 
 def compiled(output: Path, *, derivatives: bool) -> tuple[Path, float]:
-    """Return a folder, and the processor time of its compiler [s]."""
+    """Build a folder; return it and the processor time of its compiler [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     folder = stiffgen.generate(URDF, output=output, springs=SpringOptions(derivatives=derivatives))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

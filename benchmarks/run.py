@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Times the joint stiffness against what a user could take instead; writes RESULTS.md and results.svg beside this file.
+"""Time the joint stiffness against what a user could take instead; write RESULTS.md and results.svg.
 
 All C and C++ contenders run in one process on the same 4096 random inputs (iiwa14, hybrid form, dense task stiffness,
 full 7x7 result), and agree before anything is timed. Contenders whose tools are missing are left out and named.
@@ -131,7 +131,7 @@ def libraries(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, Pat
 
 
 def pinocchio_joints(chain: stiffgen.Chain) -> str:
-    """Return the joints as the C++ contender adds them; its URDF parser needs headers that the wheel lacks."""
+    """Return the joints for the C++ contender, since Pinocchio's URDF parser needs headers that the wheel lacks."""
     lines = []
     for joint in chain.joints:
         x, y, z = joint.axis
@@ -275,7 +275,7 @@ def in_jax(
 
 
 def streaming(robot: Path) -> list[tuple[str, int, int]]:
-    """Return (what, configurations, kB of memory that one call takes beyond its arrays)."""
+    """Return (arrays, configurations, kB of memory that one call takes beyond its arrays)."""
     status = Path("/proc/meminfo")
     available = int(status.read_text().split("MemAvailable:")[1].split()[0]) if status.exists() else 0
     rows = []

@@ -15,7 +15,7 @@ SPRING_ROUNDS = 1001
 
 
 def of_springs(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, list[Row]]:
-    """For each compiler the rows (name, fastest, median, ninth decile) in ns: springs, and what they are held to."""
+    """Return per compiler the rows (name, fastest, median, ninth decile) [ns] of springs and of the joint stiffness."""
     samples = Samples.draw(chain, COUNT, seed=1)
     shared = ("task_stiffness", "equilibrium", "translation_stiffness", "rotation_stiffness")
     inputs = folder / "spring_inputs"
@@ -40,7 +40,7 @@ def of_springs(chain: stiffgen.Chain, folder: Path, robot: Path) -> dict[str, li
 
 
 def springs_section(tables: dict[str, list[Row]]) -> list[str]:
-    """Ratios to the plain hybrid joint stiffness of the same run, singles to the single one, batches to the batch."""
+    """Return lines with the ratios to the hybrid joint stiffness of the same run, single calls and batches."""
     lines = [
         "## Springs, ns a configuration",
         "",

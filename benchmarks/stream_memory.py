@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How much memory one call on a long array takes beyond its arguments and its result (Linux).
+"""Memory that one call on a long array takes beyond its arguments and its result (Linux).
 
     python benchmarks/stream_memory.py generated/iiwa14 10000000 [spread]
 

@@ -295,7 +295,7 @@ def of_mujoco(problem: Problem, urdf: Path) -> list[Rates]:
 
 
 def section(rows: Sequence[Rates]) -> list[str]:
-    """Of RESULTS.md."""
+    """Return the section of RESULTS.md."""
     return [
         "## Configurations a second",
         "",

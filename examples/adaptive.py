@@ -60,7 +60,7 @@ class Run:
 
 
 def loss(robot: Any, q: Array, wrench: Array, stiffness: Array) -> tuple[float, Array]:
-    """Return the loss of the careful learner and its gradient with respect to log(k), k the stiffnesses [N/m].
+    """Return the careful learner's cost and its gradient with respect to log(k), k the three stiffnesses [N/m].
 
     With S = Kq(q, F, K) + Kp the deflection to expect is e = J S^-1 J^T F (linear part), the loss
     |e|^2 / (2 ALLOWED^2) + |log(k / USUAL)|^2 / 2. By S it changes as -lambda dq^T with

@@ -108,7 +108,7 @@ def experiment(options: argparse.Namespace) -> int:
 
 
 def _robot(folder: Path) -> ModuleType:
-    """Open the generated arm with the experiment's tool; another tool has its stiffness at another point."""
+    """Open the generated arm; refuse one without the experiment's tool, whose stiffness is of another point."""
     if not (folder / "manifest.json").is_file():
         raise StiffgenError(f"{folder} is no generated robot; run 'make {ROBOT}', or name one with --robot")
     robot: ModuleType = open_robot(folder).module

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the trials show, as numbers: the bars that must hold, and the paper's statements beside what was measured."""
+"""Findings of the trials as numbers: bars that must hold, and the paper's statements beside measured values."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from examples.style import AXES, CONVENTIONAL, CORRECTED, INK, POTENTIAL, SHADES
 Column = Callable[[Trace], Any]
 
 LINES, COLOURS = ("-", "--", "-."), (CORRECTED, CONVENTIONAL, POTENTIAL)
-"""Of the trials, in the order of :data:`trial.LAWS`."""
+"""Colours of the trials, in the order of :data:`trial.LAWS`."""
 
 
 def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: Comparison) -> dict[str, str]:

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 DOF = 7
 FLANGE = "link_ee"
 START_POSTURE: Array = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
-"""Where the paper's experiment starts [rad]."""
+"""Start configuration of the paper's experiment [rad]."""
 
 MOTOR_INERTIA = 0.2
 """[kg m^2] of each motor as it appears at its joint."""
@@ -172,7 +172,7 @@ class Plant:
         return np.concatenate([external_force, external_moment + _cross(lever, external_force)])
 
     def contact_wrench(self) -> Array:
-        """Return the same wrench as the sum of the contact forces on the tool: what :meth:`wrench` must agree with."""
+        """Return the sum of the contact forces on the tool, with which :meth:`wrench` must agree."""
         total = np.zeros(6)
         for index in self._tool_contacts():
             contact, local = self.data.contact[index], np.empty(6)
@@ -277,7 +277,7 @@ def _add_tool_geoms(body: mujoco.MjsBody) -> None:
 
 
 def _add_bowl(spec: mujoco.MjSpec, bowl: Bowl, cells: int = 60) -> None:
-    """Return the bowl as a height field: its cells are convex prisms, so that contacts see the hollow.
+    """Make the bowl as a height field, whose cells are convex prisms: the contact search sees the hollow.
 
     Where a sphere touches several cells at once, the normals of the shallower ones lean by up to some 15 degrees; the
     deepest one's, and the sum of the forces, are the sphere's to 3 degrees.

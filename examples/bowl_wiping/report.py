@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The report: one HTML page with the summary, the figures and what they show; light and dark as the reader's system."""
+"""Report: one HTML page with the summary and the figures; light or dark as the reader's system."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ CAPTIONS = {
     "trajectory.svg": "The zero-force trajectory: as recorded, and by inverse kinematics from the stated and from the "
     "measured geometry.",
 }
-"""Figures in the order of the page, with what they show."""
+"""Figures in the order of the page, with their captions."""
 
 STYLE = """
 :root{color-scheme:light dark;--ink:#1f2328;--page:#ffffff;--soft:#59636e;--line:#d1d9e0;--box:#f6f8fa}
@@ -59,7 +59,7 @@ figure svg,figure img{width:100%;height:auto;max-width:56rem}code{background:var
 
 @dataclass(frozen=True)
 class Content:
-    """What the page shows.
+    """Content of the page.
 
     ``figures``: SVG text by file name; ``picture``: PNG bytes, or why there is none; ``failed``: bars that do not hold.
     """
@@ -85,6 +85,8 @@ def page(content: Content) -> str:
             "<!doctype html>",
             '<html lang="en"><head><meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width,initial-scale=1">',
+            "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; "
+            'img-src data:">',
             f"<title>{TITLE}</title><style>{STYLE}</style></head><body>",
             f"<h1>{TITLE}</h1>",
             "<p>The experiment of Lachner, Nah and Hogan, &ldquo;A Physically Consistent Stiffness Formulation for "

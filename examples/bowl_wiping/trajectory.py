@@ -60,7 +60,7 @@ class Geometry:
 
 
 STATED = Geometry(radius=0.09, turn=np.radians(-115.0))
-"""As the paper's description has it (the duration is that of the recording)."""
+"""Geometry of the paper's description, with the duration of the recording."""
 MEASURED = Geometry(
     radius=0.1,
     turn=np.radians(-126.49),
@@ -69,7 +69,7 @@ MEASURED = Geometry(
     tip=0.2636 - 0.035,
     lead=0.0424,
 )
-"""As the recording has it, found by fitting a circle through the recorded tip for every place of the tip along the
+"""Geometry of the recording, found by fitting a circle through the recorded tip for every place of the tip along the
 tool's axis. At 0.2636 m from joint 7 the radius is 0.1000 m, and the tip at CENTRE_POSTURE is not the circle's centre
 but its far end, to 0.1 mm in each coordinate."""
 

@@ -34,7 +34,7 @@ from stiffgen import GeneratedRobot, open_robot
 
 PUSHES, NOISE = 2000, 0.01
 BOUND = 0.02
-"""What an entry may be off, as a part of itself."""
+"""Largest relative error of an entry."""
 DETERMINED = BOUND / 3
 """An entry is called identifiable if its posterior standard deviation is at most this part of it."""
 KINDS = {True: "pushes that move and turn the tool", False: "pushes that move it only"}

@@ -35,7 +35,7 @@ SCALE = np.sqrt([1000.0, 1000.0, 1000.0, 50.0, 50.0, 50.0])  # of an arm's stiff
 UPPER = np.triu_indices(6)
 LOWER = np.tril_indices(6)
 START = np.concatenate([np.eye(6)[LOWER], np.zeros(3)])
-"""Where the search begins: K = diag(SCALE^2), written K = S L L^T S with L lower triangular, and no tool."""
+"""Start of the search: K = diag(SCALE^2), written K = S L L^T S with L lower triangular, and no tool."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class Recording:
 
     @property
     def deflection_variance(self) -> Array:
-        """Of the noise on every joint's deflection [rad^2]."""
+        """Return the variance of the noise on each joint's deflection [rad^2]."""
         return np.asarray(self.noise**2 * np.mean(self.deflection**2, axis=0))
 
     @property
     def push_variance(self) -> Array:
-        """Of the noise on every component of a push [N^2, (N m)^2]."""
+        """Return the variance of the noise on each component of a push [N^2, (N m)^2]."""
         return np.asarray(self.noise**2 * np.mean(self.push**2, axis=0))
 
 
@@ -131,7 +131,7 @@ def residuals(robot: ModuleType, recording: Recording, entries: Array, tool: Arr
 
 @dataclass(frozen=True)
 class Certainty:
-    """What a recording says of K's 21 upper entries and the tool: standard deviations, and singular values.
+    """Return what a recording tells about K's 21 upper entries and the tool: standard deviations, singular values.
 
     The singular values are those of the residuals' derivative, with every parameter in units of its usual size
     and torques in units of their noise.

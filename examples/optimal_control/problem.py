@@ -41,7 +41,7 @@ SCALE: Array = np.sqrt([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
 FLOOR = 0.05
 """Part of the usual size below which no direction of a task stiffness falls."""
 LIMIT: Array = np.array([3000.0, 3000.0, 3000.0, 200.0, 200.0, 200.0])
-"""Of the diagonal of a task stiffness [N/m, N m/rad]."""
+"""Bounds of the diagonal of a task stiffness [N/m, N m/rad]."""
 PRESS, FRICTION = 80.0, 0.3
 """[N] with which the tool presses, along its z axis, and the friction's part of it, against the direction of travel."""
 SMOOTH_POSTURE, SMOOTH_STIFFNESS = 0.5, 0.02
@@ -51,7 +51,7 @@ LOWER = np.tril_indices(6)
 
 @dataclass(frozen=True)
 class Task:
-    """What is given at every knot: recorded postures (N, 7) [rad], tool poses (N, 4, 4), wrenches (N, 6) [N, N m]."""
+    """Data at each knot: recorded configurations (N, 7) [rad], tool poses (N, 4, 4), wrenches (N, 6) [N, N m]."""
 
     recorded: Array
     poses: Array

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How a quadruped stands on springs: predicted and simulated modes, and the law of the potential at a wall.
+"""Analyse a quadruped on springs: predicted and simulated modes, and the law of the potential at a wall.
 
 ``python -m examples.whole_body`` in the repository's root, or ``make whole-body``.
 """

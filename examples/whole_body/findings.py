@@ -41,7 +41,7 @@ class Row:
 
     @property
     def deviation(self) -> float:
-        """Of the predicted frequency, relative."""
+        """Return the relative deviation of the predicted frequency."""
         return self.mode.frequency / self.found.frequency - 1
 
 

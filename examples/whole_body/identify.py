@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LEAST_PART = 1e-3
-"""Of the largest mode's part in the responses: what has less is not told from what is not linear."""
+"""Share of the largest mode in the responses below which a mode cannot be told from nonlinearity."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,6 @@ def modes(responses: Array, sample_time: float, order: int, block_rows: int = 60
 
 
 def agreement(mass_matrix: Array, one: Array, other: Array) -> float:
-    """How far two directions are the same, 0 to 1: the modal assurance criterion with the mass matrix."""
+    """Return how well two directions agree, 0 to 1: the modal assurance criterion with the mass matrix."""
     M = mass_matrix
     return float((one @ M @ other) ** 2 / ((one @ M @ one) * (other @ M @ other)))

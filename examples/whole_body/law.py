@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Command:
-    """What the law asks for.
+    """Torques and wrench that the law demands.
 
     Args:
         torque: (12) of the joints [N m].

@@ -126,7 +126,7 @@ class Plant:
         mujoco.mj_step2(model, data)
 
     def acceleration(self, law: Law) -> Array:
-        """Of everything (18), at this state: 0 where the robot rests."""
+        """Return the gradient of the total energy (18) at this state: zero at rest."""
         state = np.array(self.data.qpos), np.array(self.data.qvel)
         self.step(law)
         found = np.array(self.data.qacc)

@@ -52,7 +52,7 @@ class Springs:
 
     @property
     def parameters(self) -> tuple[Array, Array, Array]:
-        """As the kernels of all tips take them: (feet, 4, 4), (feet, 3, 3), (feet, 3, 3)."""
+        """Return the springs as arguments of the kernels of all tips: (feet, 4, 4), (feet, 3, 3), (feet, 3, 3)."""
         return self.equilibria, self.translation, self.rotation
 
 
@@ -113,7 +113,7 @@ class Stance:
         return np.concatenate([-self.base_pose[:3, :3].T @ self.load, np.zeros(15)])
 
     def gradient(self) -> Array:
-        """Of everything (18): zero at rest."""
+        """Return the gradient of the total energy (18): zero at rest."""
         legs = np.concatenate([np.zeros(6), -self.leg_torque()])
         return np.asarray(self.contact_gradient() + legs + self.gravity_gradient() + self.load_gradient())
 
@@ -155,7 +155,7 @@ class Stance:
         return replace(self, base_pose=pose, q=self.q + x[6:])
 
     def at_rest(self, tolerance: float = 1e-11) -> Stance:
-        """Where the gradient is zero, by Newton's method: a rest that is unstable is found as well.
+        """Find a rest, where the gradient is zero, by Newton's method; unstable ones are found as well.
 
         Raises:
             StiffgenError: it does not come to rest near where it stands.
@@ -171,7 +171,7 @@ class Stance:
         raise StiffgenError("the stance has no rest near its posture: take stiffer springs, or a smaller load")
 
     def modes(self, stiffness: Array | None = None) -> list[Mode]:
-        """Of Kq, or of another ``stiffness`` (18, 18) that need not be symmetric; the softest first."""
+        """Return the modes of Kq, or of another ``stiffness`` (18, 18) that may be asymmetric; softest first."""
         K, M = self.stiffness() if stiffness is None else stiffness, self.mass_matrix()
         if np.array_equal(K, K.T):
             eigenvalues, vectors = scipy.linalg.eigh(K, M)
@@ -187,12 +187,12 @@ class Stance:
 
 
 def _largest_positive(direction: Array) -> Array:
-    """Return v or -v, whichever has a positive largest entry on the base, so that figures are reproducible."""
+    """Return v or -v, whichever has a positive largest entry on the base, so that pictures repeat."""
     return np.asarray(direction * np.sign(direction[np.abs(direction[:6]).argmax()] or 1.0))
 
 
 def base_shares(stance: Stance, mode: Mode) -> Array:
-    """Return the share (6) of each direction of the base in a mode's motion with fixed joints: m v^2, I w^2, sum 1."""
+    """Return the shares (6) of the base's directions in a mode's motion: m v^2 and I w^2, sum 1."""
     inertia = np.diag(stance.mass_matrix())[:6]
     energy = inertia * mode.direction[:6] ** 2
     return np.asarray(energy / energy.sum())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is simulated: kicks that let the stance ring, and a foot that presses on a wall."""
+"""Simulated trials: kicks that let the stance ring, and a foot that presses on a wall."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Small dense matrices, row after row in one array, as the kernels have them.
+// Small dense matrices, row-major in one array, as in the kernels.
 
-/** A (n x k) times B (k x m). */
+/** Multiply A (n x k) by B (k x m). */
 export function multiply(A, B, n, k, m) {
   const C = new Float64Array(n * m);
   for (let i = 0; i < n; ++i) {
@@ -13,14 +13,14 @@ export function multiply(A, B, n, k, m) {
   return C;
 }
 
-/** The transpose (m x n) of A (n x m). */
+/** Return the transpose (m x n) of A (n x m). */
 export function transpose(A, n, m) {
   const T = new Float64Array(n * m);
   for (let i = 0; i < n; ++i) for (let j = 0; j < m; ++j) T[j * n + i] = A[i * m + j];
   return T;
 }
 
-/** (A - A^T)/2 of a square matrix. */
+/** Return the antisymmetric part (A - A^T)/2 of a square matrix. */
 export function antisymmetric(A, n) {
   return A.map((value, k) => (value - A[(k % n) * n + Math.floor(k / n)]) / 2);
 }
@@ -37,7 +37,7 @@ export const plus = (a, b, factor = 1) => a.map((value, k) => value + factor * b
 export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 export const identity = (n) => Float64Array.from({ length: n * n }, (_, k) => (k % (n + 1) === 0 ? 1 : 0));
 
-/** The matrix with these blocks on its diagonal: A (3 x 3), B (3 x 3). */
+/** Return the matrix with the blocks A (3 x 3) and B (3 x 3) on its diagonal. */
 export function blocks(A, B) {
   const M = new Float64Array(36);
   for (let i = 0; i < 3; ++i) {
@@ -49,7 +49,7 @@ export function blocks(A, B) {
   return M;
 }
 
-/** x with A x = b, A (n x n): Gauss with pivots; null where A is singular to rounding. */
+/** Solve A x = b, A (n x n), by Gaussian elimination with pivots; null where A is singular up to rounding. */
 export function solve(A, b) {
   const n = b.length, M = Float64Array.from(A), x = Float64Array.from(b);
   for (let k = 0; k < n; ++k) {
@@ -71,7 +71,7 @@ export function solve(A, b) {
   return x;
 }
 
-/** Eigenvalues and eigenvectors (columns of `vectors`) of a symmetric matrix: Jacobi's rotations. */
+/** Compute eigenvalues and eigenvectors (columns of `vectors`) of a symmetric matrix by Jacobi's rotations. */
 export function eigen(A, n) {
   const S = Float64Array.from(A), vectors = identity(n);
   const turned = (M, i, j, c, s, by, to) => {
@@ -99,7 +99,7 @@ export function eigen(A, n) {
   return { values: Array.from({ length: n }, (_, k) => S[k * n + k]), vectors };
 }
 
-/** Rotation (3 x 3) about w by the angle |w| [rad] (Rodrigues). */
+/** Return the rotation (3 x 3) about w by the angle |w| [rad] (Rodrigues). */
 export function turn(w) {
   const angle = norm(w), sine = angle < 1e-8 ? 1 : Math.sin(angle) / angle;
   const rest = angle < 1e-4 ? 0.5 : (1 - Math.cos(angle)) / angle ** 2;
@@ -107,7 +107,7 @@ export function turn(w) {
   return identity(3).map((value, k) => value + sine * W[k] + rest * W2[k]);
 }
 
-/** The rotation vector [rad] of a rotation by less than pi. */
+/** Return the rotation vector [rad] of a rotation by less than pi. */
 export function rotationVector(R) {
   const axis = [(R[7] - R[5]) / 2, (R[2] - R[6]) / 2, (R[3] - R[1]) / 2], sine = norm(axis);
   const angle = Math.atan2(sine, (R[0] + R[4] + R[8] - 1) / 2);

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: MIT
-// Where the joints stand: frames of the chain for drawing and for dragging a link. The tip's pose and Jacobian are the
-// kernels'.
+// Frames of the joints, for drawing and for dragging a link. The kernels compute the tip's pose and Jacobian.
 
 import { cross, multiply, norm, plus, turn } from "./algebra.js";
 
-/** A frame's point in the base's axes [m]. */
+/** Transform a point from a frame to the base [m]. */
 export const placed = (frame, point) => plus(frame.origin, multiply(frame.rotation, point, 3, 3, 1));
 
-/** Frames {rotation (9), origin (3), axis (3), value} of every joint at q; base axes, m, rad. */
+/** Return the frames {rotation (9), origin (3), axis (3), value} of all joints at q; base axes, m, rad. */
 export function jointFrames(robot, q) {
   const frames = [];
   for (const joint of robot.joints) {
@@ -23,7 +22,7 @@ export function jointFrames(robot, q) {
   return frames;
 }
 
-/** The tip's frame {rotation, origin} from its joint's; a tool at run time, [R p; 0 1] (16), follows. */
+/** Return the tip's frame {rotation, origin}; the pose of a tool at run time, [R p; 0 1] (16), is applied last. */
 export function tipFrame(robot, tip, frames, tool = null) {
   const joint = frames[tip.joint];
   let rotation = multiply(joint.rotation, tip.rotation.flat(), 3, 3, 3);
@@ -35,7 +34,7 @@ export function tipFrame(robot, tip, frames, tool = null) {
   return { rotation, origin };
 }
 
-/** Velocity (3 x coordinates) of a point that moves with a joint, by the coordinates' rates. */
+/** Return the Jacobian (3 x coordinates) of the velocity of a point that moves with a joint. */
 export function pointJacobian(robot, frames, joint, point) {
   const n = robot.coordinates.length, J = new Float64Array(3 * n);
   for (let k = joint; k >= 0; k = robot.joints[k].parent) {
@@ -47,7 +46,7 @@ export function pointJacobian(robot, frames, joint, point) {
   return J;
 }
 
-/** How far the arm reaches [m], at least: the length of its parts, of sliding joints half their way. */
+/** Return a lower bound of the arm's reach [m]: the length of its parts, and half the range of sliding joints. */
 export function reach(robot) {
   let most = 0;
   const lengths = [];
@@ -62,7 +61,7 @@ export function reach(robot) {
   return most || 1;
 }
 
-/** Joints inside their limits. */
+/** Clamp the joints to their limits. */
 export const within = (robot, q) =>
   q.map((value, k) => {
     const { lower, upper } = robot.coordinates[k];

@@ -3,7 +3,7 @@
 
 import { largest } from "./algebra.js";
 
-/** The page's colours by name, as [r, g, b] from 0 to 1; they change with the system's dark mode. */
+/** Return the page's colours by name, as [r, g, b] from 0 to 1; they follow the system's dark mode. */
 export function theme() {
   const style = getComputedStyle(document.documentElement);
   const parsed = (name) => {
@@ -17,7 +17,7 @@ export function theme() {
   return Object.fromEntries(names.map((name) => [name, parsed(name)]));
 }
 
-/** Of joints: the colours that stand for things that come in sevens. */
+/** Names of the joints' colours. */
 export const SHADES = ["#b35fc9", "#c9a227", "#6f8fa3", "#d6456b", "#4fb0a5", "#8a7ff0", "#9a6b4f"];
 export const shade = (k) => SHADES[k % SHADES.length];
 
@@ -29,7 +29,7 @@ function luminance(colour) {
   return 0.2126 * r + 0.7152 * g + 0.0722 * b;
 }
 
-/** A number as people read it: three digits, a true minus. */
+/** Format a number with three digits and a true minus sign. */
 export function number(value, digits = 3) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0) return "0";
@@ -48,7 +48,7 @@ function prepared(canvas) {
   return { pen, width, height };
 }
 
-/** A matrix (n x n) as a square of cells; shades grow with the square root of a value beside `most`. Null: none. */
+/** Draw a matrix (n x n) as a square of cells, shaded by the square root of value / `most`; null draws none. */
 export function drawMatrix(canvas, matrix, { n, most, colours, cursor, labels }) {
   const { pen, width } = prepared(canvas), edge = 22, size = (width - edge) / n;
   pen.textAlign = "center";
@@ -88,7 +88,7 @@ export function drawMatrix(canvas, matrix, { n, most, colours, cursor, labels })
   }
 }
 
-/** The cell [i, j] under a point of a matrix's canvas, or null. */
+/** Return the cell [i, j] under a point of a matrix's canvas, or null. */
 export function cellAt(canvas, x, y, n) {
   const edge = 22, size = (canvas.clientWidth - edge) / n, cell = [Math.floor((y - edge) / size), Math.floor((x - edge) / size)];
   return cell.every((k) => k >= 0 && k < n) ? cell : null;
@@ -98,7 +98,7 @@ const DASHES = { conventional: [], corrected: [], secant: [2, 3], exact: [8, 6] 
 const WIDTHS = { conventional: 2, corrected: 4, secant: 2, exact: 2 };
 export const LAPS = 3; // that are drawn and gone
 
-/** Work over LAPS laps: works[law] of one lap, a line at the place `laps` where the arm is. */
+/** Draw the work over LAPS laps from works[law] of one lap, with a line at the arm's place, `laps`. */
 export function drawWork(canvas, works, laps, colours) {
   const { pen, width, height } = prepared(canvas), left = 52, right = width - 8, top = 8, bottom = height - 30;
   const net = (law) => works[law].at(-1);
@@ -154,14 +154,14 @@ function niceStep(about) {
   return power * [1, 2, 5, 10].find((k) => k * power >= about);
 }
 
-/** Work that a law has put out when the arm is `laps` laps round. */
+/** Return the work that a law has done after `laps` laps. */
 export function workAt(once, laps) {
   const count = once.length - 1, whole = Math.floor(laps), at = (laps - whole) * count, k = Math.floor(at);
   const part = k < count ? once[k] + (at - k) * (once[k + 1] - once[k]) : once[count];
   return whole * once[count] + part;
 }
 
-/** The scale of the three stiffnesses, and that of the antisymmetric part, which is not less than a hundredth. */
+/** Return the scale of the three stiffnesses and of the antisymmetric part, which is at least a hundredth. */
 export function scales(matrices) {
   const most = Math.max(...["conventional", "corrected", "exact"].map((name) => (matrices[name] ? largest(matrices[name]) : 0)));
   return { most, antisymmetric: Math.max(largest(matrices.antisymmetric), most / 100) };

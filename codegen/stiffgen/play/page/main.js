@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The page: its state, what follows from it, and when it is drawn.
+// The page: its state, the values computed from the state, and the drawing.
 
 import { eigen, largest, multiply, plus, transpose } from "./algebra.js";
 import { reach, within } from "./chain.js";
@@ -52,12 +52,12 @@ async function start() {
   };
   let now = {}, waiting = { compute: true, frame: false }, colours = theme(), view = null;
 
-  // What follows from the state. Everything that calls kernels is here.
+  // Values computed from the state. All calls of kernels are here.
   function compute() {
     const begun = performance.now(), { tip, q, wrench, gains } = state;
     const matrices = stiffnesses(tip, q, wrench, gains, state.chosen), loop = closedLoop(tip, q, state.loop);
     const works = loopWork(tip, q, wrench, matrices, loop);
-    // The loop is drawn through the tip, or, where the tip turns on the spot, through a point beside it.
+    // The loop is drawn through the tip, or through a point beside the tip where the tip only turns.
     const pose = tip.pose(q), arm = [0, 0, 0];
     if (state.loop.kind === "turn") arm[3 - state.loop.axes[0] - state.loop.axes[1]] = 0.4 * reach(robot);
     const beside = multiply(transpose(rotationOf(pose), 3, 3), arm, 3, 3, 1);
@@ -274,7 +274,7 @@ async function start() {
   $("tips").hidden = robot.tips.length < 2;
   $("tip").addEventListener("change", () => update({ tip: tips[$("tip").value] }));
 
-  /** Take a posture; the slider that was moved (`by`) shows it already. */
+  /** Set the configuration; the slider that moved (`by`) shows it already. */
   function posture(q, by = null) {
     const back = state.lap !== 0;
     [state.lap, state.going] = [0, false];
@@ -332,7 +332,7 @@ async function start() {
   });
   calm.addEventListener("change", redraw);
   update();
-  // For tests and the curious: the console can call everything.
+  // Access from the console and from tests.
   window.playground = { robot, kernels, tips, state, view, compute, get now() { return now; } };
 }
 

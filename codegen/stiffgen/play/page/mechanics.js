@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Joint stiffness by three formulas, the spring behind them, and what a closed loop costs under four laws.
+// Joint stiffness by three formulas, the spring behind them, and the work of four laws on a closed loop.
 
 import {
   antisymmetric, blocks, dot, eigen, identity, largest, multiply, norm, plus, rotationVector, solve, transpose, turn,
@@ -26,7 +26,7 @@ export class Tip {
     return this.kernels.call(this.tip.kernels[role], { ...fixed, ...given });
   }
 
-  /** [R p; 0 1] (4 x 4) of the tip [m]. */
+  /** Return the tip's pose [R p; 0 1] (4 x 4) [m]. */
   pose(q) {
     return this.call("forward_kinematics", { q });
   }
@@ -35,18 +35,18 @@ export class Tip {
     return this.call("hybrid_jacobian", { q });
   }
 
-  /** Joint stiffness (n x n) [N m/rad] of a wrench and a task stiffness; `corrected` or conventional. */
+  /** Return the joint stiffness (n x n) [N m/rad] for a wrench and a task stiffness; `corrected` or conventional. */
   jointStiffness(q, wrench, K, corrected) {
     const role = corrected ? "hybrid_joint_stiffness" : "hybrid_joint_stiffness_uncorrected";
     return this.call(role, { q, wrench, task_stiffness: K });
   }
 
-  /** Torque of a spring {equilibrium, translation_stiffness, rotation_stiffness}, and others of its functions. */
+  /** Call a function of a spring {equilibrium, translation_stiffness, rotation_stiffness}, such as its torque. */
   spring(what, q, spring) {
     return this.call(`spring_${what}`, { q, ...spring });
   }
 
-  /** The spring whose equilibrium is off the tip's pose by the displacement d and the turn w (base axes). */
+  /** Return the spring whose equilibrium differs from the tip's pose by displacement d and rotation w (base axes). */
   springFrom(pose, d, w, gains) {
     const R = rotationOf(pose), back = transpose(turn(w), 3, 3), R0 = multiply(back, R, 3, 3, 3);
     const p0 = [0, 1, 2].map((i) => pose[4 * i + 3] - d[i]);
@@ -107,7 +107,7 @@ export class Tip {
     return Math.min(...eigen(K, 6).values) > 0 ? spring : null;
   }
 
-  /** A step of the joints (n without a base's) that moves a twist or velocity `way`, J (rows x n); damped least squares. */
+  /** Return the joint step (without the base) for a twist or velocity `way`, J (rows x n); damped least squares. */
   stepTowards(J, way, damping) {
     const rows = way.length, n = J.length / rows, T = transpose(J, rows, n);
     const A = multiply(J, T, rows, n, rows);
@@ -115,7 +115,7 @@ export class Tip {
     return multiply(T, solve(A, way), n, rows, 1);
   }
 
-  /** The Jacobian's columns of the joints alone. */
+  /** Return the Jacobian's columns of the joints, without the base. */
   jointColumns(J) {
     const rows = J.length / this.n;
     const kept = [];
@@ -146,7 +146,7 @@ export function stiffnesses(tip, q, wrench, gains, chosen) {
   };
 }
 
-/** Directions (u, v) in which a loop leaves q: two joints, or joint steps that carry or turn the tip. */
+/** Return the directions (u, v) of a loop through q: two joints, or joint steps that translate or turn the tip. */
 export function loopDirections(tip, q, loop) {
   const unit = (n, k) => Float64Array.from({ length: n }, (_, i) => (i === k ? 1 : 0));
   if (loop.kind === "joints") return loop.joints.map((k) => unit(tip.coordinates, k));
@@ -157,7 +157,7 @@ export function loopDirections(tip, q, loop) {
 export const POINTS = 120; // of a loop
 const FARTHEST = 0.8; // of a joint on a loop [rad or m]
 
-/** The loop about q: postures q + r (sin s u + (1 - cos s) v), which begin and end at q, and their derivatives by s. */
+/** Return the loop through q, q + r (sin s u + (1 - cos s) v), and its derivatives with respect to s. */
 export function closedLoop(tip, q, loop) {
   const [u, v] = loopDirections(tip, q, loop);
   const radius = Math.min(loop.radius, FARTHEST / (2 * Math.max(largest(u), largest(v), 1e-9)));
@@ -199,7 +199,7 @@ export function loopWork(tip, q, wrench, matrices, loop) {
   return works;
 }
 
-/** A posture in which the arm is bent: the middle of each joint's range, or some way beside it. */
+/** Return a configuration that bends the arm: near the middle of each joint's range. */
 export function bentPosture(robot) {
   return within(
     robot,
@@ -211,14 +211,14 @@ export function bentPosture(robot) {
   );
 }
 
-/** The smallest singular value of the joints' Jacobian (m and rad mixed): how far a posture is from a singular one. */
+/** Return the smallest singular value of the joints' Jacobian (m and rad mixed): the distance from a singularity. */
 export function distanceFromSingular(tip, q) {
   const J = tip.jointColumns(tip.jacobian(q)), n = tip.coordinates, T = transpose(J, 6, n);
   const few = Math.min(6, n);
   return Math.sqrt(Math.max(0, Math.min(...eigen(n < 6 ? multiply(T, J, n, 6, n) : multiply(J, T, 6, n, 6), few).values)));
 }
 
-/** From q, the joint moved alone that brings the arm nearest to a singular posture, to 2 degrees (or 2 % of its way) before it. */
+/** Move the one joint that brings the arm nearest to a singularity, to 2 degrees (or 2 % of its range) before it. */
 export function nearSingular(tip, q) {
   let best = { distance: Infinity, q };
   tip.robot.coordinates.forEach(({ lower, upper }, k) => {
@@ -235,7 +235,7 @@ export function nearSingular(tip, q) {
   return within(tip.robot, ways.reduce((a, b) => (Math.abs(a[best.k] - q[best.k]) < Math.abs(b[best.k] - q[best.k]) ? a : b)));
 }
 
-/** The joints moved so that the tip comes nearer to a place and an orientation (damped least squares, within limits). */
+/** Move the joints so that the tip approaches a position and an orientation (damped least squares, within limits). */
 export function follow(tip, q, place, orientation) {
   for (let round = 0; round < 8; ++round) {
     const pose = tip.pose(q), off = plus(place, originOf(pose), -1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Solids by WebGL: spheres, drums and cones, each with a place, a colour and an opacity.
+// Solids drawn by WebGL: spheres, drums and cones, each with a pose, a colour and an opacity.
 
 const VERTEX = `#version 300 es
 in vec3 position; in vec3 normal;
@@ -42,7 +42,7 @@ function sphere() {
   return { points, triangles };
 }
 
-/** About z from 0 to 1, of radius 1 below and `top` above, with both ends closed. */
+/** Make a solid about z from 0 to 1, with radius 1 below and `top` above, closed at both ends. */
 function drum(top) {
   const points = [], triangles = [], lean = 1 - top;
   const corner = (p, n) => points.push(...p, ...n) / 6 - 1;
@@ -59,7 +59,7 @@ function drum(top) {
   return { points, triangles };
 }
 
-/** Lines from -1 to 1 in x and y at z = 0. */
+/** Make a grid of lines from -1 to 1 in x and y at z = 0. */
 function grid() {
   const points = [], triangles = [];
   for (let k = -8; k <= 8; ++k) {
@@ -72,7 +72,7 @@ function grid() {
 
 const MESHES = { sphere: sphere(), drum: drum(1), cone: drum(0), grid: grid() };
 
-/** A canvas with solids on it. Throws where the browser has no WebGL. */
+/** Canvas with solids. The constructor throws where the browser has no WebGL. */
 export class Solids {
   constructor(canvas) {
     this.canvas = canvas;
@@ -123,7 +123,7 @@ export class Solids {
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
   }
 
-  /** items: {mesh, model (16, columns), colour (3), opacity, shaded}, those that are seen through last. */
+  /** Draw items {mesh, model (16, column-major), colour (3), opacity, shaded}; transparent ones come last. */
   draw(items, camera) {
     const { gl, canvas, at } = this, sharp = Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.round(canvas.clientWidth * sharp), height = Math.round(canvas.clientHeight * sharp);
@@ -150,10 +150,10 @@ export class Solids {
   }
 }
 
-/** A model matrix: columns x, y, z and origin. */
+/** Return a model matrix with the columns x, y, z and origin. */
 export const model = (x, y, z, origin) => Float32Array.of(...x, 0, ...y, 0, ...z, 0, ...origin, 1);
 
-/** The same lying flat on the floor, as the light from above throws it. */
+/** Project a model matrix onto the floor, as a shadow of light from above. */
 export function flattened(matrix, floor) {
   const flat = matrix.slice();
   for (const k of [2, 6, 10]) flat[k] *= 1e-4;

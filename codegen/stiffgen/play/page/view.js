@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The arm as solids, the camera, and what a pointer or the keys do to both.
+// The arm as solids, the camera, and the actions of pointer and keys.
 
 import { cross, dot, eigen, multiply, norm, plus, transpose } from "./algebra.js";
 import { jointFrames, placed, pointJacobian, reach, tipFrame, within } from "./chain.js";
@@ -12,13 +12,13 @@ const scaled = (a, factor) => Array.from(a, (x) => x * factor);
 const unit = (a) => scaled(a, 1 / (norm(a) || 1));
 const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
 
-/** Two directions that make a right-handed triad with `z`. */
+/** Return two directions that form a right-handed triad with `z`. */
 function beside(z) {
   const x = unit(cross(Math.abs(z[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0], z));
   return [x, cross(z, x)];
 }
 
-/** The distance of a ray from a segment, and how far along the ray it is nearest. */
+/** Return the distance of a ray from a segment, and the nearest place along the ray. */
 function rayToSegment(eye, way, from, to) {
   const along = plus(to, from, -1), between = plus(eye, from, -1), b = dot(way, along), c = dot(along, along);
   const d = dot(way, between), e = dot(along, between), bottom = c - b * b;
@@ -62,7 +62,7 @@ export class View {
     this.fit();
   }
 
-  /** Look at the middle of the arm as it stands, from where all of it is seen, with what is drawn about the tip. */
+  /** Look at the middle of the arm, from a place where all of it and the drawings about the tip are visible. */
   fit() {
     const { tip, q, loop } = this.state(), { links, tip: hand } = this.parts(tip, q), about = 0.36 * this.size;
     const points = [...links.flatMap(({ from, to }) => [from, to]), ...loop];
@@ -102,21 +102,21 @@ export class View {
     return { view, projection, eye, right, up, back, f, wide };
   }
 
-  /** The ray [eye, direction] through a place of the canvas, in pixels of the page from its corner. */
+  /** Return the ray [eye, direction] through a pixel of the canvas, counted from its corner. */
   ray(x, y) {
     const { eye, right, up, back, f, wide } = this.camera(), { clientWidth, clientHeight } = this.canvas;
     const across = ((2 * x) / clientWidth - 1) * (wide / f), high = (1 - (2 * y) / clientHeight) / f;
     return [eye, unit(plus(plus(scaled(right, across), up, high), back, -1))];
   }
 
-  /** Where a point is seen on the canvas, in pixels. */
+  /** Return the pixel of the canvas at which a point is seen. */
   seen(point) {
     const { eye, right, up, back, f, wide } = this.camera(), way = plus(point, eye, -1), depth = -dot(way, back);
     const { clientWidth, clientHeight } = this.canvas;
     return [(0.5 + (dot(way, right) * f) / (2 * wide * depth)) * clientWidth, (0.5 - (dot(way, up) * f) / (2 * depth)) * clientHeight];
   }
 
-  /** The arm's parts as capsules {from, to, radius, joint}, and its tip's frame. */
+  /** Return the arm's parts as capsules {from, to, radius, joint}, and the tip's frame. */
   parts(tip, q) {
     const frames = jointFrames(this.robot, q), links = [];
     const slim = (k) => this.thick * (1 - 0.45 * Math.min(1, (k + 1) / Math.max(4, this.robot.joints.length)));
@@ -188,7 +188,7 @@ export class View {
     return [...plain, ...shadows, ...solid, ...through];
   }
 
-  /** The force as an arrow at the tip; the moment as one with a ring about it. */
+  /** Draw the force as an arrow at the tip and the moment as an arrow with a ring. */
   arrows(at, wrench, colour, drum) {
     const force = wrench.slice(0, 3), moment = wrench.slice(3);
     for (const [vector, length] of [[force, 0.006], [moment, 0.03]]) {
@@ -226,7 +226,7 @@ export class View {
     this.drag = this.pointers.size === 1 ? this.grabbed(...place, event.pointerType === "touch" ? 1.8 : 1) : null;
   }
 
-  /** What lies under a place of the canvas: the loop's bead, the tip, a link, or null. */
+  /** Return the object under a pixel of the canvas: the loop's bead, the tip, a link, or null. */
   grabbed(x, y, ease) {
     const { tip, q, loop, marker } = this.state(), [eye, way] = this.ray(x, y), { frames, links, tip: hand } = this.parts(tip, q);
     const near = (point, radius) => rayToSegment(eye, way, point, point).distance < radius * ease;
@@ -262,7 +262,7 @@ export class View {
     }
   }
 
-  /** The joints moved so that the grabbed point of a link comes to a place. */
+  /** Move the joints so that the grabbed point of a link comes to a place. */
   pulled(tip, q, goal) {
     for (let round = 0; round < 4; ++round) {
       const frames = jointFrames(this.robot, q), point = placed(frames[this.drag.joint], this.drag.local);
