@@ -384,7 +384,8 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     dead = summary.faults and summary.fault_at < LIVE
     bound = summary.port_most - excess
     ratio = summary.port_most / bound if bound > 0 else np.inf
-    return Measured(excess, -np.inf if dead and excess <= 0 else excess, ratio, summary)
+    interest = 1 + excess if excess > 0 else ratio  # the excess alone would choose the smallest tank
+    return Measured(excess, -np.inf if dead and excess <= 0 else interest, ratio, summary)
 
 
 def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:
