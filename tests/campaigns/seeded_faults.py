@@ -16,17 +16,18 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from stiffgen.emit.build import kernel_sources
 from stiffgen.opened import open_robot
 from stiffgen.prove import harness
 from stiffgen.prove.run import prove
-from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, C, Fault, faulty
+from support.seeded_faults import CONTROLLER, FAULTS, FOLDER, Fault, faulty
 
 SANITIZERS = ("address,undefined,float-cast-overflow", "memory,undefined,float-cast-overflow")
 
 
 def said(fault: Fault, folder: Path, work: Path, sanitizer: str) -> str:
     """Run a program that calls the fault's kernel, or the controller; return a digest, or what is wrong."""
-    driver, sources = work / "driver.c", [folder / C]
+    driver, sources = work / "driver.c", kernel_sources(folder, "iiwa14")
     if fault.part == "memory":
         robot = open_robot(FOLDER)
         chosen = [each for each in harness.functions(robot) if each.qualified_name == fault.only]
