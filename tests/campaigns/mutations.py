@@ -107,7 +107,7 @@ class Workshop:
     def __init__(self, robot: GeneratedRobot, folder: Path) -> None:
         self.robot, self.folder, self.built = robot, folder, 0
         for file, text in print_again(robot).items():
-            if file.endswith((".c", ".h")):
+            if file.endswith((".c", ".h")) and "/" not in file:
                 (folder / file).write_text(text)
         self.text = (folder / f"{robot.name}_impedance.c").read_text()
         kernels = [str(each) for each in sorted(folder.glob(f"{robot.name}*.c"))

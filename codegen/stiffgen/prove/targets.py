@@ -72,9 +72,7 @@ def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
         targets = tuple(_target(row) for row in content["targets"])
         return dict(content["sources"]), targets
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise OutputError(
-            f"{file}: holds no targets ({error}); 'python tests/campaigns/targets.py --json FILE' makes them"
-        ) from error
+        raise OutputError(f"{file}: holds no targets ({error}); docs/targets.md says how they are measured") from error
 
 
 def _target(row: Any) -> Target:

@@ -30,7 +30,9 @@ def planted(folder: Path) -> str:
     return f"open({str(folder.parent / 'mark')!r}, 'w').close()\n"
 
 
-@pytest.mark.parametrize("file", ["__init__.py", "impedance.py", "numpy.py", "iiwa14_other.so", "extra/notes.txt"])
+@pytest.mark.parametrize(
+    "file", ["__init__.py", "python/impedance.py", "numpy.py", "iiwa14_other.so", "extra/notes.txt"]
+)
 def test_nothing_of_a_folder_with_other_files_is_run(file: str, robot_folder: Path, tmp_path: Path) -> None:
     folder = copy_folder(robot_folder, tmp_path)
     (folder / file).parent.mkdir(exist_ok=True)
@@ -44,10 +46,10 @@ def test_nothing_of_a_folder_with_other_files_is_run(file: str, robot_folder: Pa
 
 def test_bytecode_beside_the_sources_is_not_run(robot_folder: Path, tmp_path: Path) -> None:
     folder = copy_folder(robot_folder, tmp_path)
-    source, other = folder / "impedance.py", tmp_path / "other.py"
+    source, other = folder / "python" / "impedance.py", tmp_path / "other.py"
     other.write_text(source.read_text() + planted(folder))
     cache = Path(importlib.util.cache_from_source(str(source)))
-    cache.parent.mkdir()
+    cache.parent.mkdir(exist_ok=True)
     py_compile.compile(str(other), str(cache), doraise=True)
     content = bytearray(cache.read_bytes())
     content[8:16] = int(source.stat().st_mtime).to_bytes(4, "little") + source.stat().st_size.to_bytes(4, "little")

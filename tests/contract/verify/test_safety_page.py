@@ -49,7 +49,9 @@ def test_targets_of_other_bytes_are_refused(tmp_path: Path, capsys: pytest.Captu
     file = tmp_path / "targets.json"
     write_targets(file, open_robot(FOLDER), [TARGET])
     content = json.loads(file.read_text())
-    assert set(content["sources"]) == {file.name for end in ("c", "h") for file in FOLDER.glob(f"*.{end}")}
+    assert set(content["sources"]) == {
+        file.relative_to(FOLDER).as_posix() for end in ("c", "h") for file in FOLDER.rglob(f"*.{end}")
+    }
     file.write_text(json.dumps(content | {"sources": content["sources"] | {"iiwa14.c": "0" * 64}}))
     with pytest.raises(OutputError, match=r"about another iiwa14\.c"):
         targets_for(open_robot(FOLDER), file)

@@ -24,7 +24,7 @@ def test_a_wrong_transpose_is_found_in_the_width_that_has_it(lanes: int, robot_f
     if not width.is_available:
         pytest.skip(f"the processor has no {width.name}")
     folder = copy_folder(robot_folder, tmp_path)
-    source = folder / "iiwa14.c"
+    source = folder / "iiwa14_lanes.h"
     order = HALVES[lanes].split(", ")
     order[0], order[-1] = order[-1], order[0]
     right, wrong = (f"#define UPPER_HALVES {each}\n" for each in (HALVES[lanes], ", ".join(order)))
@@ -35,7 +35,7 @@ def test_a_wrong_transpose_is_found_in_the_width_that_has_it(lanes: int, robot_f
     robot = open_robot(folder)
     (tmp_path / "build").mkdir()
     libraries = build_widths(robot, tmp_path / "build")
-    assert {name: bool(library.iiwa14_self_check()) for name, library in libraries.items()} == {
+    assert {name: bool(library.iiwa14_batch_self_check()) for name, library in libraries.items()} == {
         name: name == width.name for name in libraries
     }
     table = tuple(kernel for kernel in robot.table if kernel.qualified_name == "hybrid_jacobian")

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""Folders that hold a part of what a robot can have: --kernels, --no-batches, --no-controller, --no-python."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import stiffgen
+from stiffgen.cli import main
+from stiffgen.errors import ChainError, OutputError
+from stiffgen.verify.verify import verify
+from support.c_program import STRICT
+from support.project import URDF, require_compiler
+
+SMALL = {"batches": False, "controller": False, "masses": False, "python": False}
+
+
+def test_smallest_useful_folder_has_800_lines_of_c(tmp_path: Path) -> None:
+    chosen = ["hybrid.joint_stiffness", "hybrid.jacobian"]
+    folder = stiffgen.generate(URDF, output=tmp_path, kernels=chosen, **SMALL)
+    assert {file.name for file in folder.iterdir()} == {
+        "iiwa14.h", "iiwa14.c", "iiwa14_lanes.h", "iiwa14.hpp", "CMakeLists.txt", "README.md", "manifest.json",
+    }  # fmt: skip
+    sources = [file for file in folder.iterdir() if file.suffix in (".c", ".h")]
+    assert sum(len(file.read_text().splitlines()) for file in sources) <= 800
+    command = [require_compiler("gcc"), "-std=c99", "-O1", *STRICT, "-c", folder / "iiwa14.c", "-o", tmp_path / "o"]
+    subprocess.run(command, check=True)
+    robot = stiffgen.open_robot(folder)
+    assert [kernel.qualified_name for kernel in robot.table] == [
+        "forward_kinematics", "hybrid_jacobian", "hybrid_joint_stiffness",
+    ]  # fmt: skip
+    with pytest.raises(OutputError, match="has no Python module"):
+        _ = robot.module
+    for command_line in (["verify"], ["bench"]):
+        assert main([*command_line, str(folder)]) == 2
+
+
+def test_controller_brings_the_functions_that_it_calls(tmp_path: Path) -> None:
+    folder = stiffgen.generate(URDF, output=tmp_path, kernels="limits", build=False)
+    names = {kernel.qualified_name for kernel in stiffgen.open_robot(folder).table}
+    assert {"limits_torque", "spring_linearization", "mass_matrix"} < names
+    assert "body_jacobian" not in names
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("unoptimised")
+def test_part_of_the_functions_is_verified(tmp_path: Path) -> None:
+    folder = stiffgen.generate(URDF, output=tmp_path, kernels="spatial")
+    assert [check for check in verify(folder, count=3) if not check.passed] == []
+
+
+def test_unknown_groups_and_contradictions_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ChainError, match=r"--kernels hybrd: .*groups are dynamics, gravity, body, spatial, hybrid"):
+        stiffgen.generate(URDF, output=tmp_path, kernels="hybrd", build=False)
+    with pytest.raises(ChainError, match="--no-batches"):
+        stiffgen.generate(URDF, output=tmp_path, cuda=True, batches=False, build=False)
+    assert list(tmp_path.iterdir()) == []
