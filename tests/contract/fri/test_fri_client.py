@@ -329,12 +329,6 @@ def test_after_the_trajectory_a_long_way_back_is_not_gone(one: Programs, tmp_pat
     assert len(wiped.steps) == 9 + 300 + 50 + 1  # refused at once
 
 
-def test_lockstep_sessions_are_bit_identical(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
-    script = moving_script(one, robot, 300)
-    first, second = (Wiped(one, script, tmp_path) for _ in range(2))
-    assert [step["sent"] for step in first.steps] == [step["sent"] for step in second.steps]
-
-
 @pytest.mark.slow
 def test_sanitizers_find_nothing_in_a_hostile_session(sanitized: Programs, robot: ModuleType, tmp_path: Path) -> None:
     script = moving_script(sanitized, robot, 200)

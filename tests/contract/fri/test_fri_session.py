@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import socket
 import subprocess
 from collections.abc import Callable
@@ -47,23 +46,6 @@ def test_repeated_sessions_are_equal_and_the_torque_is_the_controllers(
     assert np.ptp(first.robot.log["command_torque"][first.robot.log["has_torque"]]) > 5.0  # N m
 
 
-@versions
-def test_the_stiffness_without_correction_is_another_session(
-    session: Callable[..., Run], version: str, plate: ModuleType
-) -> None:
-    run = session(version, *LOCKSTEP, "--duration", 1.0, client=("--approach", 0.5, "--law", "conventional"))
-    assert run.code == EARLY
-    run.check(plate)
-
-
-@versions
-def test_receive_multiplier(session: Callable[..., Run], version: str) -> None:
-    run = session(version, "--lockstep", "--send-period", 1, "--receive-multiplier", 3, "--duration", 0.3)
-    assert (run.robot.code, run.code) == (0, EARLY)
-    assert run.robot.summary["accepted"] == run.robot.summary["sent"] // 3
-    assert run.robot.summary["missing_answers"] == 0
-
-
 # What the robot puts in, against the client's names for what it meets. Each row is one session.
 COUNTED = [
     {"garbage": "datagram_frame", "empty": "datagram_empty", "identifier": "datagram_identifier",
@@ -92,9 +74,8 @@ def test_faults_are_counted_and_harmless(
 
 
 @versions
-@pytest.mark.parametrize("share", [0.01, 0.1])
-def test_random_loss_both_ways(session: Callable[..., Run], version: str, plate: ModuleType, share: float) -> None:
-    options = (*LOCKSTEP, *TOLERANT, "--duration", 2.0, "--seed", 1, "--faults", f"drop={share}@0.1-3")
+def test_random_loss_both_ways(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
+    options = (*LOCKSTEP, *TOLERANT, "--duration", 2.0, "--seed", 1, "--faults", "drop=0.1@0.1-3")
     run = session(version, *options)
     assert (run.robot.code, run.code) == (0, EARLY)
     run.check(plate)
@@ -127,58 +108,14 @@ def test_silence_is_survived(session: Callable[..., Run], version: str, plate: M
 
 
 @versions
-@pytest.mark.parametrize("state", ["monitoring_wait", "monitoring_ready", "commanding_wait"])
-def test_state_drops_while_commanding(session: Callable[..., Run], version: str, plate: ModuleType, state: str) -> None:
-    run = session(version, *LOCKSTEP, "--duration", 1.0, "--faults", f"state@1.5:{state}")
+def test_state_drops_while_commanding(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
+    drops = "state@1.3:monitoring_wait,state@2.6:monitoring_ready,state@3.9:commanding_wait"
+    run = session(version, *LOCKSTEP, "--duration", 2.0, "--faults", drops)
     assert (run.robot.code, run.code) == (0, EARLY)
     run.check(plate)
     active = run.robot.log["state"] == SessionState.COMMANDING_ACTIVE
-    assert np.count_nonzero(np.diff(active.astype(int)) == 1) == 2
-    assert run.faults["state_drops"] == 2  # the drop, and the end before the trajectory's
-
-
-@versions
-def test_a_session_that_is_gone_at_once(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
-    run = session(version, *LOCKSTEP, "--duration", 1.0, "--faults", "state@1.5:idle")
-    assert "dropped to IDLE" in run.robot.summary["end"]
-    run.check(plate)
-
-
-@versions
-def test_quality_drop(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
-    run = session(version, *LOCKSTEP, "--duration", 1.0, "--faults", "quality@1.5-1.6:poor")
-    assert (run.robot.code, run.code) == (0, EARLY)
-    run.check(plate)
-    assert run.faults["quality_drops"] == 1
-
-
-@versions
-def test_a_robot_in_another_mode_is_refused(session: Callable[..., Run], version: str) -> None:
-    run = session(version, *LOCKSTEP, "--duration", 1.0, "--command-mode", "position")
-    assert run.code == 2
-    assert "torque mode" in run.error
-    assert run.error.count("\n") == 1
-    assert run.robot.code == 1
-    assert "the client" in run.robot.summary["end"]
-
-
-@versions
-def test_the_button_holds_the_trajectory(session: Callable[..., Run], version: str, plate: ModuleType) -> None:
-    run = session(version, *LOCKSTEP, "--duration", 2.0, "--press-button", 2.0, 4.0)
-    assert run.code == EARLY
-    run.check(plate)
-    assert run.client is not None
-    q0, time = run.client["q0"], run.client["time"]
-    held = time > 2.5
-    assert np.ptp(q0[held], axis=0).max() == 0.0
-    assert np.ptp(q0[time < 2.0], axis=0).max() > 0.01
-
-
-@versions
-def test_summary_is_json_of_both(session: Callable[..., Any], version: str) -> None:
-    run = session(version, *LOCKSTEP, "--duration", 0.2)
-    assert json.loads(json.dumps(run.robot.summary)) == run.robot.summary
-    assert run.client.summary["answers"] == run.robot.summary["accepted"]
+    assert np.count_nonzero(np.diff(active.astype(int)) == 1) == 4
+    assert run.faults["state_drops"] == 4  # the drops, and the end before the trajectory's
 
 
 # ---- the demo -------------------------------------------------------------------------------------------------------

@@ -388,14 +388,6 @@ def test_missing_fields_are_not_a_number_and_never_old(open_programs: Programs) 
     assert (steps[5]["seconds"], steps[5]["nanoseconds"]) == (0, 0)
 
 
-def test_message_without_connection_info_is_not_taken_for_idle(programs: Programs) -> None:
-    script = programs.script()
-    script.add(MONITORING_READY)
-    script.add(MONITORING_READY, change=lambda m: m.ClearField("connectionInfo"))
-    *steps, statistics = programs.probe(script)
-    assert "change" not in steps[1] and not steps[1]["sent"] and statistics["incomplete"] == 1
-
-
 def test_sequence_counter_tells_lost_messages_lost_answers_and_restarts(programs: Programs) -> None:
     script = programs.script()
     script.add(MONITORING_WAIT, 1)
