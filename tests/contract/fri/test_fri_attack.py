@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 from campaigns.attack_fri import DONE, EARLY, FAULT, INTERRUPTED, Attack, climb, measures, parse, untrue
 from support.fri_run import versions
-from support.fri_session import Programs, write_short_trajectory
+from support.fri_session import POSTURE, Programs, write_short_trajectory
 
 
 @pytest.fixture
@@ -95,3 +96,36 @@ def test_code_and_last_line_say_what_happened(attack: Attack, name: str) -> None
     told = attack.play(parse(line))
     assert told["code"] == code and text in told["sentence"]
     assert untrue(parse(line), told) == []
+
+
+def limit_starts(lower: np.ndarray, upper: np.ndarray) -> dict[str, np.ndarray]:
+    """Return configurations 1e-3 rad inside one limit each, and A4 and A6 together."""
+    starts = {}
+    for joint in range(7):
+        for name, limit, inward in (("lower", lower, 1), ("upper", upper, -1)):
+            q = POSTURE.copy()
+            q[joint] = limit[joint] + 1e-3 * inward
+            starts[f"A{joint + 1} {name}"] = q
+    starts["A4 and A6"] = np.where(np.isin(np.arange(7), (3, 5)), upper - 1e-3, POSTURE)
+    return starts
+
+
+@pytest.mark.parametrize("period", [5, *(pytest.param(p, marks=pytest.mark.slow) for p in (1, 2, 10))])
+def test_starts_at_joint_limits_with_the_default_torque_rise(
+    period: int, make_programs: Callable[[str], Programs], plate: ModuleType, tmp_path: Path
+) -> None:
+    """The session runs to its end, and no joint exceeds the default --speed-share (0.9) of its velocity limit."""
+    s = np.linspace(0.0, 1.0, 201)
+    way = 10 * s**3 - 15 * s**4 + 6 * s**5
+    middle = (plate.LOWER + plate.UPPER) / 2
+    program = make_programs("2.7").folder / "attack"
+    found = {}
+    for name, start in limit_starts(plate.LOWER, plate.UPPER).items():
+        inward = np.where(np.abs(start - POSTURE) > 0, 0.2 * np.sign(middle - start), 0.0)
+        q = start - 0.02 * np.eye(7)[0] * (name != "A1 lower")  # the arm starts 0.02 rad along A1 from there
+        np.savetxt(tmp_path / "inward.csv", q + np.outer(way, inward), delimiter=",", fmt="%.10f")
+        with Attack(program, tmp_path / "inward.csv") as attack:
+            told = attack.play(parse(f"{period}: 1"))
+        if told["code"] != DONE or told["fast"] > 0.9:
+            found[name] = (told["code"], told["fast"], told["sentence"])
+    assert not found
