@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""What is wrong with a URDF file, said before anything is made of it.
+"""Checks of a URDF file before a description is made of it.
 
-Every problem names the element, the fault and the remedy. Numbers that pass are kept for the reader.
+Every problem names the element, the fault and the remedy. Numbers that pass are stored for the reader.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _WORD = re.compile(r"[^ \t\r\n]+")
 
 
 class Checker:
-    """Walks the XML once, yields the problems, and keeps what reading needs afterwards."""
+    """One walk over the XML: yields the problems and stores what the reader needs."""
 
     def __init__(self, robot: etree._Element, ignored: Collection[str] = ()) -> None:
         self.robot = robot
@@ -113,7 +113,7 @@ class Checker:
                     "a URDF is a tree: give each link one parent joint",
                 )
         yield from self._origin(this, element)
-        # Real files have zero axes and empty limits on joints that do not move; nobody reads them.
+        # Real files have zero axes and empty limits on joints that do not move; these are not read.
         if kind in MOVING_TYPES:
             for problem in self._axis(this, element):
                 yield replace(problem, affects="motion")
@@ -200,7 +200,7 @@ class Checker:
         self.sound_mimics.update(followed)
 
     def _at_zero(self, joint: str) -> bool:
-        """Whether a joint and all that it may be meant to follow stand at zero: no <mimic> among them has an offset."""
+        """Return whether a joint and all joints it may be meant to follow stand at zero: no <mimic> has an offset."""
         seen: set[str] = set()
         while joint in self.joints and joint not in seen and self.joints[joint].get("type") != "fixed":
             if not self._has_no_offset(joint):

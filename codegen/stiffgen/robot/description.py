@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a URDF file says: :class:`Description`, links and joints with checked numbers, and every problem of the file."""
+"""Content of a URDF file: links and joints with checked numbers, and every problem of the file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Mimic:
 
 @dataclass(frozen=True)
 class JointElement:
-    """A ``<joint>`` as the file has it (SI units, radians). ``axis`` is of unit length, or zero on a joint
+    """Element ``<joint>`` of the file (SI units, radians). ``axis`` is of unit length, or zero on a joint
     that does not move. Limits that the file leaves out are infinite; of two position limits, one left out is 0.
     """
 
@@ -57,7 +57,7 @@ class JointElement:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something wrong with the file. ``element`` is "file", "joint NAME" or "link NAME": a problem of the file
+    """Fault of the file. ``element`` is "file", "joint NAME" or "link NAME": a problem of the file
     refuses every chain, one of a joint or link only the chains whose result it can change.
 
     ``affects`` says how: "place" wherever the element is on the chain or rides on it, "motion" (axis, type) where the
@@ -73,7 +73,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Description:
-    """The checked content of a URDF file. ``joints`` is keyed by joint name, ``inertials`` by link name (None:
+    """Checked content of a URDF file. ``joints`` is keyed by joint name, ``inertials`` by link name (None:
     the link has no ``<inertial>``); ``digest`` is the SHA-256 of the file's bytes. ``notes`` tell of a vendor's own
     elements, which are ignored.
     """
@@ -93,17 +93,17 @@ class Description:
 
     @property
     def parent_joint(self) -> dict[str, JointElement]:
-        """The joint above each link; the root has none."""
+        """Joint above each link; the root has none."""
         return {joint.child: joint for joint in self.joints.values()}
 
     @property
     def root(self) -> str:
-        """The link that is no joint's child."""
+        """Link that is no joint's child."""
         above = self.parent_joint
         return next(link for link in self.links if link not in above)
 
     @property
     def leaves(self) -> tuple[str, ...]:
-        """The links that are no joint's parent, in file order: the usual tips."""
+        """Links that are no joint's parent, in file order: the usual tips."""
         parents = {joint.parent for joint in self.joints.values()}
         return tuple(link for link in self.links if link not in parents)

@@ -23,7 +23,9 @@ _DIGITS = 50
 SNAP = 1e-11
 """The one threshold [rad]: an angle this near a multiple of pi/2 is that multiple, an axis this near a coordinate plane
 lies in it (and so on a coordinate axis, near two). Anything farther off is taken as it is written."""
-_NEGLIGIBLE = 1e-15  # of the scale of a number: what is left of a cancellation
+_NEGLIGIBLE = 1e-15
+"""Fraction of the scale of a number below which it counts as the rest of a cancellation and becomes 0. Rotations and
+translations have the scales 1 and 1 m: a length of at most 1e-15 m in a file is 0 in the generated code."""
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Vector = tuple[float, float, float]
@@ -56,7 +58,7 @@ class Pose:
 
     @staticmethod
     def from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> Pose:
-        """URDF's ``<origin>``: translation [m] and fixed-axis roll, pitch, yaw [rad], R = Rz(y) Ry(p) Rx(r)."""
+        """Return the pose of an ``<origin>``: translation [m] and fixed-axis rpy [rad], R = Rz(y) Ry(p) Rx(r)."""
         (cr, sr), (cp, sp), (cy, sy) = (_cos_sin(angle) for angle in rpy)
         rotation = (
             (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
@@ -67,7 +69,7 @@ class Pose:
 
     @staticmethod
     def rotation_about(axis: Sequence[float], angle: float) -> Pose:
-        """Rotation by ``angle`` [rad] about a unit axis through the origin (Rodrigues)."""
+        """Return the rotation by ``angle`` [rad] about a unit axis through the origin (Rodrigues)."""
         c, s = _cos_sin(angle)
         x, y, z = (mpf(v) for v in axis)
         t = 1 - c
@@ -99,19 +101,22 @@ class Pose:
         return Pose(back, tuple(-v for v in apply(back, self.translation)))
 
     def rounded(self) -> tuple[Matrix, Vector]:
-        """Rotation and translation as doubles, each entry correctly rounded."""
+        """Return rotation and translation as doubles, each entry correctly rounded.
+
+        Entries of at most 1e-15 (of a translation: 1e-15 m) become 0.
+        """
         r, p = self.rotation, self.translation
         return (_vector(r[0]), _vector(r[1]), _vector(r[2])), _vector(p)
 
 
 def multiply(a: Sequence[Sequence[Real]], b: Sequence[Sequence[Real]]) -> tuple[tuple[Real, ...], ...]:
-    """Product of two 3x3 matrices."""
+    """Return the product of two 3x3 matrices."""
     columns = list(zip(*b, strict=True))
     return tuple(tuple(sum(x * y for x, y in zip(row, col, strict=True)) for col in columns) for row in a)
 
 
 def apply(a: Sequence[Sequence[Real]], v: Sequence[Real]) -> tuple[Real, ...]:
-    """Product of a 3x3 matrix and a vector."""
+    """Return the product of a 3x3 matrix and a vector."""
     return tuple(sum(x * y for x, y in zip(row, v, strict=True)) for row in a)
 
 
@@ -146,7 +151,7 @@ class Inertia:
 
     @staticmethod
     def zero() -> Inertia:
-        """No mass at all."""
+        """Return an inertia without mass."""
         return Inertia(mpf(0), (mpf(0),) * 3, ((mpf(0),) * 3,) * 3)
 
     @staticmethod
@@ -185,7 +190,7 @@ class Inertia:
         )
 
     def rounded(self, scale: Inertia | None = None) -> tuple[float, Vector, Matrix]:
-        """Mass, first moment and tensor as doubles.
+        """Return mass, first moment and tensor as doubles.
 
         An entry is zero below 1e-15 of what a body of this size has (by default its own: the largest entry of the
         tensor, and the moment that it allows), however light or small the body is.
@@ -199,7 +204,7 @@ class Inertia:
 
 
 def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
-    """Whether a rigid body can have this inertia tensor about its centre of mass (1 % slack: exports are rounded)."""
+    """Return whether a rigid body can have this inertia tensor about its centre of mass (1 % slack for rounding)."""
     # Principal moments of a symmetric 3x3 matrix in closed form.
     largest = max(map(abs, (xx, xy, xz, yy, yz, zz)))
     if largest == 0:

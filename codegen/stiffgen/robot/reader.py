@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""URDF file -> :class:`Description`.
+"""Reader: a URDF file becomes a :class:`Description`.
 
 The file is untrusted input. It is parsed once by lxml without entities, DTDs or network; what a chain needs
 (links, inertials, joints) is checked (:mod:`stiffgen.robot.checker`) and handed to yourdfpy, which reads the elements.
@@ -142,7 +142,7 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
 
 
 def _well_formed(data: bytes) -> etree._Element:
-    """Parse; faults of the kinds in ``_HARMLESS`` pass."""
+    """Parse XML; faults of the kinds in ``_HARMLESS`` pass."""
     settings = {
         "resolve_entities": False,
         "load_dtd": False,
@@ -163,7 +163,7 @@ def _well_formed(data: bytes) -> etree._Element:
 
 
 def _drop_default_namespace(root: etree._Element) -> None:
-    """<robot xmlns="..."> puts its elements in a namespace; a URDF has none, so the tags are taken without it."""
+    """Remove the namespace of ``<robot xmlns="...">`` from all tags; a URDF has none."""
     if root.prefix is None and str(root.tag).startswith("{"):
         namespace = str(root.tag)[: str(root.tag).index("}") + 1]
         for element in root.iter(f"{namespace}*"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a chain to a tip would have, and what it leaves out: for those who meet a description for the first time."""
+"""Survey of the chain to a tip, for ``stiffgen inspect``: its coordinates, and the joints that it leaves out."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from stiffgen.robot.selection import Selection, carried_links, select
 
 @dataclass(frozen=True)
 class TipSurvey:
-    """A tip, the base of the longest chain to it, and the joints that would be its coordinates (q).
+    """Tip, base of the longest chain to it, and joints that are the chain's coordinates (q).
 
-    ``left_out`` names the robot's other joints by what becomes of them; ``hindrance`` says what refuses the chain, or
-    its mass matrix alone (then ``coordinates`` are there). ``floating``: a floating joint of the file holds the base,
-    and the six coordinates of its twist stand before those.
+    ``left_out`` names the robot's other joints by what becomes of them. ``hindrance`` says what refuses the chain, or
+    its mass matrix alone (then there are ``coordinates``). If ``floating``, a floating joint of the file holds the
+    base, and the six coordinates of its twist come before q.
     """
 
     tip: str
@@ -29,7 +29,7 @@ class TipSurvey:
 
 
 def survey_tip(description: Description, tip: str, base: str | None = None) -> TipSurvey:
-    """Look at the chain to a tip; from ``base``, or the link nearest the root from which there is one.
+    """Return the survey of the chain to a tip from ``base``, by default from the link nearest the root.
 
     Raises:
         ChainError: no such tip or base.

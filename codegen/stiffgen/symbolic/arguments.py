@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What kernels take and give: name, shape, unit and meaning, by which header, docstrings and manifests speak."""
+"""Arguments and results of kernels: name, shape, unit and meaning, as printed in headers, docstrings and manifests."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.program import Array
 
 Extent = int | str
-"""A fixed extent, "n", the number of velocity coordinates, "q", of joint positions (fewer on a floating base), or
+"""Extent: a number, "n", the number of velocity coordinates, "q", of joint positions (fewer on a floating base), or
 "triangle", of the entries that the upper triangle of n rows has."""
 
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
+    """Argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
 
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
     formulas have for an argument, ``plural`` its name where it holds one block a tip. ``of_posture`` says that it is

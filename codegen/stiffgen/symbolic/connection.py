@@ -40,7 +40,7 @@ Coefficients: TypeAlias = Any
 
 
 def basis_matrix(i: int) -> sp.ImmutableMatrix:
-    """E_i, the 4x4 matrix of the i-th basis twist (0-based, linear first): E_i = [[w]x, v; 0, 0]."""
+    """Return E_i, the 4x4 matrix of the i-th basis twist (0-based, linear first): E_i = [[w]x, v; 0, 0]."""
     return _hat([sp.Integer(i == k) for k in _BASIS])
 
 
@@ -59,7 +59,7 @@ def _vee(matrix: sp.Matrix) -> list[sp.Expr]:
 
 @cache
 def structure_coefficients(representation: Representation) -> Coefficients:
-    """C^k_ij of the brackets [e_i, e_j] = C^k_ij e_k of the representation's frame field.
+    """Return C^k_ij of the brackets [e_i, e_j] = C^k_ij e_k of the representation's frame field.
 
     Body: the matrix commutator. Spatial: its opposite (right-invariant fields). Hybrid: translations along base
     axes commute with everything, while rotations in base axes bracket as right-invariant fields of SO(3).
@@ -80,7 +80,7 @@ def structure_coefficients(representation: Representation) -> Coefficients:
 
 @cache
 def connection_coefficients(representation: Representation) -> Coefficients:
-    """Gamma^k_ij of the kinematic connection, as exact rationals [k, i, j].
+    """Return Gamma^k_ij of the kinematic connection, as exact rationals [k, i, j].
 
     Each is torsion-free for its own frame field: Gamma^k_ji - Gamma^k_ij = C^k_ij of the same representation.
     """
@@ -122,6 +122,6 @@ def _hybrid_from_body() -> Coefficients:
 
 
 def gamma_F(representation: Representation, wrench: list[sp.Expr]) -> sp.ImmutableMatrix:
-    """(Gamma F)_ij = sum_k Gamma^k_ij F_k as a 6x6 SymPy matrix, [N] and [N m]; ``wrench`` is (f, m)."""
+    """Return (Gamma F)_ij = sum_k Gamma^k_ij F_k as a 6x6 SymPy matrix, [N] and [N m]; ``wrench`` is (f, m)."""
     gamma = connection_coefficients(representation)
     return sp.ImmutableMatrix(6, 6, lambda i, j: sum((gamma[k, i, j] * wrench[k] for k in _BASIS), sp.Integer(0)))

@@ -9,7 +9,7 @@ at that point, and take a tip at p from there, with wrench (f, m) and task stiff
     Kq_ij = S_i . u_j       u_j = X^T K X S_j + (0, v_j x f + w_j x m / 2 + Q w_j)       Q = p f^T - (p . f) 1
 
 for i on the way from the base to j, else 0. X^T K X, f, m and Q add up over the tips beyond joint j, as the inertias of
-composite bodies do: whatever the number of tips, one covector u_j a joint and one product a pair. The spatial form,
+composite bodies do: whatever the number of tips, one covector u_j per joint and one product per pair. The spatial form,
 whose connection belongs to the point that all its columns are taken at, is the case p = 0. Springs have hybrid wrenches
 and stiffnesses; their torque is tau_j = -S_j . W_j with the sum W_j of their wrenches, moments about the common point.
 
@@ -43,7 +43,7 @@ from stiffgen.symbolic.springs import Spring
 
 @dataclass(frozen=True)
 class _Load:
-    """What of one tip or several adds up: K moved to the common point, f, m at the tips, and Q."""
+    """Load of one tip or several, which adds up: K moved to the common point, f, m at the tips, and Q."""
 
     K: ca.SX
     f: ca.SX
@@ -54,13 +54,13 @@ class _Load:
         return _Load(self.K + other.K, self.f + other.f, self.m + other.m, self.Q + other.Q)
 
     def covector(self, column: ca.SX) -> ca.SX:
-        """u_j of a joint with the column S_j."""
+        """Return u_j of a joint with the column S_j."""
         v, w = column[:3], column[3:]
         turning = cross(v, self.f) + cross(w, self.m) / 2 + self.Q @ w
         return ca.densify(self.K @ column + ca.vertcat(ca.SX.zeros(3), turning))
 
     def moment(self, point: ca.SX) -> ca.SX:
-        """Moment of the wrenches about a point, seen from the common one."""
+        """Return the moment of the wrenches about a point in the common frame."""
         return self.wrench[3:] - cross(point, self.f)
 
     @property
@@ -71,7 +71,7 @@ class _Load:
 
 
 def columns_and_covectors(chain: Chain, *given: ca.SX, representation: Representation) -> Expressions:
-    """Columns S over covectors u: a (12 x number of joints) matrix with Kq_ij = S_i . u_j for i on the way to j.
+    """Return columns S over covectors u (12 x number of joints) with Kq_ij = S_i . u_j for i on the way to j.
 
     Args:
         chain: the tree.
@@ -133,7 +133,7 @@ def spring_terms(chain: Chain, *given: ca.SX, spring: Spring, parts: str) -> Exp
 
 @dataclass(frozen=True)
 class _Seen:
-    """A tree from the common point: frames and columns of its joints, rotation and origin of its tips."""
+    """Tree as seen from the common point: frames and columns of its joints, rotation and origin of its tips."""
 
     sections: list[Section]
     frames: list[Frame]
@@ -155,9 +155,9 @@ class _Seen:
 
 
 def _beyond(chain: Chain, loads: Sequence[_Load]) -> list[_Load | None]:
-    """For every joint the sum of the loads beyond it, None where there is no tip.
+    """Return for every joint the sum of the loads beyond it, None where there is no tip.
 
-    A joint beyond all tips is one whose coordinate a mimic joint shares.
+    A joint beyond all tips shares its coordinate with a mimic joint.
     """
     beyond: list[_Load | None] = [None] * len(chain.joints)
     for tip, load in zip(chain.tips, loads, strict=True):
@@ -170,7 +170,7 @@ def _beyond(chain: Chain, loads: Sequence[_Load]) -> list[_Load | None]:
 
 
 def _covectors(chain: Chain, seen: _Seen, totals: Sequence[_Load | None]) -> list[ca.SX]:
-    """u_j of every joint."""
+    """Return u_j of every joint."""
     covectors = [ca.SX.zeros(6)] * len(chain.joints)
     for index, total in enumerate(totals):
         if total is None:
@@ -190,7 +190,7 @@ def _blocks(values: ca.SX, count: int) -> list[ca.SX]:
 
 
 def _place(tip: Tip, frame: Frame, tool: ca.SX | None) -> tuple[ca.SX, ca.SX]:
-    """Rotation and origin of a tip, or of the tool at it."""
+    """Return rotation and origin of a tip, or of the tool at it."""
     rotation, origin = constant(tip.rotation), constant(tip.translation)
     if tool is not None:
         pose = ca.reshape(tool, 4, 4).T

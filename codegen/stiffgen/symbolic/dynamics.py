@@ -33,8 +33,10 @@ _ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
 
 @dataclass(frozen=True)
 class _Link:
-    """A moving link in axes whose z is its joint's axis: where these stand in those of the link before (rotation,
-    translation [m], at zero position), and its base inertial parameters: mass [kg], first moment [kg m] and inertia
+    """Moving link in axes whose z is its joint's axis.
+
+    ``rotation`` and ``translation`` [m] are its pose in the link before at zero position; its base inertial parameters
+    are mass [kg], first moment [kg m] and inertia
     tensor about the joint's origin [kg m^2]. Zeros are structural.
     """
 
@@ -46,7 +48,7 @@ class _Link:
 
 
 def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
-    """Mass matrix of the moving joints, all of which turn, as m*m numbers row by row.
+    """Return the mass matrix of moving joints that all turn, as m*m numbers row by row.
 
     Every h_j is taken from link to link towards the base: the fewest operations, but quadratic in length.
     """
@@ -73,7 +75,7 @@ def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
 
 
 def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
-    """Jacobian columns over momenta: a (12 x number of joints) matrix, rows 0..5 J_j, rows 6..11 h_j, linear first.
+    """Return Jacobian columns over momenta (12 x number of joints): rows 0..5 J_j, rows 6..11 h_j, linear first.
 
     Both are taken about the origin of the first joint on the way to joint j and in the axes of its link. The length is
     linear in the number of joints; the products J_i . h_j are left to a loop.
@@ -161,7 +163,7 @@ def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
 
 
 def _rate_of_momentum(link: _Link, turning: ca.SX, turning_rate: ca.SX, linear: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Force and moment about the link's origin that accelerate it (Newton, Euler)."""
+    """Return force and moment about a link's origin that accelerate it (Newton, Euler)."""
     moved = cross(turning, link.moment)
     force = link.mass * linear + cross(turning_rate, link.moment) + cross(turning, moved)
     moment = link.tensor @ turning_rate + cross(turning, link.tensor @ turning) + cross(link.moment, linear)
@@ -169,7 +171,7 @@ def _rate_of_momentum(link: _Link, turning: ca.SX, turning_rate: ca.SX, linear: 
 
 
 def _shift(chain: Chain, joint: Joint, link: _Link, q: ca.SX) -> ca.SX:
-    """Where a link's origin stands, seen from the link before."""
+    """Return the position of a link's origin in the link before."""
     if not joint.prismatic:
         return link.translation
     return link.translation + link.rotation[:, 2] * joint_position(chain, joint, q)
@@ -212,7 +214,7 @@ def _sine_cosine(chain: Chain, joint: Joint, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 def _frames(
     chain: Chain, links: list[_Link], turns: list[_Turn], q: ca.SX, sections: list[Section]
 ) -> list[tuple[ca.SX, ca.SX]]:
-    """Of every joint the axes before its own turn (z is its axis) and its origin, as seen by the first link."""
+    """Return the axes of each joint before its own turn (z is its axis) and its origin, in the first link."""
     before: list[tuple[ca.SX, ca.SX]] = []
     after: list[tuple[ca.SX, ca.SX]] = []
     inner = {joint.parent for joint in chain.joints}
@@ -242,7 +244,9 @@ def _frames(
 def _momenta(
     chain: Chain, links: list[_Link], turns: list[_Turn], q: ca.SX, sections: list[Section]
 ) -> list[tuple[ca.SX, ca.SX]]:
-    """Momentum (linear, angular) of all beyond a joint at its unit rate, about its origin, in its axes before its turn.
+    """Return the momentum (linear, angular) of everything beyond each joint at its unit rate.
+
+    Momenta are about the joint's origin, in its axes before its turn.
 
     From the tips inwards, composites by composites: mass, first moment m and inertia I about the joint's origin.
     """
@@ -292,7 +296,7 @@ def _turned_tensor(tensor: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
 
 
 def _moved(mass: float, moment: ca.SX, tensor: ca.SX, by: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """First moment and inertia about a point, of a body given about a point that stands ``by`` from it (Steiner)."""
+    """Shift first moment and inertia of a body to another point, from which the old one stands ``by`` (Steiner)."""
     moved = moment + mass * by if mass else moment
     outer = moment @ by.T + by @ moved.T
     steiner = ca.dot(by, moment + moved) * ca.SX.eye(3) - outer
@@ -304,8 +308,9 @@ def _symmetric(matrix: ca.SX) -> ca.SX:
 
 
 def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
-    """Every link with what does not feel its joint's motion counted with the link before; and, of a floating base, the
-    base link with all that is counted with it.
+    """Return all links, and a floating base's link.
+
+    Inertia that does not feel its joint's motion is counted with the link before.
     """
     joints = chain.joints
     aligned = [Pose.turned(aligning_rotation(joint.axis)) for joint in joints]

@@ -35,7 +35,7 @@ def axes_and_moment_rates(chain: Chain, q: ca.SX) -> Expressions:
 
 
 def potential_energy(chain: Chain, first_moment: ca.SX, gravity: ca.SX, base_pose: ca.SX | None = None) -> Expressions:
-    """U [J], 0 where the centre of mass lies at the base's height, or that of the world's origin if the base floats."""
+    """Return U [J]: 0 where the centre of mass is at the height of the base, or for a floating base of the world."""
     if base_pose is not None:
         mass = sum(joint.body.mass for joint in chain.joints)
         first_moment = base_pose[:3, :3] @ first_moment + mass * base_pose[:3, 3]
@@ -48,22 +48,22 @@ def in_base_axes(base_pose: ca.SX, gravity: ca.SX) -> ca.SX:
 
 
 def moment_rate(column: ca.SX, gravity: ca.SX) -> ca.SX:
-    """dU/dq_j = -g . w_j from a column of :func:`axes_and_moment_rates`."""
+    """Return dU/dq_j = -g . w_j from a column of :func:`axes_and_moment_rates`."""
     return ca.SX(-ca.dot(gravity, column[3:]))
 
 
 def covector(column: ca.SX, gravity: ca.SX) -> ca.SX:
-    """u_j = g x w_j with d2U/dq_i dq_j = a_i . u_j."""
+    """Return u_j = g x w_j with d2U/dq_i dq_j = a_i . u_j."""
     return cross(gravity, column[3:])
 
 
 def second_derivative(column: ca.SX, covector: ca.SX) -> ca.SX:
-    """a_i . u_j."""
+    """Return a_i . u_j."""
     return ca.SX(ca.dot(column[:3], covector))
 
 
 class _MovedMasses:
-    """Of every joint, in base axes: its axis, and mass [kg] and first moment [kg m] about its origin of all beyond it.
+    """Axis of each joint, and mass [kg] and first moment [kg m] about its origin of everything beyond it, in base axes.
 
     ``first_moment`` is that of all joints together, about the base's origin.
     """

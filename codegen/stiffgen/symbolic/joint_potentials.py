@@ -28,7 +28,7 @@ Part = Literal["energy", "torque", "joint_stiffness"]
 
 @dataclass(frozen=True)
 class JointPotential:
-    """A potential of q, a sum over the coordinates; ``name`` is the group of its kernels.
+    """Potential of q, a sum over the coordinates; ``name`` is the group of its kernels.
 
     ``energy`` is that of one coordinate: of its position, and of the ``parameters``, its own where there is one each.
     """
@@ -85,7 +85,7 @@ JOINT_POTENTIALS = (POSTURE, LIMITS)
 
 
 def term(q: ca.SX, *parameters: ca.SX, potential: JointPotential, part: Part) -> ca.SX:
-    """Energy U, torque -dU/dq or joint stiffness d2U/dq2 of one coordinate."""
+    """Return energy U, torque -dU/dq or joint stiffness d2U/dq2 of one coordinate."""
     at = ca.SX.sym("q")
     energy = potential.energy(at, *parameters)
     gradient = ca.gradient(energy, at)

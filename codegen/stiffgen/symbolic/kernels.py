@@ -30,19 +30,19 @@ _Steps = Callable[[Chain], Program]
 
 @dataclass(frozen=True)
 class Batch:
-    """A C function for many configurations in one call: what its name has behind the kernel's, and what it gives."""
+    """C function for many configurations in one call: suffix of its name, and its results."""
 
     suffix: str
     results: tuple[Argument, ...]
 
 
 PACKED = "_packed"
-"""What the names of functions have that give symmetric results as their upper triangles."""
+"""Suffix of functions that store symmetric results as their upper triangles."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """One function of every generated robot.
+    """Function of every generated robot.
 
     ``group`` is the namespace: a representation, a spring, or None for what belongs to neither; ``tip`` is None for
     what belongs to no single tip of several (and for the functions of an only tip). ``equation`` names what the kernel
@@ -59,14 +59,14 @@ class Kernel:
     note: str = ""
     tip: Tip | None = None
     batch: bool = False
-    """Whether C has it for many configurations in one call, too: :attr:`batches`."""
+    """Whether C also has it for many configurations in one call: :attr:`batches`."""
     part_of: str = ""
-    """Name of another kernel of the group, with the same arguments, which gives these results beside others at hardly
-    more cost: one vector-Jacobian product does for both."""
+    """Name of a kernel of the group with the same arguments that computes these results beside others at hardly more
+    cost: one vector-Jacobian product serves both."""
     product_of: str = ""
     """Name of the kernel of the group whose vector-Jacobian product this is, with its arguments and cotangents."""
     by_tips: Callable[[Chain], Program] | None = None
-    """Of a sum over the tips that is computed in one pass: the same as a sum, which has a derivative tip by tip."""
+    """Program of a total as a sum over the tips, which is differentiated tip by tip; ``program`` takes one pass."""
     of_masses: bool = False
     """Whether the kernel needs all moving joints, also side joints, which move masses and no tip."""
 
@@ -119,11 +119,11 @@ class Kernel:
         return self.tip.name if self.tip else ""
 
     def steps(self, chain: Chain) -> Program:
-        """The program for a chain, to be run on its :meth:`scope`."""
+        """Return the program for a chain, to be run on its :meth:`scope`."""
         return self.program(self.scope(chain))
 
     def signature(self, chain: Chain) -> str:
-        """Shapes as a NumPy generalised-ufunc signature, "(7),(6)->(7,7)"."""
+        """Return the shapes as a signature of a NumPy generalised ufunc, "(7),(6)->(7,7)"."""
         given, results = (
             ",".join("(" + ",".join(map(str, argument.array(chain).shape)) + ")" for argument in arrays)
             for arrays in (self.arguments, self.results)
@@ -171,13 +171,13 @@ def _representation_kernels(rep: Representation, given: tuple[Argument, ...]) ->
         ),
         Kernel(
             "jacobian_transpose_derivative", rep, given, (derivative,),
-            "Derivative of the transposed Jacobian by every joint position.",
+            "Derivative of the transposed Jacobian with respect to each joint position.",
             "dJ^T/dq, closed form through Lie brackets",
             partial(programs.jacobian_derivative, representation=rep, result=derivative),
         ),
         Kernel(
             "kinematic_stiffness", rep, (*given, wrench), (kinematic,),
-            "Kinematic stiffness: how the joint torques of a constant wrench change with posture.",
+            "Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.",
             "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)",
             partial(programs.kinematic_stiffness, representation=rep, result=kinematic, wrench=wrench),
         ),
@@ -229,7 +229,7 @@ _SPRING_JOINT_STIFFNESS = Argument(
 
 
 def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel, ...]:
-    """All that follows from one energy; torque and tangent also in one call."""
+    """Return the kernels that follow from one energy; torque and tangent also in one call."""
     energy, torque, joint = _ENERGY, _SPRING_TORQUE, _SPRING_JOINT_STIFFNESS
     terms, joint_terms = programs.spring_terms, programs.spring_joint_terms
     hessian = "Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian"
@@ -309,7 +309,10 @@ def _tip_kernels(
 
 
 def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], results: tuple[Argument, ...]) -> Program:
-    """Sum of a kernel's results over the tips; each argument but the posture's holds one block a tip."""
+    """Return the sum of a kernel's results over the tips.
+
+    Each argument but the configuration's holds one value per tip.
+    """
     arrays = [(argument.array(chain), argument.of_posture) for argument in given]
     terms = []
     for index, tip in enumerate(chain.tips):
@@ -323,7 +326,7 @@ def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], result
 
 
 def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | None = None) -> Kernel:
-    """The kernel that sums the results of ``of``, a representation's or a ``spring``'s, over the tips."""
+    """Return the kernel that sums the results of ``of``, a representation's or a ``spring``'s, over the tips."""
     names = [tip.name for tip in chain.tips]
     given = tuple(each if each.of_posture else each.of_all_tips(names) for each in of.arguments)
     results = tuple(
@@ -398,7 +401,7 @@ def _gravity_kernel(
 
 
 def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
-    """What a robot's masses make."""
+    """Return the kernels of a robot's dynamics."""
     where = posture(runtime_tool=False, floating=floating)
     falling = (*where, arguments.GRAVITY)
     base = "; on the base less Gamma dU/dq of its twist" if floating else ""
@@ -499,11 +502,11 @@ def _gradient(argument: Argument) -> Argument:
     name = gradients.bar_name(argument.name)
     if argument.name == arguments.BASE_POSE.name:
         meaning = (
-            "gradient by the base's motion: covector of the base link's twist (linear, angular) in its own axes; L "
-            "grows by its product with (v, w) as the base moves to p + R v, R exp([w])"
+            "gradient with respect to the base's motion: covector of the base link's twist (linear, angular) in its "
+            "own axes; L grows by its product with (v, w) as the base moves to p + R v, R exp([w])"
         )
         return Argument(name, (6,), "1/m, 1/rad", meaning)
-    meaning = f"gradient by {argument.name}"
+    meaning = f"gradient with respect to {argument.name}"
     if argument.triangle:
         meaning += ", zero below the diagonal"
     return Argument(name, argument.shape, f"1/({argument.unit})", meaning)
@@ -516,7 +519,7 @@ def _reverse_program(chain: Chain, of: Kernel) -> Program:
 
 
 def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
-    """The product of a kernel that gives all results and more, with nothing for what is more."""
+    """Return the product of a kernel with more results, with zero cotangents for the additional ones."""
     product = vector_jacobian_product(whole)
     own = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
     given = [(argument.array(chain), ArgumentSlice(argument.array(chain))) for argument in whole.arguments]
@@ -528,9 +531,9 @@ def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
 
 
 def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
-    """The kernel NAME_vjp: what a kernel takes, and a cotangent for each result; gradients by all that it takes.
+    """Return the kernel NAME_vjp: gradients with respect to every argument, from a cotangent per result.
 
-    ``whole`` is the kernel that it is part of.
+    ``whole`` is the kernel that ``of`` is part of.
     """
     count = len(of.results)
     cotangents = tuple(_cotangent(result, count) for result in of.results)
@@ -540,7 +543,7 @@ def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
         name=f"{of.name}_vjp",
         arguments=(*of.arguments, *cotangents),
         results=tuple(map(_gradient, of.arguments)),
-        summary=f"Reverse mode of {of.name}: gradients of L = {names} by every argument.",
+        summary=f"Reverse mode of {of.name}: gradients of L = {names} with respect to every argument.",
         equation=f"x_bar = (d {', '.join(result.name for result in of.results)}/dx)^T cotangent",
         note="",
         product_of=of.name,
@@ -549,7 +552,7 @@ def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
 
 
 def _products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
-    """Of each kernel; what calls another's comes behind it, and before sums over the tips, which may call both."""
+    """Yield VJP kernels, callees first."""
     whole = {(kernel.path, kernel.name): kernel for kernel in kernels}
     parts = {kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole}
     for kernel in kernels:
@@ -563,7 +566,7 @@ MAX_BATCH_JOINTS = 24
 
 
 def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[Kernel, ...]:
-    """The kernels that a chain has, in the order in which they are printed; ``options``: springs beyond the default.
+    """Return the kernels of a chain in the order of printing; ``options`` adds springs to the default.
 
     The mass matrix is left out where the chain's masses were. With several tips, each has its own pose and
     representation kernels, and the joint stiffness of all contacts together is added.
@@ -603,7 +606,7 @@ def _chosen(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kerne
 
 
 def _in_the_world(kernel: Kernel) -> Kernel:
-    """The texts of a kernel for a robot whose base floats."""
+    """Return a kernel with the texts for a floating base."""
 
     def told(several: tuple[Argument, ...]) -> tuple[Argument, ...]:
         return tuple(replace(each, meaning=arguments.in_the_world(each.meaning)) for each in several)

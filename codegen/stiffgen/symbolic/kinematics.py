@@ -37,7 +37,7 @@ class Kind(Enum):
 
 @dataclass
 class Section:
-    """A titled group of named intermediate matrices of a pose recursion, in order of computation.
+    """Titled group of named intermediate matrices of a pose recursion, in order of computation.
 
     ``kinds`` has the kinds of the values of which something is known, by the same names.
     """
@@ -49,7 +49,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Expressions:
-    """A result together with the sections that lead to it; ``kinds``, if any, of the result's entries, row-major."""
+    """Result with the sections that lead to it; ``kinds``, if any, of its entries, row-major."""
 
     result: ca.SX
     sections: tuple[Section, ...]
@@ -75,14 +75,14 @@ def cross(a: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def bracket(x: ca.SX, y: ca.SX) -> ca.SX:
-    """[x, y] of two twists (6), linear first: the Lie bracket of se(3)."""
+    """Return the Lie bracket [x, y] of two twists (6) in se(3), linear first."""
     return ca.vertcat(cross(x[3:], y[:3]) + cross(x[:3], y[3:]), cross(x[3:], y[3:]))
 
 
 def jacobian_column_derivative(
     representation: Representation, column: ca.SX, by: ca.SX, *, by_is_outward: bool
 ) -> ca.SX:
-    """d(column)/d(joint position of ``by``) of two Jacobian columns (6), in closed form.
+    """Return the derivative of a Jacobian column with respect to the joint position of column ``by``, in closed form.
 
     Args:
         representation: that of both columns.
@@ -105,7 +105,7 @@ def jacobian_column_derivative(
 
 
 def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
-    """Position of a joint [rad or m] from the joint positions q; a floating base's own joints stand at zero."""
+    """Return the position of a joint [rad or m] at joint positions q; a floating base's own joints stand at zero."""
     if joint.coordinate < chain.base_joints:
         return ca.SX(0)
     return joint.multiplier * q[joint.coordinate - chain.base_joints] + joint.offset
@@ -113,7 +113,7 @@ def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class _Axis:
-    """How a joint enters the recursion: its motion about a coordinate axis of an auxiliary frame."""
+    """Joint's motion about a coordinate axis of an auxiliary frame."""
 
     index: int  # 0, 1, 2: x, y, z
     sign: int
@@ -136,7 +136,7 @@ class _Axis:
 
 
 class PoseRecursion:
-    """Shared by both directions: the joint angles' sines and cosines, and named frames."""
+    """Pose recursion, outwards or inwards: sines and cosines of the joint angles, and named frames."""
 
     def __init__(self, chain: Chain, q: ca.SX) -> None:
         self.chain = chain
@@ -162,18 +162,18 @@ class PoseRecursion:
         self.sections.append(Section(title, values, dict(zip(values, FRAME, strict=True))))
 
     def local(self, index: int) -> ca.SX:
-        """Rotation of joint ``index``'s auxiliary frame at zero, in the frame before it."""
+        """Return the rotation of joint ``index``'s auxiliary frame at zero, in the frame before it."""
         joint, align = self.chain.joints[index], self.axes[index].align
         rotation = constant(joint.rotation)
         return rotation if align is None else rotation @ constant(align)
 
     def after(self, index: int) -> ca.SX:
-        """Constant rotation from joint ``index``'s auxiliary frame back to its URDF frame."""
+        """Return the constant rotation from joint ``index``'s auxiliary frame to its URDF frame."""
         align = self.axes[index].align
         return _IDENTITY if align is None else constant(align).T
 
     def axis(self, index: int, rotation: ca.SX) -> ca.SX:
-        """Joint ``index``'s axis, given the rotation of its auxiliary frame."""
+        """Return joint ``index``'s axis from the rotation of its auxiliary frame."""
         return ca.densify(self.axes[index].sign * rotation[:, self.axes[index].index])
 
 
@@ -202,14 +202,14 @@ class Posture:
 
     @property
     def base(self) -> tuple[ca.SX, ca.SX]:
-        """Rotation and origin of the base link in the axes in which frames are given."""
+        """Rotation and origin of the base link in the axes of all frames."""
         if self.base_pose is None:
             return _IDENTITY, ca.SX.zeros(3)
         return self.base_pose[:3, :3], self.base_pose[:3, 3]
 
 
 def outward_frames(chain: Chain, posture: Posture) -> tuple[PoseRecursion, list[Frame]]:
-    """Frames of all moving joints, from the base outwards."""
+    """Return the frames of all moving joints, from the base outwards."""
     r = PoseRecursion(chain, posture.q)
     base_rotation, base_origin = posture.base
     frames: list[Frame] = [(base_rotation, base_origin, base_rotation[:, k % 3]) for k in range(chain.base_joints)]
@@ -229,7 +229,7 @@ def outward_frames(chain: Chain, posture: Posture) -> tuple[PoseRecursion, list[
 
 
 def _tip_in_joint(chain: Chain, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
-    """Rotation and origin of the tip, or of the tool at it, in the last joint's frame."""
+    """Return rotation and origin of the tip, or of the tool at it, in the last joint's frame."""
     rotation, origin = constant(chain.tip_rotation), constant(chain.tip_translation)
     if tool_pose is None:
         return rotation, origin
@@ -248,14 +248,14 @@ def frame_title(chain: Chain, index: int) -> str:
 
 
 def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
-    """Twist (6) of a unit rate of a joint whose axis passes ``origin``, taken at the origin of the same frame."""
+    """Return the twist (6), at the frame's origin, of a unit rate of a joint whose axis passes ``origin``."""
     if joint.prismatic:
         return ca.vertcat(axis, ca.SX.zeros(3))
     return ca.vertcat(cross(origin, axis), axis)
 
 
 def forward_kinematics(chain: Chain, *given: ca.SX) -> Expressions:
-    """Pose (4x4, metres) of the tip in the base frame, or of a tool whose pose in the tip's frame is given."""
+    """Return the pose (4x4, metres) in the base frame of the tip, or of a tool with a known pose in the tip's frame."""
     posture = Posture.of(chain, given)
     r, frames = outward_frames(chain, posture)
     rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
@@ -267,7 +267,7 @@ def _pose(rotation: ca.SX, origin: ca.SX) -> ca.SX:
 
 
 def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) -> Expressions:
-    """Jacobian (6 x number of joints), one column a moving joint of the chain (mimic joints their own)."""
+    """Return the Jacobian (6 x number of joints): one column per moving joint, mimic joints included."""
     if representation == "body":
         return _body_jacobian(chain, Posture.of(chain, given, seen_from_tip=True))
     posture = Posture.of(chain, given)
@@ -279,7 +279,7 @@ def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) 
 
 
 def hybrid_jacobian_and_pose(chain: Chain, *given: ca.SX) -> Expressions:
-    """Hybrid Jacobian (6 x number of joints) and pose (4x4) of the tip, entries row by row below each other."""
+    """Return the tip's hybrid Jacobian (6 x number of joints) and pose (4x4): entries row by row, stacked."""
     posture = Posture.of(chain, given)
     r, frames = outward_frames(chain, posture)
     rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
@@ -308,7 +308,7 @@ def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representati
 
 
 def _body_jacobian(chain: Chain, posture: Posture) -> Expressions:
-    """From tip to base: (rotation, origin) is the pose of the link's frame seen in the tip frame."""
+    """Return the body Jacobian; (rotation, origin) is the pose of a link's frame in the tip frame, from tip to base."""
     r = PoseRecursion(chain, posture.q)
     tip_rotation, tip_origin = _tip_in_joint(chain, posture.tool_pose)
     rotation = tip_rotation.T

@@ -18,7 +18,7 @@ from stiffgen.symbolic.springs import Placement
 
 
 class StiffnessModel:
-    """The kernels of a chain as dense ``casadi.Function`` objects under their names.
+    """Kernels of a chain as dense ``casadi.Function`` objects under their names.
 
     ``model.forward_kinematics``, ``model.mass_matrix`` (unless the chain's masses were left out), and for each
     representation ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``,
@@ -71,7 +71,7 @@ class StiffnessModel:
 
 
 def casadi_function(chain: Chain, kernel: Kernel) -> ca.Function:
-    """One kernel as a dense ``casadi.Function``, inputs and output named as in the kernel table."""
+    """Return a kernel as a dense ``casadi.Function``, inputs and outputs named as in the kernel table."""
     symbols: dict[str, ca.SX] = {}
     for argument in kernel.arguments:
         shape = argument.array(chain).shape
@@ -84,7 +84,7 @@ def casadi_function(chain: Chain, kernel: Kernel) -> ca.Function:
 
 
 def matrix_shape(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Rows and columns of the matrix that CasADi has for an array."""
+    """Return rows and columns of CasADi's matrix for an array."""
     rows, columns = (*folded(shape), 1, 1)[:2]
     return rows, columns
 

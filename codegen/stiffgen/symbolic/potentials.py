@@ -37,7 +37,7 @@ _WITHOUT_DERIVATIVES = {
 
 @dataclass(frozen=True)
 class Potential:
-    """A function U(p, R, parameters), and where its text is from."""
+    """Function U(p, R, parameters), with the file and text of its source."""
 
     function: Callable[..., Any]
     file: str = ""
@@ -45,12 +45,12 @@ class Potential:
 
     @property
     def name(self) -> str:
-        """Of the function: the group of the kernels."""
+        """Name of the function: the group of the kernels."""
         return str(self.function.__name__)
 
 
 class _Parameters:
-    """What a potential is given: its declared parameters as attributes."""
+    """Declared parameters of a potential as attributes."""
 
     def __init__(self, owner: str, values: dict[str, ca.SX]) -> None:
         self._owner, self._values = owner, values
@@ -68,7 +68,7 @@ class _Parameters:
 
 
 def read_potential(text: str) -> Potential:
-    """The function that FILE.py:FUNCTION names; the file is run.
+    """Run a file and return the function that FILE.py:FUNCTION names.
 
     Raises:
         PotentialError: no such file or function, or the file fails.
@@ -85,7 +85,7 @@ def read_potential(text: str) -> Potential:
 
 
 def potential_of_source(source: str, file: str, function: str) -> Potential:
-    """The function of a source text.
+    """Run a source text and return one of its functions.
 
     Raises:
         PotentialError: the text fails, or has no such function.
@@ -103,7 +103,7 @@ def potential_of_source(source: str, file: str, function: str) -> Potential:
 
 
 def spring_of(potential: Potential) -> Spring:
-    """The spring of a user's potential.
+    """Return the spring of a user's potential.
 
     Raises:
         PotentialError: the function is not one of (p, R, parameters), its energy is not a scalar, not twice
@@ -181,7 +181,7 @@ def _checked(name: str, result: Any, given: list[ca.SX]) -> ca.SX:
 
 
 def _refuse_without_derivatives(name: str, value: ca.SX, given: list[ca.SX]) -> None:
-    """One sentence for what is not twice differentiable, or has no C."""
+    """Refuse what is not twice differentiable, or has no C."""
     function = ca.Function("U", given, [value])
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}
     found = sorted(_WITHOUT_DERIVATIVES[each] for each in operations & set(_WITHOUT_DERIVATIVES))
@@ -210,7 +210,7 @@ class SpringOptions:
     batches: bool = True
 
     def springs(self) -> tuple[Spring, ...]:
-        """All of them, the default one first.
+        """Return all springs, the default one first.
 
         Raises:
             PotentialError: an unknown kind, a potential that is refused, or a name twice.
@@ -228,7 +228,7 @@ class SpringOptions:
         return tuple(springs)
 
     def to_manifest(self) -> dict[str, Any]:
-        """What :func:`springs_of_manifest` reads back."""
+        """Return the record that :func:`springs_of_manifest` reads."""
         return {
             "kinds": [each.name for each in self.springs()],
             "translation_axes": self.placement.translation_axes,
@@ -243,7 +243,7 @@ class SpringOptions:
 
 
 def springs_of_manifest(content: dict[str, Any]) -> SpringOptions:
-    """The springs of a robot's folder; folders written before there were any have the default one."""
+    """Return the springs of a robot's folder; a folder without a record has the default spring."""
     recorded = content.get("springs")
     if recorded is None:
         return SpringOptions()

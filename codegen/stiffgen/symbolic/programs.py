@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How every kernel is computed: the steps of its program, made for one chain.
+"""Programs of all kernels: their steps, made for one chain.
 
 The table (:mod:`stiffgen.symbolic.kernels`) names these; what one joint and one pair of joints contribute is in
 :mod:`stiffgen.symbolic.kinematics`, :mod:`stiffgen.symbolic.stiffness` and :mod:`stiffgen.symbolic.dynamics`.
@@ -39,7 +39,7 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
-    """Let ``steps`` write a result [i, j] for pairs of joints, then gather into coordinates where joints mimic."""
+    """Let ``steps`` write a result [i, j] for pairs of joints, then sum into coordinates where joints mimic."""
     output = result.array(chain)
     if not chain.coupled:
         return steps(output)
@@ -49,7 +49,7 @@ def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Progra
 
 
 def _vector_of_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program]) -> Program:
-    """Let ``steps`` write a result [j] for joints, then gather into coordinates where joints mimic."""
+    """Let ``steps`` write a result [j] for joints, then sum into coordinates where joints mimic."""
     output = result.array(chain)
     if not chain.coupled:
         return steps(output)
@@ -69,7 +69,7 @@ def _pose(chain: Chain, pose: Array) -> StraightLine:
 
 
 def columns_and_pose(chain: Chain, J: Array, pose: Array) -> StraightLine:
-    """Hybrid Jacobian columns and pose of the tip, in one pass over the joints."""
+    """Return the program of hybrid Jacobian columns and pose of the tip, in one pass over the joints."""
     heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
     expressions = kinematics.hybrid_jacobian_and_pose
     name = "hybrid_columns_and_pose"
@@ -77,13 +77,13 @@ def columns_and_pose(chain: Chain, J: Array, pose: Array) -> StraightLine:
 
 
 def forward_kinematics(chain: Chain) -> Program:
-    """Pose of the tip."""
+    """Return the program of the tip's pose."""
     pose = POSE.array(chain)
     return (_pose(chain, pose),)
 
 
 def jacobian(chain: Chain, representation: Representation, result: Argument) -> Program:
-    """Jacobian columns, gathered into coordinates."""
+    """Return the program of Jacobian columns, summed into coordinates."""
     output = result.array(chain)
     if not chain.coupled:
         return (_columns(chain, representation, output.name)[0],)
@@ -92,7 +92,7 @@ def jacobian(chain: Chain, representation: Representation, result: Argument) -> 
 
 
 def jacobian_derivative(chain: Chain, representation: Representation, result: Argument) -> Program:
-    """dJ^T/dq by brackets of columns, one half of the pairs after the other."""
+    """Return the program of dJ^T/dq by brackets of columns, one half of the pairs after the other."""
 
     def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
@@ -127,7 +127,7 @@ def _two_sided(
     operands: tuple[Operand, ...],
     names: tuple[str, str, str],
 ) -> Program:
-    """target_ij = J_i . u_j with one covector u_j for the joints j beyond i and one for those before."""
+    """Return target_ij = J_i . u_j with one covector u_j for the joints j beyond i and one for those before."""
     symbol, left_hand_side, formula = names
     diagonal_outward = stiffness.diagonal_is_outward(representation)
     beyond = Over.UPPER if diagonal_outward else Over.STRICTLY_UPPER
@@ -145,7 +145,7 @@ def _two_sided(
 
 
 def kinematic_stiffness(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
-    """dJ^T/dq . F without dJ^T/dq: covectors of the wrench, one dot product a pair."""
+    """Return the program of dJ^T/dq . F without dJ^T/dq: covectors of the wrench, one dot product per pair."""
 
     def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
@@ -160,7 +160,7 @@ def kinematic_stiffness(chain: Chain, representation: Representation, result: Ar
 def joint_stiffness_uncorrected(
     chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
 ) -> Program:
-    """dJ^T/dq . F + J^T K J, all entries."""
+    """Return the program of dJ^T/dq . F + J^T K J, all entries."""
 
     def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
@@ -178,7 +178,7 @@ def joint_stiffness_uncorrected(
 def _tangent(
     chain: Chain, J: Array, wrench: Array, task_stiffness: Array, representation: Representation, output: Array
 ) -> Program:
-    """Target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
+    """Return target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
     A, u = Array("A", (6, 6)), Array("u", J.shape)
     force = Operand(wrench, "")
     half = Over.UPPER if stiffness.diagonal_is_outward(representation) else Over.LOWER
@@ -210,7 +210,7 @@ def _tangent(
 def joint_stiffness(
     chain: Chain, representation: Representation, result: Argument, wrench: Argument, task_stiffness: Argument
 ) -> Program:
-    """dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
+    """Return the program of dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
 
     def steps(output: Array) -> Program:
         block, J = _columns(chain, representation)
@@ -280,7 +280,7 @@ def spring_total(
 
 
 def connection_correction(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
-    """Gamma F."""
+    """Return the program of Gamma F."""
     return (
         SparseSum(
             "Gamma F",
@@ -297,7 +297,7 @@ MAX_UNROLLED_MASS_JOINTS = 12
 
 
 def mass_matrix(chain: Chain, result: Argument) -> Program:
-    """M_ij = J_i . h_j with the momenta h of composite bodies."""
+    """Return the program of M_ij = J_i . h_j with the momenta h of composite bodies."""
     m = len(chain.joints)
     # Sums over sliding joints can overflow: only the loops' results are guarded against infinity.
     if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
@@ -358,7 +358,7 @@ def _gravity_columns(chain: Chain) -> tuple[StraightLine, Array, Array]:
 
 
 def gravity_energy(chain: Chain, result: Argument) -> Program:
-    """Potential energy of all bodies."""
+    """Return the program of the potential energy of all bodies."""
     recursion, _, moment = _gravity_columns(chain)
     given = moment, *(a.array(chain) for a in (GRAVITY, *((BASE_POSE,) if chain.floating else ())))
     heading = "U = -g . (R first moment + m p), R and p of the base" if chain.floating else "U = -g . first moment"
@@ -376,7 +376,7 @@ def _gravity_in_base_axes(chain: Chain) -> tuple[Program, Operand]:
 
 
 def gravity_gradient(chain: Chain, result: Argument) -> Program:
-    """DU/dq joint by joint, gathered into coordinates."""
+    """Return the program of dU/dq, joint by joint, summed into coordinates."""
     recursion, C, _ = _gravity_columns(chain)
     turned, g = _gravity_in_base_axes(chain)
 
@@ -388,7 +388,7 @@ def gravity_gradient(chain: Chain, result: Argument) -> Program:
 
 
 def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
-    """d2U/dq2; on a floating base the covariant Hessian."""
+    """Return the program of d2U/dq2; on a floating base, of the covariant Hessian."""
     recursion, C, _ = _gravity_columns(chain)
     turned, g = _gravity_in_base_axes(chain)
     u = Array("u", (3, len(chain.joints)))
@@ -427,7 +427,7 @@ def _with_base_connection(
 
 
 def spring_terms(chain: Chain, spring: Spring, results: tuple[Argument, ...], parts: str) -> Program:
-    """Energy, wrench or task stiffness of a spring at the tip's pose; ``parts`` as :func:`springs.terms` takes them."""
+    """Return the program of energy, wrench or task stiffness of a spring, as :func:`springs.terms` names ``parts``."""
     pose, outputs = POSE.array(chain), tuple(result.array(chain) for result in results)
     return (_pose(chain, pose), _spring_block(chain, spring, pose, outputs, parts))
 
@@ -474,7 +474,7 @@ def spring_joint_terms(
 
 
 def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, result: Argument) -> Program:
-    """Energy, torque or joint stiffness of a potential of the joint positions; none of a floating base."""
+    """Return the program of energy, torque or joint stiffness of a potential of q; a floating base has none."""
     every = [Operand(argument.array(chain), "j" if argument.shape else "") for argument in (Q, *potential.parameters)]
     symbols = [ca.SX.sym(operand.array.name) for operand in every]
     of_one = joint_potentials.term(*symbols, potential=potential, part=part)

@@ -82,7 +82,7 @@ ROTATION_STIFFNESS = Argument(
 
 @dataclass(frozen=True)
 class Spring:
-    """A potential of the tip's pose.
+    """Potential of the tip's pose.
 
     ``name`` is the group of its kernels ("spring"), ``parameters`` are what its energy takes after p and R,
     ``equation`` is the energy in a line, ``domain`` what a caller must know of it beyond shapes and units. With
@@ -100,7 +100,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the stiffnesses of springs lie and in which axes they are given.
+    """Axes and centre of the stiffnesses of springs.
 
     ``centre`` is the centre of stiffness in the tip's frame [m]: the point whose displacement the translation stiffness
     sees. None as translation axes: the base's, for a coupled stiffness the equilibrium's.
@@ -112,7 +112,7 @@ class Placement:
 
 
 def half_form(x: ca.SX, matrix: ca.SX) -> ca.SX:
-    """x^T A x / 2 of a symmetric matrix, written so that its derivative is A x and no more."""
+    """Return x^T A x / 2 for a symmetric A, written so that its derivative is A x and no more."""
     total = ca.SX(0)
     for i in range(x.shape[0]):
         row = 0.5 * matrix[i, i] * x[i]
@@ -123,7 +123,7 @@ def half_form(x: ca.SX, matrix: ca.SX) -> ca.SX:
 
 
 def _displacement(p: ca.SX, R: ca.SX, H: ca.SX, axes: Axes, centre: tuple[float, float, float]) -> ca.SX:
-    """Of the centre of stiffness from its place at the equilibrium, in ``axes`` [m]."""
+    """Return the displacement of the centre of stiffness from the equilibrium, in ``axes`` [m]."""
     away = p - H[:3, 3]
     if any(centre):
         away += (R - H[:3, :3]) @ ca.SX(ca.sparsify(ca.DM(centre)))
@@ -131,7 +131,7 @@ def _displacement(p: ca.SX, R: ca.SX, H: ca.SX, axes: Axes, centre: tuple[float,
 
 
 def _trace_form(R: ca.SX, H: ca.SX, Ko: ca.SX, axes: Axes) -> ca.SX:
-    """tr(D G D^T)/2 with D = R - R0, or (R - R0) R0^T for a stiffness in base axes."""
+    """Return tr(D G D^T)/2 with D = R - R0, or (R - R0) R0^T for a stiffness in base axes."""
     turned = R - H[:3, :3]
     if axes == "base":
         turned = turned @ H[:3, :3].T
@@ -161,14 +161,14 @@ def quaternion(R: ca.SX, R0: ca.SX) -> ca.SX:
 
 
 _SERIES = (1.0, 1 / 6, 3 / 40, 15 / 336)
-"""Of asin(x)/x in powers of x^2: (2k)!/(4^k k!^2 (2k + 1))."""
+"""Coefficients of asin(x)/x in powers of x^2: (2k)!/(4^k k!^2 (2k + 1))."""
 _NEAR = 1e-4
-"""Of x^2: below, four terms of the series are exact to the last digit of energy, wrench and covariant Hessian, above,
-the closed form is. More terms would not be seen in any result."""
+"""Bound on x^2: below it four terms of the series are exact to the last digit of energy, wrench and covariant Hessian,
+above it the closed form is. More terms would change no result."""
 
 
 def half_angle_ratio(w: ca.SX) -> ca.SX:
-    """acos(w)/sqrt(1 - w^2), the half angle over its sine."""
+    """Return acos(w)/sqrt(1 - w^2), the half angle over its sine."""
     square = 1 - w * w
     near = ca.SX(0)
     for coefficient in reversed(_SERIES):
@@ -301,10 +301,11 @@ TRACE = spring()
 
 
 def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """(U, F (6), K (6x6)): energy, wrench and covariant Hessian in hybrid axes.
+    """Return (U, F (6), K (6x6)): energy, wrench and covariant Hessian in hybrid axes.
 
-    U(p + v, M R) is differentiated by v, by the nine entries of M = I + [w] + [w]^2/2 and, where the energy takes it,
-    by the quaternion; the chain rule is closed by hand: the derivatives of M by w are constants.
+    U(p + v, M R) is differentiated with respect to v, the nine entries of M = I + [w] + [w]^2/2 and, where
+    the energy takes it, the quaternion. The chain rule is closed by hand: the derivatives of M with respect to w are
+    constants.
     """
     origin, turn = ca.SX.sym("p", 3), ca.SX.sym("M", 3, 3)
     generators = [ca.skew(ca.DM.eye(3)[:, k]) for k in range(3)]
@@ -312,7 +313,7 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
     first = ca.SX(ca.sparsify(ca.diagcat(ca.DM.eye(3), ca.horzcat(*(ca.vec(each) for each in generators)))))
 
     def second(i: int, j: int) -> ca.SX:
-        """Second derivative of the entries of M, then of the quaternion, by w_i and w_j."""
+        """Return the second derivative of the entries of M, then of the quaternion, with respect to w_i and w_j."""
         return ca.SX(ca.sparsify(ca.vec(generators[i] @ generators[j] + generators[j] @ generators[i]) / 2))
 
     if spring.turned:

@@ -2,7 +2,7 @@
 """CasADi expressions of the stiffness: what one joint and one pair of joints contribute.
 
 Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025, central equation). Everything here takes
-Jacobian columns J_i (6), so it holds for any chain and any joint type; :mod:`stiffgen.kernels` runs it over
+Jacobian columns J_i (6), so it holds for any chain and any joint type; :mod:`stiffgen.symbolic.programs` runs it over
 joints and pairs of joints.
 """
 
@@ -19,7 +19,7 @@ from stiffgen.symbolic.kinematics import jacobian_column_derivative
 
 
 def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
-    """(Gamma F)_ij = sum_k Gamma^k_ij F_k (6x6), from the exact coefficients of :mod:`stiffgen.connection`."""
+    """Return (Gamma F)_ij = sum_k Gamma^k_ij F_k (6x6), from the exact coefficients of the connection."""
     result = ca.SX(6, 6)
     for i, j, k, coefficient in _coefficients(representation):
         result[i, j] += coefficient * wrench[k]
@@ -28,7 +28,7 @@ def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
 
 @cache
 def _coefficients(representation: Representation) -> tuple[tuple[int, int, int, float], ...]:
-    """(i, j, k, Gamma^k_ij) of those that are not zero."""
+    """Return (i, j, k, Gamma^k_ij) of the coefficients that are not zero."""
     exact = connection.connection_coefficients(representation)
     places = product(range(6), repeat=3)
     return tuple((i, j, k, float(exact[k, i, j])) for i, j, k in places if exact[k, i, j] != 0)
@@ -62,9 +62,9 @@ def symmetric_from_upper(matrix: ca.SX) -> ca.SX:
 
 
 def kinematic_covector(representation: Representation, column: ca.SX, wrench: ca.SX, *, outward: bool) -> ca.SX:
-    """z_j (6) with (dJ_i/dq_j)^T F = J_i . z_j, for every joint i nearer the base than j (``outward``) or not.
+    """Return z_j (6) with (dJ_i/dq_j)^T F = J_i . z_j, for every joint i nearer the base than j (``outward``) or not.
 
-    dJ_i/dq_j is linear in J_i, so z_j is the gradient of the contraction by J_i.
+    dJ_i/dq_j is linear in J_i, so z_j is the gradient of the contraction with respect to J_i.
     """
     other = ca.SX.sym("J_i", 6)
     derivative = jacobian_column_derivative(representation, other, column, by_is_outward=outward)
@@ -72,12 +72,12 @@ def kinematic_covector(representation: Representation, column: ca.SX, wrench: ca
 
 
 def diagonal_is_outward(representation: Representation) -> bool:
-    """Whether the pair (j, j) is counted with the joints beyond j; chosen so that a vanishing derivative is 0.0."""
+    """Return whether the pair (j, j) counts with the joints beyond j, so that a vanishing derivative is 0.0."""
     return representation != "body"
 
 
 def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca.SX, corrected: ca.SX) -> ca.SX:
-    """u_j (6) with Kq_ij = J_i . u_j for i <= j, or for i >= j in body form, where dJ_i/dq_j vanishes.
+    """Return u_j (6) with Kq_ij = J_i . u_j for i <= j, or for i >= j in body form, where dJ_i/dq_j vanishes.
 
     u_j = (K + Gamma F) J_j + z_j, with ``corrected`` the matrix K + Gamma F.
     """
@@ -89,5 +89,5 @@ def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca
 def uncorrected_covector(
     representation: Representation, column: ca.SX, wrench: ca.SX, product: ca.SX, *, outward: bool
 ) -> ca.SX:
-    """u_j (6) = K J_j + z_j, with ``product`` the vector K J_j."""
+    """Return u_j (6) = K J_j + z_j, with ``product`` the vector K J_j."""
     return ca.densify(product + kinematic_covector(representation, column, wrench, outward=outward))
