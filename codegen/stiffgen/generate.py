@@ -17,7 +17,7 @@ from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.names import checked_identifier, identifier
 from stiffgen.options import GenerationOptions
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import posture
+from stiffgen.symbolic.arguments import configuration_arguments
 
 _Options = ParamSpec("_Options")
 
@@ -136,5 +136,8 @@ def _meaning(chain: Chain, scalar: Scalar) -> list[tuple[str, list[str]]]:
         ("base", [chain.base]),
         ("tips", [tip.link for tip in chain.tips]),
         ("numbers", [scalar.name]),
-        ("arguments", [each.name for each in posture(runtime_tool=chain.runtime_tool, floating=chain.floating)]),
+        (
+            "arguments",
+            [each.name for each in configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)],
+        ),
     ]

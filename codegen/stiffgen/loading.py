@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Loading of a chain from a robot description file."""
+"""Loading of files: a robot description becomes a chain, a Python file a potential, a manifest its springs."""
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from stiffgen.errors import DescriptionWarning
+from stiffgen.errors import DescriptionWarning, PotentialError, listed
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
 from stiffgen.robot.chain import Chain, ChainOptions, Tool
@@ -15,6 +17,8 @@ from stiffgen.robot.description import Description
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
 from stiffgen.symbolic.kernels import RESERVED_NAMES
+from stiffgen.symbolic.potentials import Potential, SpringOptions
+from stiffgen.symbolic.springs import KINDS, Placement, spring
 
 _DEFAULTS = ChainOptions()
 
@@ -84,3 +88,56 @@ def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -
 
 _RESERVED = frozenset((*RESERVED_NAMES, *CPP_NAMES, "tree"))
 """Names in a module, and in the namespace of NAME.hpp, that no tip may have."""
+
+
+def read_potential(text: str) -> Potential:
+    """Run a file and return the function that FILE.py:FUNCTION names.
+
+    Raises:
+        PotentialError: no such file or function, or the file fails.
+
+    """
+    path, separator, function = text.rpartition(":")
+    if not separator or not path or not function:
+        raise PotentialError(f"--potential {text}: is not FILE.py:FUNCTION")
+    try:
+        source = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise PotentialError(f"--potential {path}: cannot be read ({getattr(error, 'strerror', error)})") from error
+    return potential_of_source(source, Path(path).name, function)
+
+
+def potential_of_source(source: str, file: str, function: str) -> Potential:
+    """Run a source text and return one of its functions.
+
+    Raises:
+        PotentialError: the text fails, or has no such function.
+
+    """
+    names: dict[str, Any] = {"__name__": Path(file).stem, "__file__": file}
+    try:
+        exec(compile(source, file, "exec"), names)
+    except Exception as error:
+        raise PotentialError(f"potential {file}: fails when it is run ({type(error).__name__}: {error})") from error
+    if not callable(names.get(function)):
+        found = [name for name, value in names.items() if inspect.isfunction(value)]
+        raise PotentialError(f"potential {file}: has no function '{function}' (it has {listed(found) or 'none'})")
+    return Potential(names[function], file, source)
+
+
+def springs_of_manifest(content: dict[str, Any]) -> SpringOptions:
+    """Return the springs of a robot's folder; a folder without a record has the default spring."""
+    recorded = content.get("springs")
+    if recorded is None:
+        return SpringOptions()
+    derivatives = bool(content.get("derivatives", False))
+    names = {spring(kind).name: kind for kind in KINDS}
+    x, y, z = map(float, recorded["centre"])
+    return SpringOptions(
+        tuple(names[name] for name in recorded["kinds"] if name in names),
+        Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
+        tuple(potential_of_source(each["source"], each["file"], each["function"]) for each in recorded["potentials"]),
+        derivatives,
+        tuple(recorded.get("groups", ())),
+        recorded.get("batches", True),
+    )

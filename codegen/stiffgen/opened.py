@@ -15,11 +15,12 @@ from typing import Any
 
 from stiffgen.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.errors import OutputError, StiffgenError, printable
+from stiffgen.loading import springs_of_manifest
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.names import checked_identifier
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import PACKED, Kernel, chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
+from stiffgen.symbolic.potentials import SpringOptions
 
 
 @dataclass(frozen=True)

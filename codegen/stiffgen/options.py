@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from stiffgen.errors import ChainError, listed
+from stiffgen.loading import springs_of_manifest
 from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.robot.chain import ChainOptions, Tool
-from stiffgen.symbolic.potentials import SpringOptions, springs_of_manifest
+from stiffgen.symbolic.potentials import SpringOptions
 
 
 @dataclass(frozen=True)

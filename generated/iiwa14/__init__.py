@@ -22,9 +22,9 @@ body, spatial, hybrid
     jacobian(q) -> (6, 7)
         Jacobian in the representation named above.
     jacobian_transpose_derivative(q) -> (7, 7, 6)
-        Derivative of the transposed Jacobian by every joint position.
+        Derivative of the transposed Jacobian with respect to each joint position.
     kinematic_stiffness(q, wrench) -> (7, 7)
-        Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+        Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
     connection_correction(wrench) -> (6, 6)
         Christoffel-symbol correction of the task stiffness.
     joint_stiffness(q, wrench, task_stiffness) -> (7, 7)
@@ -96,7 +96,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "037e14b23fdfd3c2":
+if getattr(_c, "SOURCES", "") != "a37a563e464d6dc9":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. Restart Python if it has loaded the old module"

@@ -1438,7 +1438,7 @@ void iiwa14_body_jacobian(const double q[7], double jacobian[42])
 }
 
 /*
- * Derivative of the transposed Jacobian by every joint position.
+ * Derivative of the transposed Jacobian with respect to each joint position.
  * dJ^T/dq, closed form through Lie brackets
  * 288 additions, 456 multiplications, 12 sines and cosines.
  */
@@ -1480,7 +1480,7 @@ void iiwa14_body_jacobian_transpose_derivative(const double q[7], double jacobia
 }
 
 /*
- * Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  * 225 additions, 330 multiplications, 12 sines and cosines.
  */
@@ -1713,7 +1713,7 @@ void iiwa14_spatial_jacobian(const double q[7], double jacobian[42])
 }
 
 /*
- * Derivative of the transposed Jacobian by every joint position.
+ * Derivative of the transposed Jacobian with respect to each joint position.
  * dJ^T/dq, closed form through Lie brackets
  * 294 additions, 463 multiplications, 12 sines and cosines.
  */
@@ -1755,7 +1755,7 @@ void iiwa14_spatial_jacobian_transpose_derivative(const double q[7], double jaco
 }
 
 /*
- * Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  * 231 additions, 337 multiplications, 12 sines and cosines.
  */
@@ -1990,7 +1990,7 @@ void iiwa14_hybrid_jacobian(const double q[7], double jacobian[42])
 }
 
 /*
- * Derivative of the transposed Jacobian by every joint position.
+ * Derivative of the transposed Jacobian with respect to each joint position.
  * dJ^T/dq, closed form through Lie brackets
  * 254 additions, 501 multiplications, 12 sines and cosines.
  */
@@ -2029,7 +2029,7 @@ void iiwa14_hybrid_jacobian_transpose_derivative(const double q[7], double jacob
 }
 
 /*
- * Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  * 268 additions, 417 multiplications, 12 sines and cosines.
  */

@@ -139,7 +139,7 @@ void iiwa14_gravity_joint_stiffness(const double q[7], const double gravity[3], 
 void iiwa14_body_jacobian(const double q[7], double jacobian[42]);
 
 /*
- * Derivative of the transposed Jacobian by every joint position.
+ * Derivative of the transposed Jacobian with respect to each joint position.
  * dJ^T/dq, closed form through Lie brackets
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -150,7 +150,7 @@ void iiwa14_body_jacobian(const double q[7], double jacobian[42]);
 void iiwa14_body_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
 /*
- * Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -215,7 +215,7 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
 void iiwa14_spatial_jacobian(const double q[7], double jacobian[42]);
 
 /*
- * Derivative of the transposed Jacobian by every joint position.
+ * Derivative of the transposed Jacobian with respect to each joint position.
  * dJ^T/dq, closed form through Lie brackets
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -226,7 +226,7 @@ void iiwa14_spatial_jacobian(const double q[7], double jacobian[42]);
 void iiwa14_spatial_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
 /*
- * Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -296,7 +296,7 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
 void iiwa14_hybrid_jacobian(const double q[7], double jacobian[42]);
 
 /*
- * Derivative of the transposed Jacobian by every joint position.
+ * Derivative of the transposed Jacobian with respect to each joint position.
  * dJ^T/dq, closed form through Lie brackets
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -307,7 +307,7 @@ void iiwa14_hybrid_jacobian(const double q[7], double jacobian[42]);
 void iiwa14_hybrid_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
 /*
- * Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
  * q (7) [rad or m]: joint positions, base to tip

@@ -430,7 +430,7 @@ inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_
 }
 
 /**
- * @brief Derivative of the transposed Jacobian by every joint position.
+ * @brief Derivative of the transposed Jacobian with respect to each joint position.
  *
  * dJ^T/dq, closed form through Lie brackets
  *
@@ -452,7 +452,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
 }
 
 /**
- * @brief Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * @brief Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  *
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
@@ -594,7 +594,7 @@ inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_
 }
 
 /**
- * @brief Derivative of the transposed Jacobian by every joint position.
+ * @brief Derivative of the transposed Jacobian with respect to each joint position.
  *
  * dJ^T/dq, closed form through Lie brackets
  *
@@ -616,7 +616,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
 }
 
 /**
- * @brief Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * @brief Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  *
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
@@ -762,7 +762,7 @@ inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_
 }
 
 /**
- * @brief Derivative of the transposed Jacobian by every joint position.
+ * @brief Derivative of the transposed Jacobian with respect to each joint position.
  *
  * dJ^T/dq, closed form through Lie brackets
  *
@@ -784,7 +784,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
 }
 
 /**
- * @brief Kinematic stiffness: how the joint torques of a constant wrench change with posture.
+ * @brief Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
  *
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *

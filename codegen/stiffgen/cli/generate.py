@@ -13,9 +13,10 @@ from stiffgen.cli.arguments import add_tool, tool_of
 from stiffgen.cli.console import Progress, messages
 from stiffgen.errors import StiffgenError, printable
 from stiffgen.generate import generate_folder
+from stiffgen.loading import read_potential
 from stiffgen.lower.rounding import Ranges
 from stiffgen.options import GenerationOptions, help_of
-from stiffgen.symbolic.potentials import SpringOptions, read_potential
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
 

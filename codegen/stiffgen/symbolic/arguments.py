@@ -19,10 +19,10 @@ class Argument:
     """Argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
 
     ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
-    formulas have for an argument, ``plural`` its name where it holds one block a tip. ``of_posture`` says that it is
-    part of the configuration that all tips share, ``varying`` of a matrix that CUDA takes one for each configuration,
-    too, as it does of vectors, ``own`` that it always does (a cotangent, vectors of all tips), ``triangle`` of a
-    symmetric matrix that only its upper triangle is read.
+    formulas have for an argument, ``plural`` its name where it holds one value per tip. ``of_configuration`` marks the
+    part of the configuration that all tips share. CUDA takes one vector per configuration, and one matrix if the
+    matrix is ``varying``; an ``own`` argument (a cotangent, vectors of all tips) always has one per configuration. Of a
+    symmetric matrix with ``triangle`` only the upper triangle is read.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Argument:
     symbol: str = ""
     plural: str = ""
     own: bool = False
-    of_posture: bool = False
+    of_configuration: bool = False
     varying: bool = False
     triangle: bool = False
 
@@ -64,10 +64,10 @@ class Argument:
         return Array(self.name, tuple(sizes[e] if isinstance(e, str) else e for e in self.shape), self.symbol)
 
 
-Q = Argument("q", ("q",), "rad or m", "joint positions, base to tip", symbol="q", of_posture=True)
+Q = Argument("q", ("q",), "rad or m", "joint positions, base to tip", symbol="q", of_configuration=True)
 BASE_POSE = Argument(
     "base_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the base link in the world; R must be a rotation",
-    symbol="B", of_posture=True, varying=True,
+    symbol="B", of_configuration=True, varying=True,
 )  # fmt: skip
 TOOL_POSE = Argument(
     "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation",
@@ -118,7 +118,7 @@ def task_stiffness(representation: Representation, *, triangle: bool) -> Argumen
 POSE = Argument("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the base frame")
 
 
-def posture(*, runtime_tool: bool, floating: bool = False) -> tuple[Argument, ...]:
+def configuration_arguments(*, runtime_tool: bool, floating: bool = False) -> tuple[Argument, ...]:
     """Return the configuration arguments: q, before it the base pose, after it the tool pose at run time."""
     return (*((BASE_POSE,) if floating else ()), Q, *((TOOL_POSE,) if runtime_tool else ()))
 

@@ -29,9 +29,9 @@ from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import springs, stiffness
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.kinematics import (
+    Configuration,
     Expressions,
     Frame,
-    Posture,
     Section,
     constant,
     cross,
@@ -75,7 +75,7 @@ def columns_and_covectors(chain: Chain, *given: ca.SX, representation: Represent
 
     Args:
         chain: the tree.
-        given: what the tips' poses depend on, as :meth:`Posture.of` takes it, tool poses one a tip; then the wrenches
+        given: configuration arguments, as for :meth:`Configuration.of`, one tool pose per tip; then the wrenches
             (tips, 6) and task stiffnesses (tips, 6, 6), of which the upper triangles are read.
         representation: of wrenches and task stiffnesses.
 
@@ -97,7 +97,7 @@ def spring_terms(chain: Chain, *given: ca.SX, spring: Spring, parts: str) -> Exp
 
     Args:
         chain: the tree.
-        given: as for :func:`columns_and_covectors`; after the postures the spring's parameters, each one a tip.
+        given: as for :func:`columns_and_covectors`; then the spring's parameters, one of each per tip.
         spring: the potential.
         parts: "S" for columns S and covectors u (6 x number of joints each), "U" for the energy, "T" for the torques of
             the joints.
@@ -105,7 +105,7 @@ def spring_terms(chain: Chain, *given: ca.SX, spring: Spring, parts: str) -> Exp
     """
     count, size = len(chain.tips), len(given) - len(spring.parameters)
     seen = _Seen.of(chain, given[:size], "hybrid")
-    origin = Posture.of(chain, given[:size]).base[1]
+    origin = Configuration.of(chain, given[:size]).base[1]
     energy, loads = ca.SX(0), list[_Load]()
     for index, tip in enumerate(chain.tips):
         own = []
@@ -144,11 +144,11 @@ class _Seen:
     def of(chain: Chain, where: Sequence[ca.SX], representation: Representation) -> _Seen:
         count = len(chain.tips)
         tools = _blocks(where[-1], count) if chain.runtime_tool else [None] * count
-        posture = Posture.of(chain, where, seen_from_tip=representation == "body")
-        base_pose = posture.base_pose
+        configuration = Configuration.of(chain, where, seen_from_tip=representation == "body")
+        base_pose = configuration.base_pose
         if base_pose is not None and representation == "hybrid":
             base_pose = ca.diagcat(base_pose[:3, :3], 1)
-        r, frames = outward_frames(chain, Posture(posture.q, base_pose))
+        r, frames = outward_frames(chain, Configuration(configuration.q, base_pose))
         columns = [spatial_column(joint, frame[1], frame[2]) for joint, frame in zip(chain.joints, frames, strict=True)]
         places = [_place(tip, frames[tip.joint], tool) for tip, tool in zip(chain.tips, tools, strict=True)]
         return _Seen(r.sections, frames, columns, places)

@@ -25,7 +25,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Body, Chain, Joint
 from stiffgen.robot.geometry import Inertia, Pose, aligning_rotation, mpf
-from stiffgen.symbolic.kinematics import Expressions, Posture, Section, constant, cross, joint_position
+from stiffgen.symbolic.kinematics import Configuration, Expressions, Section, constant, cross, joint_position
 
 _ALONG = ca.SX(ca.sparsify(ca.DM([0, 0, 1])))
 """The axis of every joint, in the axes of its link."""
@@ -104,8 +104,8 @@ def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
     ``given``: the base's pose if it floats, q, velocity, gravity. A floating base's rates are those of its body twist,
     and what it needs is a wrench at the base link's origin in its axes.
     """
-    *posture, velocity, gravity = given
-    at = Posture.of(chain, posture)
+    *configuration, velocity, gravity = given
+    at = Configuration.of(chain, configuration)
     q, (base_rotation, _), own = at.q, at.base, chain.base_joints
     links, base_link = _links(chain)
     sections: list[Section] = []

@@ -16,7 +16,7 @@ from stiffgen.errors import ChainError, PotentialError, listed, printable
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import adjoint, arguments, gradients, programs
-from stiffgen.symbolic.arguments import POSE, Argument, posture
+from stiffgen.symbolic.arguments import POSE, Argument, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
@@ -288,7 +288,8 @@ def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel
 def _tip_kernels(
     tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: bool, floating: bool = False
 ) -> tuple[Kernel, ...]:
-    given, seen_from_tip = posture(runtime_tool=runtime_tool, floating=floating), posture(runtime_tool=runtime_tool)
+    given = configuration_arguments(runtime_tool=runtime_tool, floating=floating)
+    seen_from_tip = configuration_arguments(runtime_tool=runtime_tool)
     pose = Kernel(
         "forward_kinematics", None, given, (POSE,),
         "Pose of the tip in the base frame.",
@@ -313,7 +314,7 @@ def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], result
 
     Each argument but the configuration's holds one value per tip.
     """
-    arrays = [(argument.array(chain), argument.of_posture) for argument in given]
+    arrays = [(argument.array(chain), argument.of_configuration) for argument in given]
     terms = []
     for index, tip in enumerate(chain.tips):
         kernel = replace(of, tip=tip)
@@ -328,7 +329,7 @@ def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], result
 def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | None = None) -> Kernel:
     """Return the kernel that sums the results of ``of``, a representation's or a ``spring``'s, over the tips."""
     names = [tip.name for tip in chain.tips]
-    given = tuple(each if each.of_posture else each.of_all_tips(names) for each in of.arguments)
+    given = tuple(each if each.of_configuration else each.of_all_tips(names) for each in of.arguments)
     results = tuple(
         replace(
             result,
@@ -402,7 +403,7 @@ def _gravity_kernel(
 
 def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
     """Return the kernels of a robot's dynamics."""
-    where = posture(runtime_tool=False, floating=floating)
+    where = configuration_arguments(runtime_tool=False, floating=floating)
     falling = (*where, arguments.GRAVITY)
     base = "; on the base less Gamma dU/dq of its twist" if floating else ""
     return (

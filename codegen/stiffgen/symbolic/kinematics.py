@@ -178,27 +178,26 @@ class PoseRecursion:
 
 
 Frame = tuple[ca.SX, ca.SX, ca.SX]
-"""Of a moving joint, in base axes: rotation of its URDF frame (3x3), a point on its axis [m], its axis."""
+"""Frame of a moving joint, in base axes: rotation of its URDF frame (3x3), a point on its axis [m], its axis."""
 
 
 @dataclass(frozen=True)
-class Posture:
-    """What a tip's pose depends on, from a kernel's arguments: q, the base's pose where it floats, and the tool's where
-    it is known at run time only (else None).
-    """
+class Configuration:
+    """Configuration of a tip, from a kernel's arguments: q, pose of a floating base, pose of a tool at run time."""
 
     q: ca.SX
     base_pose: ca.SX | None = None
     tool_pose: ca.SX | None = None
 
     @staticmethod
-    def of(chain: Chain, given: Sequence[ca.SX], *, seen_from_tip: bool = False) -> Posture:
-        """``given`` in the order of :func:`stiffgen.symbolic.arguments.posture`; seen from the tip without the base,
-        and without the tool where only joints matter.
+    def of(chain: Chain, given: Sequence[ca.SX], *, seen_from_tip: bool = False) -> Configuration:
+        """Return the configuration of arguments in the order of ``configuration_arguments``.
+
+        Seen from the tip the base is left out, and the tool where only joints matter.
         """
         rest = list(given)
         base_pose = rest.pop(0) if chain.floating and not seen_from_tip else None
-        return Posture(rest[0], base_pose, rest[1] if len(rest) > 1 else None)
+        return Configuration(rest[0], base_pose, rest[1] if len(rest) > 1 else None)
 
     @property
     def base(self) -> tuple[ca.SX, ca.SX]:
@@ -208,10 +207,10 @@ class Posture:
         return self.base_pose[:3, :3], self.base_pose[:3, 3]
 
 
-def outward_frames(chain: Chain, posture: Posture) -> tuple[PoseRecursion, list[Frame]]:
+def outward_frames(chain: Chain, configuration: Configuration) -> tuple[PoseRecursion, list[Frame]]:
     """Return the frames of all moving joints, from the base outwards."""
-    r = PoseRecursion(chain, posture.q)
-    base_rotation, base_origin = posture.base
+    r = PoseRecursion(chain, configuration.q)
+    base_rotation, base_origin = configuration.base
     frames: list[Frame] = [(base_rotation, base_origin, base_rotation[:, k % 3]) for k in range(chain.base_joints)]
     for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
         rotation, origin, _ = frames[joint.parent] if joint.parent >= 0 else (base_rotation, base_origin, None)
@@ -256,9 +255,9 @@ def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
 
 def forward_kinematics(chain: Chain, *given: ca.SX) -> Expressions:
     """Return the pose (4x4, metres) in the base frame of the tip, or of a tool with a known pose in the tip's frame."""
-    posture = Posture.of(chain, given)
-    r, frames = outward_frames(chain, posture)
-    rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
+    configuration = Configuration.of(chain, given)
+    r, frames = outward_frames(chain, configuration)
+    rotation, tip = _tip_in_base(chain, frames, configuration.tool_pose)
     return Expressions(_pose(rotation, tip), tuple(r.sections), _POSE)
 
 
@@ -269,10 +268,10 @@ def _pose(rotation: ca.SX, origin: ca.SX) -> ca.SX:
 def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) -> Expressions:
     """Return the Jacobian (6 x number of joints): one column per moving joint, mimic joints included."""
     if representation == "body":
-        return _body_jacobian(chain, Posture.of(chain, given, seen_from_tip=True))
-    posture = Posture.of(chain, given)
-    r, frames = outward_frames(chain, posture)
-    _, tip = _tip_in_base(chain, frames, posture.tool_pose)
+        return _body_jacobian(chain, Configuration.of(chain, given, seen_from_tip=True))
+    configuration = Configuration.of(chain, given)
+    r, frames = outward_frames(chain, configuration)
+    _, tip = _tip_in_base(chain, frames, configuration.tool_pose)
     if representation == "hybrid":
         r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}, {"p_": Kind.POINT}))
     return Expressions(_outward_columns(chain, frames, tip, representation), tuple(r.sections), _kinds(chain))
@@ -280,9 +279,9 @@ def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) 
 
 def hybrid_jacobian_and_pose(chain: Chain, *given: ca.SX) -> Expressions:
     """Return the tip's hybrid Jacobian (6 x number of joints) and pose (4x4): entries row by row, stacked."""
-    posture = Posture.of(chain, given)
-    r, frames = outward_frames(chain, posture)
-    rotation, tip = _tip_in_base(chain, frames, posture.tool_pose)
+    configuration = Configuration.of(chain, given)
+    r, frames = outward_frames(chain, configuration)
+    rotation, tip = _tip_in_base(chain, frames, configuration.tool_pose)
     r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}, {"p_": Kind.POINT}))
     columns = _outward_columns(chain, frames, tip, "hybrid")
     result = ca.vertcat(ca.vec(columns.T), ca.vec(_pose(rotation, tip).T))
@@ -307,10 +306,10 @@ def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representati
     return ca.densify(ca.horzcat(*columns))
 
 
-def _body_jacobian(chain: Chain, posture: Posture) -> Expressions:
+def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
     """Return the body Jacobian; (rotation, origin) is the pose of a link's frame in the tip frame, from tip to base."""
-    r = PoseRecursion(chain, posture.q)
-    tip_rotation, tip_origin = _tip_in_joint(chain, posture.tool_pose)
+    r = PoseRecursion(chain, configuration.q)
+    tip_rotation, tip_origin = _tip_in_joint(chain, configuration.tool_pose)
     rotation = tip_rotation.T
     origin = -(rotation @ tip_origin)
     columns: list[ca.SX] = []

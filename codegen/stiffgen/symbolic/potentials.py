@@ -19,7 +19,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -65,41 +64,6 @@ class _Parameters:
                 f"{self._owner}.parameters"
             )
         return self._values[name]
-
-
-def read_potential(text: str) -> Potential:
-    """Run a file and return the function that FILE.py:FUNCTION names.
-
-    Raises:
-        PotentialError: no such file or function, or the file fails.
-
-    """
-    path, separator, function = text.rpartition(":")
-    if not separator or not path or not function:
-        raise PotentialError(f"--potential {text}: is not FILE.py:FUNCTION")
-    try:
-        source = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise PotentialError(f"--potential {path}: cannot be read ({getattr(error, 'strerror', error)})") from error
-    return potential_of_source(source, Path(path).name, function)
-
-
-def potential_of_source(source: str, file: str, function: str) -> Potential:
-    """Run a source text and return one of its functions.
-
-    Raises:
-        PotentialError: the text fails, or has no such function.
-
-    """
-    names: dict[str, Any] = {"__name__": Path(file).stem, "__file__": file}
-    try:
-        exec(compile(source, file, "exec"), names)
-    except Exception as error:
-        raise PotentialError(f"potential {file}: fails when it is run ({type(error).__name__}: {error})") from error
-    if not callable(names.get(function)):
-        found = [name for name, value in names.items() if inspect.isfunction(value)]
-        raise PotentialError(f"potential {file}: has no function '{function}' (it has {listed(found) or 'none'})")
-    return Potential(names[function], file, source)
 
 
 def spring_of(potential: Potential) -> Spring:
@@ -228,7 +192,7 @@ class SpringOptions:
         return tuple(springs)
 
     def to_manifest(self) -> dict[str, Any]:
-        """Return the record that :func:`springs_of_manifest` reads."""
+        """Return the record that :func:`stiffgen.loading.springs_of_manifest` reads."""
         return {
             "kinds": [each.name for each in self.springs()],
             "translation_axes": self.placement.translation_axes,
@@ -240,21 +204,3 @@ class SpringOptions:
             **({"groups": list(self.groups)} if self.groups else {}),
             **({} if self.batches else {"batches": False}),
         }
-
-
-def springs_of_manifest(content: dict[str, Any]) -> SpringOptions:
-    """Return the springs of a robot's folder; a folder without a record has the default spring."""
-    recorded = content.get("springs")
-    if recorded is None:
-        return SpringOptions()
-    derivatives = bool(content.get("derivatives", False))
-    names = {spring(kind).name: kind for kind in KINDS}
-    x, y, z = map(float, recorded["centre"])
-    return SpringOptions(
-        tuple(names[name] for name in recorded["kinds"] if name in names),
-        Placement(recorded["translation_axes"], recorded["rotation_axes"], (x, y, z)),
-        tuple(potential_of_source(each["source"], each["file"], each["function"]) for each in recorded["potentials"]),
-        derivatives,
-        tuple(recorded.get("groups", ())),
-        recorded.get("batches", True),
-    )

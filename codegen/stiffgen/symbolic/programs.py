@@ -14,7 +14,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import contacts, dynamics, gravity, joint_potentials, kinematics, springs, stiffness
-from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argument, Q, posture
+from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argument, Q, configuration_arguments
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.joint_potentials import JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
@@ -23,9 +23,10 @@ from stiffgen.symbolic.springs import Spring
 from stiffgen.symbolic.steps import Map, SparseSum, StraightLine, SumJoints
 
 
-def _posture(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
+def _configuration(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
     based = chain.floating and not seen_from_tip
-    return tuple(argument.array(chain) for argument in posture(runtime_tool=chain.runtime_tool, floating=based))
+    arguments = configuration_arguments(runtime_tool=chain.runtime_tool, floating=based)
+    return tuple(argument.array(chain) for argument in arguments)
 
 
 def _columns(chain: Chain, representation: Representation, name: str = "J") -> tuple[StraightLine, Array]:
@@ -33,7 +34,7 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
-    given = _posture(chain, seen_from_tip=representation == "body")
+    given = _configuration(chain, seen_from_tip=representation == "body")
     name = f"{representation}_columns"
     return StraightLine((array,), expressions, given, name, heading, meaning, 1, moves=representation), array
 
@@ -64,7 +65,7 @@ def _pairs(left: Array, right: Array, over: Over, output: Array, comment: str, *
 def _pose(chain: Chain, pose: Array) -> StraightLine:
     heading, meaning = "pose of the tip", "Pose of the tip in the base frame"
     return StraightLine(
-        (pose,), kinematics.forward_kinematics, _posture(chain), "tip_pose", heading, meaning, moves="hybrid"
+        (pose,), kinematics.forward_kinematics, _configuration(chain), "tip_pose", heading, meaning, moves="hybrid"
     )
 
 
@@ -73,7 +74,7 @@ def columns_and_pose(chain: Chain, J: Array, pose: Array) -> StraightLine:
     heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
     expressions = kinematics.hybrid_jacobian_and_pose
     name = "hybrid_columns_and_pose"
-    return StraightLine((J, pose), expressions, _posture(chain), name, heading, meaning, 1, moves="hybrid")
+    return StraightLine((J, pose), expressions, _configuration(chain), name, heading, meaning, 1, moves="hybrid")
 
 
 def forward_kinematics(chain: Chain) -> Program:
@@ -329,7 +330,7 @@ def _pairs_on_the_way(
 
 def bias_forces(chain: Chain, result: Argument) -> Program:
     """Return the program of forces at constant rates, summed into coordinates."""
-    given = (*posture(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
+    given = (*configuration_arguments(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
     return _vector_of_joints(
         chain,
         result,

@@ -325,13 +325,13 @@ class References:
     @property
     def posture(self) -> tuple[Array, ...]:
         """What the kernels take before everything else: q, and the poses of base and tool where they are arguments."""
-        given = arguments.posture(runtime_tool=self.chain.runtime_tool, floating=self.chain.floating)
+        given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=self.chain.floating)
         return tuple(self.samples[argument.name] for argument in given)
 
     def posture_of(self, representation: Representation) -> tuple[Array, ...]:
         """The same for the kernels of a representation: seen from the tip, the base's place does not matter."""
         based = self.chain.floating and representation != "body"
-        given = arguments.posture(runtime_tool=self.chain.runtime_tool, floating=based)
+        given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=based)
         return tuple(self.samples[argument.name] for argument in given)
 
     @property

@@ -752,7 +752,7 @@ static kernel kernels[] = {
     {
         "body_jacobian_transpose_derivative",
         "(7)->(7,7,6)",
-        "Derivative of the transposed Jacobian by every joint position.\012"
+        "Derivative of the transposed Jacobian with respect to each joint position.\012"
         "\012"
         "dJ^T/dq, closed form through Lie brackets\012"
         "\012"
@@ -777,7 +777,7 @@ static kernel kernels[] = {
     {
         "body_kinematic_stiffness",
         "(7),(6)->(7,7)",
-        "Kinematic stiffness: how the joint torques of a constant wrench change with posture.\012"
+        "Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.\012"
         "\012"
         "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)\012"
         "\012"
@@ -919,7 +919,7 @@ static kernel kernels[] = {
     {
         "spatial_jacobian_transpose_derivative",
         "(7)->(7,7,6)",
-        "Derivative of the transposed Jacobian by every joint position.\012"
+        "Derivative of the transposed Jacobian with respect to each joint position.\012"
         "\012"
         "dJ^T/dq, closed form through Lie brackets\012"
         "\012"
@@ -944,7 +944,7 @@ static kernel kernels[] = {
     {
         "spatial_kinematic_stiffness",
         "(7),(6)->(7,7)",
-        "Kinematic stiffness: how the joint torques of a constant wrench change with posture.\012"
+        "Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.\012"
         "\012"
         "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)\012"
         "\012"
@@ -1092,7 +1092,7 @@ static kernel kernels[] = {
     {
         "hybrid_jacobian_transpose_derivative",
         "(7)->(7,7,6)",
-        "Derivative of the transposed Jacobian by every joint position.\012"
+        "Derivative of the transposed Jacobian with respect to each joint position.\012"
         "\012"
         "dJ^T/dq, closed form through Lie brackets\012"
         "\012"
@@ -1117,7 +1117,7 @@ static kernel kernels[] = {
     {
         "hybrid_kinematic_stiffness",
         "(7),(6)->(7,7)",
-        "Kinematic stiffness: how the joint torques of a constant wrench change with posture.\012"
+        "Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.\012"
         "\012"
         "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)\012"
         "\012"
@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "037e14b23fdfd3c2") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "a37a563e464d6dc9") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
