@@ -13,7 +13,7 @@ import numpy as np
 
 import stiffgen
 from benchmarks.tools import AVX2, NATIVE, URDF, pinned, run
-from stiffgen.verify.verify import Samples
+from stiffgen.verify.samples import Samples
 
 ROBOT = URDF.parent.parent / "generated" / "iiwa14"
 SOURCE = Path(__file__).resolve().parent / "contenders" / "batch_parts.c"

@@ -29,7 +29,8 @@ from stiffgen.style import AXES, CORRECTED, THEME
 from stiffgen.symbolic.kernels import KERNELS, MAX_BATCH_JOINTS
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.verify import Samples, joint_poses, product_of_poses
+from stiffgen.verify.poses import joint_poses, product_of_poses
+from stiffgen.verify.samples import Samples
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks import growth as joints

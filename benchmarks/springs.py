@@ -9,7 +9,7 @@ from pathlib import Path
 
 import stiffgen
 from benchmarks.tools import COUNT, HERE, NATIVE, Row, pinned, run
-from stiffgen.verify.verify import Samples
+from stiffgen.verify.samples import Samples
 
 SPRING_ROUNDS = 1001
 

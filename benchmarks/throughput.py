@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.verify.verify import Samples
+from stiffgen.verify.samples import Samples
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent

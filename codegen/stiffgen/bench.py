@@ -16,7 +16,7 @@ from stiffgen.errors import BuildError
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.verify.result import as_results
-from stiffgen.verify.verify import argument_samples
+from stiffgen.verify.samples import argument_samples
 
 _BATCH = 4096
 _SECONDS = 0.01

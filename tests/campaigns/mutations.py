@@ -20,6 +20,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from stiffgen.emit.build import kernel_sources
 from stiffgen.emit.fields import CONFIG
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.verify.controller_library import ControllerLibrary
@@ -107,15 +108,14 @@ class Workshop:
     def __init__(self, robot: GeneratedRobot, folder: Path) -> None:
         self.robot, self.folder, self.built = robot, folder, 0
         for file, text in print_again(robot).items():
-            if file.endswith((".c", ".h")) and "/" not in file:
+            if file.endswith((".c", ".h")):
+                (folder / file).parent.mkdir(exist_ok=True)
                 (folder / file).write_text(text)
         self.text = (folder / f"{robot.name}_impedance.c").read_text()
-        kernels = [str(each) for each in sorted(folder.glob(f"{robot.name}*.c"))
-                   if not re.search(r"_(impedance|python|calls|casadi|jax)\.c$", each.name)]  # fmt: skip
         self.objects = []
-        for source in kernels:
+        for source in kernel_sources(folder, robot.name):
             made = f"{source}.o"
-            subprocess.run(["cc", "-std=gnu99", "-O1", "-fPIC", "-c", source, "-o", made], check=True)
+            subprocess.run(["cc", "-std=gnu99", "-O1", "-fPIC", "-c", str(source), "-o", made], check=True)
             self.objects.append(made)
         reference = self.compile(self.text)
         assert reference is not None

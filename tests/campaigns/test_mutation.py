@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Every single entry of dJ^T/dq matters, and every sign of the generated code: falsify each one and see checks fail.
 
-The checks are those of ``stiffgen verify`` (:func:`stiffgen.verify.verify.check_kernels`), run on the compiled kernels
+The checks are those of ``stiffgen verify`` (:func:`stiffgen.verify.oracles.check_kernels`), run on the compiled kernels
 with one entry of the derivative falsified, and all that is made from it: the contraction, and the joint stiffness
 put together the way the generated code does it, one half computed and mirrored. It stays symmetric throughout.
 """
@@ -26,16 +26,12 @@ from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS, Placement
 from stiffgen.symbolic.springs import spring as spring_of_kind
+from stiffgen.verify.oracles import check_kernels
+from stiffgen.verify.poses import gamma_F
+from stiffgen.verify.references import References, dynamics_references
 from stiffgen.verify.result import BOUND, as_results, relative_error
+from stiffgen.verify.samples import argument_samples, joint_potential_arguments
 from stiffgen.verify.springs import by_hand
-from stiffgen.verify.verify import (
-    References,
-    argument_samples,
-    check_kernels,
-    dynamics_references,
-    gamma_F,
-    joint_potential_arguments,
-)
 from support import exact_c
 from support.chains import chain_urdf
 from support.complex_step import columns, gradients

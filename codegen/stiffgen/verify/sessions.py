@@ -174,6 +174,8 @@ class _Session:
             if random.random() < (0.15 if self.calm else 0.35):
                 self._vary(field)
         if random.random() < 0.3:
+            config.engagement_limit, config.energy_limit = 10.0 ** random.uniform([-4.0, -3.0], 0.5)
+        if random.random() < 0.3:
             root = random.normal(size=(6, 6))
             _fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
         symmetric = np.array(config.task_damping).reshape(6, 6)

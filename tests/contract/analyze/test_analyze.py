@@ -27,7 +27,7 @@ from stiffgen.analyze.recording import Request, csv_file, npz_file, open_recordi
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, RecordingError
 from stiffgen.symbolic.connection import REPRESENTATIONS
-from stiffgen.verify.verify import References
+from stiffgen.verify.references import References
 from support import recordings
 from support.project import ROOT
 
@@ -77,7 +77,7 @@ def test_measures_against_differentiated_poses(representation, robot, chain):
     references = References(chain, 40, seed=11)
     J, wrench = references.jacobian[representation], references.samples.wrench
     stiffness = references.kinematic_stiffness(representation) + J.transpose(0, 2, 1) @ np.diag(K) @ J
-    gamma = ms._parts(J.transpose(0, 2, 1) @ stiffgen.verify.verify.gamma_F(representation, wrench) @ J)
+    gamma = ms._parts(J.transpose(0, 2, 1) @ stiffgen.verify.poses.gamma_F(representation, wrench) @ J)
     corrected = ms._parts(stiffness)[0] + gamma[0]
     rows = np.hstack([np.zeros((40, 1)), references.samples.q, wrench])
     found = measured(robot, rows, representation)

@@ -23,7 +23,7 @@ from stiffgen.symbolic.kernels import MAX_BATCH_JOINTS, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.result import as_results, relative_error
-from stiffgen.verify.verify import Samples, argument_samples
+from stiffgen.verify.samples import Samples, argument_samples
 from support.c_program import STRICT
 from support.chains import chain_urdf
 from support.cuda_host import NOTHING, HostCuda

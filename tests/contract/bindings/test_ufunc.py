@@ -17,7 +17,7 @@ import pytest
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.verify.result import as_results, relative_error
-from stiffgen.verify.verify import Samples
+from stiffgen.verify.samples import Samples
 from support.project import kernels_of
 
 

@@ -16,7 +16,8 @@ from stiffgen.options import GenerationOptions
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.result import BOUND, as_results, relative_error
-from stiffgen.verify.verify import argument_samples, verify
+from stiffgen.verify.samples import argument_samples
+from stiffgen.verify.verify import verify
 from support.chains import chain_urdf
 from support.cuda_host import HostCuda
 from support.exact_tree import tree_urdf

@@ -14,7 +14,7 @@ from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.not_finite import STACK, check_not_finite
 from stiffgen.verify.result import as_results
-from stiffgen.verify.verify import Samples, argument_samples
+from stiffgen.verify.samples import Samples, argument_samples
 from support.chains import chain_urdf, replaced
 from support.project import kernels_of
 

@@ -46,10 +46,10 @@ def test_nothing_of_a_folder_with_other_files_is_run(file: str, robot_folder: Pa
 
 def test_bytecode_beside_the_sources_is_not_run(robot_folder: Path, tmp_path: Path) -> None:
     folder = copy_folder(robot_folder, tmp_path)
-    source, other = folder / "python" / "impedance.py", tmp_path / "other.py"
+    source, other = next(folder.rglob("impedance.py")), tmp_path / "other.py"
     other.write_text(source.read_text() + planted(folder))
     cache = Path(importlib.util.cache_from_source(str(source)))
-    cache.parent.mkdir(exist_ok=True)
+    cache.parent.mkdir()
     py_compile.compile(str(other), str(cache), doraise=True)
     content = bytearray(cache.read_bytes())
     content[8:16] = int(source.stat().st_mtime).to_bytes(4, "little") + source.stat().st_size.to_bytes(4, "little")

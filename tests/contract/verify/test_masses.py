@@ -16,8 +16,10 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.verify.masses import check_masses
+from stiffgen.verify.oracles import _dynamics_checks
+from stiffgen.verify.references import dynamics_references
 from stiffgen.verify.result import Check, compared
-from stiffgen.verify.verify import Samples, _dynamics_checks, dynamics_references
+from stiffgen.verify.samples import Samples
 from support.project import ROOT
 
 NAMES = ("mass_matrix", "bias_forces", "gravity_gradient")

@@ -10,7 +10,7 @@ import pytest
 from stiffgen.opened import open_robot
 from stiffgen.verify.batches import check_c_batches
 from stiffgen.verify.result import one_by_one
-from stiffgen.verify.verify import argument_samples
+from stiffgen.verify.samples import argument_samples
 from stiffgen.verify.widths import WIDTHS, build_widths
 from support.folders import copy_folder, restamp
 

@@ -19,8 +19,9 @@ from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
 from stiffgen.symbolic.kernels import KERNELS
 from stiffgen.symbolic.model import casadi_function
+from stiffgen.verify.oracles import check_kernels
+from stiffgen.verify.references import References
 from stiffgen.verify.result import as_results
-from stiffgen.verify.verify import References, check_kernels
 from support.chain_checks import disagreements
 from support.pinocchio_oracle import PinocchioChain
 from support.random_urdf import Plain, Robot, broken_files, random_robot, robots

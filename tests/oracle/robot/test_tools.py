@@ -16,7 +16,8 @@ from stiffgen.cli import main
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
-from stiffgen.verify.verify import References, check_robot
+from stiffgen.verify.oracles import check_robot
+from stiffgen.verify.references import References
 from support.project import ROOT, URDF, assert_close, kernels_of
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"

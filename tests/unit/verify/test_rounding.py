@@ -16,9 +16,10 @@ from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.certified import check_certified_bounds, within
+from stiffgen.verify.oracles import _against_casadi
 from stiffgen.verify.result import Check, as_results
 from stiffgen.verify.rounding import rounding_errors, with_more_digits
-from stiffgen.verify.verify import _against_casadi, argument_samples
+from stiffgen.verify.samples import argument_samples
 from support.chains import chain_urdf
 from support.graphs import DIGITS, Graph
 

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""Poses and Jacobians as plain 4x4 products and their derivatives: the ground that the oracles of kernels stand on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.connection import Representation
+from stiffgen.verify.result import Array
+
+
+def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[ca.SX]:
+    """Pose of every joint's frame in the base, or in the world where ``base_pose`` is, by plain 4x4 products."""
+    own = chain.base_joints
+    base = ca.SX.eye(4) if base_pose is None else base_pose
+    joints: list[ca.SX] = own * [base]
+    for joint in chain.joints[own:]:
+        pose = joints[joint.parent] if joint.parent >= 0 else base
+        position = joint.multiplier * q[joint.coordinate - own] + joint.offset
+        axis = ca.DM(joint.axis)
+        motion = ca.SX.eye(4)
+        if joint.type == "prismatic":
+            motion[:3, 3] = axis * position
+        else:
+            cross = ca.skew(axis)
+            motion[:3, :3] = ca.DM.eye(3) + ca.sin(position) * cross + (1 - ca.cos(position)) * (cross @ cross)
+        joints.append(pose @ homogeneous(joint.rotation, joint.translation) @ motion)
+    return joints
+
+
+def product_of_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> ca.SX:
+    """Pose (4x4) of the chain's only tip in the base, or the world, by plain 4x4 products."""
+    (tip,) = chain.tips
+    return joint_poses(chain, q, base_pose)[tip.joint] @ homogeneous(chain.tip_rotation, chain.tip_translation)
+
+
+def homogeneous(rotation: Any, translation: Any) -> ca.DM:
+    """Return the pose (4x4) of a rotation and a translation."""
+    return ca.vertcat(ca.horzcat(ca.DM(rotation), ca.DM(translation)), ca.DM([[0, 0, 0, 1]]))
+
+
+def _vee(matrix: ca.SX) -> ca.SX:
+    return ca.vertcat(matrix[0, 3], matrix[1, 3], matrix[2, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0])
+
+
+def _inverse(pose: ca.SX) -> ca.SX:
+    rotation = pose[:3, :3].T
+    return ca.vertcat(ca.horzcat(rotation, -rotation @ pose[:3, 3]), ca.SX([[0, 0, 0, 1]]))
+
+
+def jacobian_of(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
+    """By differentiation of the pose."""
+    columns = []
+    for k in range(q.shape[0]):
+        rate = ca.jacobian(ca.vec(pose), q[k]).reshape((4, 4))
+        body = _vee(_inverse(pose) @ rate)
+        if representation == "body":
+            columns.append(body)
+        elif representation == "spatial":
+            columns.append(_vee(rate @ _inverse(pose)))
+        else:
+            rotation = pose[:3, :3]
+            columns.append(ca.vertcat(rate[:3, 3], rotation @ body[3:]))
+    return ca.horzcat(*columns)
+
+
+class Place:
+    """Symbols of a configuration: joint positions, the base's pose, and how far the base has moved from there.
+
+    Coordinates are those motions (none if the base stands), then the joint positions. The base moves by x = (v, w) to
+    p + R v, R exp([w]), of which two derivatives at zero are exact.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self.floating = chain.floating
+        self.q = ca.SX.sym("q", len(chain.coordinates))
+        self.base_pose = ca.SX.sym("B", 16)  # row by row
+        self.moves = ca.SX.sym("x", chain.base_joints)
+
+    @property
+    def coordinates(self) -> ca.SX:
+        """What derivatives are taken by."""
+        return ca.vertcat(self.moves, self.q)
+
+    def base(self, *further: ca.SX) -> ca.SX | None:
+        """Pose of the base after its motion, and after ``further`` ones; None if it stands."""
+        if not self.floating:
+            return None
+        pose = self.base_pose.reshape((4, 4)).T
+        for moves in (self.moves, *further):
+            turn = ca.skew(moves[3:])
+            rotation = ca.SX.eye(3) + turn + turn @ turn / 2
+            pose = pose @ ca.blockcat([[rotation, moves[:3]], [ca.SX.zeros(1, 3), ca.SX.ones(1)]])
+        return pose
+
+
+def gamma_F(representation: Representation, wrench: Array) -> Array:
+    """Gamma F in cross-product matrices (facts of the paper's appendix), for a stack of wrenches."""
+    force, moment = (_cross_matrices(wrench[..., part]) for part in (slice(0, 3), slice(3, 6)))
+    result = np.zeros((*wrench.shape[:-1], 6, 6))
+    if representation == "hybrid":
+        result[..., 3:, 3:] = np.swapaxes(moment, -1, -2) / 2
+        return result
+    result[..., :3, 3:] = force
+    result[..., 3:, 3:] = moment / 2
+    return result if representation == "body" else np.swapaxes(result, -1, -2)
+
+
+def _cross_matrices(v: Array) -> Array:
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    rows = [np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, -2)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: MIT
+"""Reference values of kernels at random states, computed from the chain's joint poses alone.
+
+* pose: a plain product of 4x4 matrices with Rodrigues' formula;
+* Jacobians: CasADi's derivative of that pose, J = vee(H^-1 dH) and its relatives;
+* dJ^T/dq: CasADi's derivative of those Jacobians; the kinematic stiffness is its contraction;
+* Gamma F: the matrix forms in cross-product matrices, written down;
+* joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
+  U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
+* mass matrix, bias forces and gravity: derivatives of kinetic and potential energy (:mod:`stiffgen.verify.dynamics`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic import arguments
+from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import folded
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.springs import Spring
+from stiffgen.verify.dynamics import differentiated as differentiated_energies
+from stiffgen.verify.poses import (
+    Place,
+    gamma_F,
+    jacobian_of,
+    joint_poses,
+    product_of_poses,
+)
+from stiffgen.verify.result import Array
+from stiffgen.verify.samples import (
+    Samples,
+)
+from stiffgen.verify.springs import differentiated
+
+
+class References:
+    """Reference values of the kernels of one tip at random samples.
+
+    Args:
+        chain: the robot, or the branch to one of its tips.
+        count: number of samples.
+        seed: of the random generator.
+        at: where joint positions and base poses are taken from instead of random ones.
+        options: springs beyond the default one.
+
+    """
+
+    def __init__(
+        self, chain: Chain, count: int, seed: int, at: Samples | None = None, options: SpringOptions | None = None
+    ) -> None:
+        self.chain = chain
+        self.options = options or SpringOptions()
+        self.samples = Samples.draw(chain, count, seed)
+        if at is not None:
+            self.samples = replace(self.samples, q=at.q, base_pose=at.base_pose)
+        place, tool = Place(chain), ca.SX.sym("T", 16)
+        self._symbols, self._moves, symbol = (place.q, place.base_pose, tool), place.moves, place.coordinates
+        mounted = tool.reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
+        pose = product_of_poses(chain, place.q, place.base()) @ mounted
+        self.pose = self._evaluate(pose)
+        # Rates of the coordinates, wherever the base has moved to.
+        moves = ca.SX.sym("s", chain.base_joints)
+        moved = product_of_poses(chain, place.q, place.base(moves)) @ mounted
+        self.jacobian: dict[str, Array] = {}
+        self.derivative: dict[str, Array] = {}
+        for representation in REPRESENTATIONS:
+            jacobian = jacobian_of(moved, ca.vertcat(moves, place.q), representation)
+            jacobian = ca.substitute(jacobian, moves, ca.DM.zeros(chain.base_joints))
+            self.jacobian[representation] = self._evaluate(jacobian)
+            # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
+            derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), symbol))
+            n = chain.dof
+            # Of a single joint it is zero: what differentiation leaves of it is the rounding of sums in the columns.
+            rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[representation]).max(axis=(1, 2))
+            derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
+            self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
+        self.potential = self._potential(symbol, pose, seed)
+        self.parameters: dict[str, list[Array]] = {}
+        self.springs = {spring.name: self._spring(spring, symbol, pose, seed) for spring in self.options.springs()}
+
+    @property
+    def posture(self) -> tuple[Array, ...]:
+        """What the kernels take before everything else: q, and the poses of base and tool where they are arguments."""
+        given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=self.chain.floating)
+        return tuple(self.samples[argument.name] for argument in given)
+
+    def posture_of(self, representation: Representation) -> tuple[Array, ...]:
+        """The same for the kernels of a representation: seen from the tip, the base's place does not matter."""
+        based = self.chain.floating and representation != "body"
+        given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=based)
+        return tuple(self.samples[argument.name] for argument in given)
+
+    @property
+    def _columns(self) -> list[Array]:
+        """The stacks of what expressions depend on, as columns."""
+        samples = self.samples
+        return [each.reshape(len(each), -1).T for each in (samples.q, samples.base_pose, samples.tool_pose)]
+
+    def _function(self, given: list[ca.SX], expression: ca.SX) -> ca.Function:
+        there = ca.substitute(expression, self._moves, ca.DM.zeros(self._moves.shape[0]))
+        return ca.Function("f", [*self._symbols, *given], [ca.densify(there)], {})
+
+    def _evaluate(self, expression: ca.SX) -> Array:
+        count = len(self.samples.q)
+        rows, columns = expression.shape
+        mapped = np.asarray(self._function([], expression).map(count)(*self._columns))
+        return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
+
+    def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, Array]:
+        """Results of a spring's kernels by name, from its differentiated energy."""
+        count = len(self.samples.q)
+        symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
+        stacks = self.parameters[spring.name] = [
+            self.samples.of(argument, seed + k) for k, argument in enumerate(spring.parameters)
+        ]
+        # Stacks go in as columns, a matrix row by row.
+        given = [ca.vec(symbol.T) for symbol in symbols]
+        columns = [*self._columns, *(each.reshape(count, -1).T for each in stacks)]
+        results = {}
+        for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
+            rows, width = expression.shape
+            function = self._function(given, expression)
+            mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
+            shape = {"energy": (count,), "wrench": (count, rows), "torque": (count, rows)}.get(name, mapped.shape)
+            results[name] = np.ascontiguousarray(mapped).reshape(shape)
+        return results
+
+    def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:
+        """(F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
+        random = np.random.default_rng(seed + 1)
+        stiff = random.normal(size=(3, 3)) * 100
+        stiff, centre = stiff @ stiff.T / 100, random.normal(size=3)
+        turning, mixed = random.normal(size=(3, 3)) * 30, random.normal(size=(3, 9)) * 20
+
+        def potential(position: ca.SX, rotation: ca.SX) -> ca.SX:
+            away = position - centre
+            linear = ca.dot(ca.DM(turning), rotation)
+            return away.T @ ca.DM(stiff) @ away / 2 + linear + away.T @ ca.DM(mixed) @ ca.vec(rotation)
+
+        x = ca.SX.sym("x", 6)
+        turn = ca.skew(x[3:])
+        position, rotation = pose[:3, 3], pose[:3, :3]
+        # exp([w]) to second order: its first two derivatives at zero are exact.
+        moved = potential(position + rotation @ x[:3], rotation @ (ca.DM.eye(3) + turn + turn @ turn / 2))
+        hessian, gradient = ca.hessian(moved, x)
+        wrench, covariant = (ca.substitute(e, x, ca.DM.zeros(6)) for e in (gradient, hessian))
+        joint_hessian, _ = ca.hessian(potential(position, rotation), q)
+        return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
+
+    def kinematic_stiffness(self, representation: Representation) -> Array:
+        """Column i is dJ^T/dq_i F."""
+        contracted: Array = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples.wrench)
+        return contracted
+
+    def joint_stiffness(self, representation: Representation, *, corrected: bool) -> Array:
+        """The formula, term by term."""
+        J = self.jacobian[representation]
+        if corrected:
+            matrix = self.samples.task_stiffness + gamma_F(representation, self.samples.wrench)
+        else:
+            matrix = self.samples.general_stiffness
+        stiffness: Array = self.kinematic_stiffness(representation) + np.swapaxes(J, 1, 2) @ matrix @ J
+        if corrected and self.chain.floating:
+            on_base = np.einsum("ski,sk->si", J[:, :, :6], self.samples.wrench)
+            stiffness[:, :6, :6] -= gamma_F("body", on_base)
+        return stiffness
+
+
+def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[Array, ...], Array]]:
+    """Arguments and reference values of the kernels of a robot's masses, those of the whole tree, by qualified name."""
+    if not chain.masses:
+        return {}
+    place = Place(chain)
+    stacks = samples.q, samples.base_pose.reshape(-1, 16), samples.velocity, samples.gravity
+    poses = joint_poses(chain, place.q, place.base())
+    expected = differentiated_energies(chain, poses, place.moves, place.q, place.base_pose, stacks)
+    table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
+    given = {name: tuple(samples[argument.name] for argument in table[name].arguments) for name in expected}
+    return {name: (given[name], reference) for name, reference in expected.items()}

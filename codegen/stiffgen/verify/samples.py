@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""Random states and arguments that kernels are compared at."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.result import Array
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Random states: q within the limits, wrenches, symmetric and general task stiffness, and potential data."""
+
+    q: Array
+    wrench: Array
+    task_stiffness: Array
+    general_stiffness: Array
+    tool_pose: Array
+    equilibrium: Array
+    translation_stiffness: Array
+    rotation_stiffness: Array
+    stiffness: Array
+    posture: Array
+    posture_stiffness: Array
+    lower: Array
+    upper: Array
+    zone: Array
+    limit_stiffness: Array
+    velocity: Array
+    gravity: Array
+    base_pose: Array
+
+    @staticmethod
+    def draw(chain: Chain, count: int, seed: int) -> Samples:
+        """Uniform postures (unbounded joints: one turn, one metre), wrenches of tens of N and some N m."""
+        random = np.random.default_rng(seed)
+        reach = [math.pi if c.type != "prismatic" else 1.0 for c in chain.coordinates]
+        lower = [max(c.lower, -r) for c, r in zip(chain.coordinates, reach, strict=True)]
+        upper = [min(c.upper, r) for c, r in zip(chain.coordinates, reach, strict=True)]
+        # Limits wholly beyond the reach: sample at the nearer limit.
+        upper = [max(a, b) for a, b in zip(lower, upper, strict=True)]
+        general = random.normal(size=(count, 6, 6)) * 100 + np.diag([700.0, 700, 800, 30, 30, 30])
+        q = random.uniform(lower, upper, (count, len(chain.coordinates)))
+        # Every joint at or beyond its lower and its upper limit in turn, now and then at both or none of them.
+        joints = np.random.default_rng([seed, 1])
+        turn = (np.arange(count)[:, None] + np.arange(q.shape[1])) % 2 == 0
+        odd = np.arange(count)[:, None] % 4 == 3
+        at_lower = np.where(odd, joints.random(q.shape) < 0.5, turn)
+        at_upper = np.where(odd, joints.random(q.shape) < 0.5, ~turn)
+        near, away = joints.uniform(-0.2, 0.15, (2, *q.shape)), joints.uniform(0.5, 1.5, (2, *q.shape))
+        return Samples(
+            q=q,
+            wrench=random.normal(size=(count, 6)) * np.array([30.0, 30, 30, 10, 10, 10]),
+            task_stiffness=(general + general.transpose(0, 2, 1)) / 2,
+            general_stiffness=general,
+            tool_pose=_random_poses(random, count),
+            equilibrium=_random_poses(random, count),
+            translation_stiffness=_random_positive(random, count, 3, 300.0),
+            rotation_stiffness=_random_positive(random, count, 3, 20.0),
+            stiffness=_random_positive(random, count, 6, 30.0),
+            posture=joints.uniform(-2.0, 2.0, q.shape),
+            posture_stiffness=joints.uniform(0.5, 20.0, q.shape),
+            lower=q - np.where(at_lower, near[0], away[0]),
+            upper=q + np.where(at_upper, near[1], away[1]),
+            zone=joints.uniform(0.2, 0.4, count),
+            limit_stiffness=joints.uniform(50.0, 500.0, q.shape),
+            velocity=joints.normal(size=(count, chain.dof)),
+            gravity=joints.normal(size=(count, 3)) * 6.0,
+            base_pose=_random_poses(np.random.default_rng([seed, 2]), count),
+        )
+
+    def of(self, argument: Argument, seed: int) -> Array:
+        """The values of a kernel's argument; what a user's potential takes is drawn for it."""
+        known = getattr(self, argument.name, None)
+        if known is not None and len(known.shape) == 1 + len(argument.shape):
+            sizes = zip(argument.shape, known.shape[1:], strict=True)
+            if all(extent in ("n", "q", size) for extent, size in sizes):
+                values: Array = known
+                return values
+        return _random_parameter(argument, len(self.q), seed, self.velocity.shape[1])
+
+    def __getitem__(self, argument: str) -> Array:
+        """The values of a kernel's argument by its name."""
+        values: Array = getattr(self, argument)
+        return values
+
+
+def _random_poses(random: np.random.Generator, count: int) -> Array:
+    """Orientations from random quaternions, positions of some decimetres."""
+    w, x, y, z = (lambda quaternion: quaternion / np.linalg.norm(quaternion, axis=0))(random.normal(size=(4, count)))
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    poses = np.zeros((count, 4, 4))
+    poses[:, :3, :3] = np.array(rows).transpose(2, 0, 1)
+    poses[:, :3, 3] = random.normal(size=(count, 3)) * 0.2
+    poses[:, 3, 3] = 1
+    return poses
+
+
+def _random_parameter(argument: Argument, count: int, seed: int, dof: int) -> Array:
+    """Values of about 1: of both signs for cotangents, positive for what a user's potential takes."""
+    extents = [dof if extent == "n" else int(extent) for extent in argument.shape]
+    if argument.own:
+        cotangents: Array = np.random.default_rng([seed, *argument.name.encode()]).normal(size=(count, *extents))
+        return cotangents
+    return np.random.default_rng(seed + 77).uniform(0.2, 2.0, (count, *extents))
+
+
+def _random_positive(random: np.random.Generator, count: int, size: int, scale: float) -> Array:
+    """Symmetric positive definite matrices, nothing diagonal about them."""
+    roots = random.normal(size=(count, size, size))
+    matrices: Array = scale * (roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(size))
+    return matrices
+
+
+def joint_potential_arguments(samples: Samples) -> dict[str, tuple[Array, ...]]:
+    """What the kernels of the joint potentials take, by group."""
+    return {
+        potential.name: (samples.q, *(samples[argument.name] for argument in potential.parameters))
+        for potential in JOINT_POTENTIALS
+    }
+
+
+def argument_samples(
+    chain: Chain, count: int, seed: int, options: SpringOptions | None = None
+) -> dict[Argument, Array]:
+    """A stack of ``count`` random values for every argument that kernels take."""
+    drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
+    names = [tip.name for tip in chain.tips]
+    pool = {}
+    for kernel in chain_kernels(replace(chain, tips=chain.tips[:1]), options):
+        for k, argument in enumerate(kernel.arguments):
+            each = [samples.of(argument, seed + index + k) for index, samples in enumerate(drawn)]
+            pool[argument] = each[0]
+            if argument.plural:
+                pool[argument.of_all_tips(names)] = np.stack(each, axis=1)
+    for kernel in chain_kernels(chain, options):
+        for argument in kernel.arguments:
+            if argument.own and argument not in pool:  # cotangents, of what is summed over the tips, too
+                pool[argument] = drawn[0].of(argument, seed)
+    return pool
