@@ -124,7 +124,7 @@ FAULTS = [
     Fault("springs on in a fault", CONTROLLER, r"fmax\(m->scale - fastest_fall, 0\.0\)", "m->scale + 0.0 * fastest_fall"),
     Fault("missed samples forgotten", CONTROLLER, r"periods > 0 \? 2 \* periods : -1", "periods > 0 ? -1 : -1"),
     Fault("overspeed allowed", CONTROLLER, r"> c->velocity_limit\[i\]\) \{\s*latch", "< 0.0) {\n            latch"),
-    Fault("beyond the upper limit allowed", CONTROLLER, r" \|\| in->q\[i\] > c->upper_limit\[i\] \+ c->position_tolerance", ""),
+    Fault("beyond the upper limit allowed", CONTROLLER, r"fmax\(c->lower_limit\[i\] - in->q\[i\], in->q\[i\] - c->upper_limit\[i\]\)", "c->lower_limit[i] - in->q[i]"),
     Fault("governor's energy limit dropped", CONTROLLER, r"\*rise <= allowed", "1", "static double find_share("),
     Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),
     Fault("effort in Python", PYTHON, r"320\.0", "300.0", "EFFORT ="),

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Every single entry of dJ^T/dq matters, and every sign of the generated code: falsify each one and see checks fail.
-
-The checks are those of ``stiffgen verify`` (:func:`stiffgen.verify.oracles.check_kernels`), run on the compiled kernels
-with one entry of the derivative falsified, and all that is made from it: the contraction, and the joint stiffness
-put together the way the generated code does it, one half computed and mirrored. It stays symmetric throughout.
-"""
+"""Every sign of the generated code matters: exchange each one and see a value change, or prove that none can."""
 
 from __future__ import annotations
 
@@ -26,7 +21,6 @@ from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import KINDS, Placement
 from stiffgen.symbolic.springs import spring as spring_of_kind
-from stiffgen.verify.oracles import check_kernels
 from stiffgen.verify.poses import gamma_F
 from stiffgen.verify.references import References, dynamics_references
 from stiffgen.verify.result import BOUND, as_results, relative_error
@@ -38,93 +32,13 @@ from support.complex_step import columns, gradients
 from support.cuda_host import HostCuda
 from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
 from support.generated_c import merged
-from support.project import kernels_of
 from support.runtime import compile_c
 from support.spring_digits import axis, parameters, stiffness
-
-PERTURBATION = 1e-6
 
 
 @pytest.fixture(scope="module")
 def references(chain):
     return References(chain, count=2, seed=11)
-
-
-def memoised(kernels):
-    """Cache results: the kernels without a fault see the same inputs 294 times."""
-    cache = {}
-
-    def wrap(name, function):
-        def call(*arguments):
-            key = (name, *(np.asarray(a).tobytes() for a in arguments))
-            if key not in cache:
-                cache[key] = function(*arguments)
-            return cache[key]
-
-        return call
-
-    return {name: wrap(name, function) for name, function in kernels.items()}
-
-
-def falsified(kernels, rep, entry):
-    """Return the kernels with dJ^T/dq off at one entry (i, b, k)."""
-    i, b, k = entry
-    derivative, jacobian = kernels[f"{rep}_jacobian_transpose_derivative"], kernels[f"{rep}_jacobian"]
-
-    def wrong_derivative(q):
-        value = np.array(derivative(q))
-        value[..., i, b, k] += PERTURBATION
-        return value
-
-    def kinematic(q, wrench):
-        return np.einsum("sibk,sk->sbi", wrong_derivative(q), wrench)
-
-    def uncorrected(q, wrench, K):
-        J = jacobian(q)
-        return kinematic(q, wrench) + np.swapaxes(J, 1, 2) @ K @ J
-
-    def stiffness(q, wrench, K):
-        full = uncorrected(q, wrench, K + gamma_F(rep, wrench))
-        half = np.triu(full) if rep != "body" else np.tril(full)
-        return half + np.swapaxes(half, 1, 2) - np.eye(full.shape[-1]) * full
-
-    return kernels | {
-        f"{rep}_jacobian_transpose_derivative": wrong_derivative,
-        f"{rep}_kinematic_stiffness": kinematic,
-        f"{rep}_joint_stiffness_uncorrected": uncorrected,
-        f"{rep}_joint_stiffness": stiffness,
-    }
-
-
-def failures(checks):
-    return {(check.kernel, check.oracle) for check in checks if not check.passed}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rep", REPRESENTATIONS)
-def test_no_entry_can_be_wrong_unnoticed(rep, chain, robot, references):
-    kernels = memoised(kernels_of(robot, chain))
-    assert failures(check_kernels(kernels, references)) == set()
-    n, missed, blind = chain.dof, [], 0
-    for entry in itertools.product(range(n), range(n), range(6)):
-        found = failures(check_kernels(falsified(kernels, rep, entry), references))
-        i, b, _ = entry
-        expected = {
-            (f"{rep}_jacobian_transpose_derivative", "differentiated Jacobian"),
-            (f"{rep}_kinematic_stiffness", "differentiated Jacobian . F"),
-            (f"{rep}_joint_stiffness_uncorrected", "formula on differentiated Jacobian"),
-        }
-        read = b <= i if rep != "body" else b >= i  # entry [b, i] of the stiffness: the half that is computed
-        if read:
-            expected.add((f"{rep}_joint_stiffness", "formula on differentiated Jacobian"))
-            if rep != "spatial":
-                expected.add((f"{rep}_joint_stiffness", "Hessian of a potential"))
-        if not expected <= found:
-            missed.append((entry, expected - found))
-        if (f"{rep}_joint_stiffness", "bitwise symmetry") not in found:
-            blind += 1
-    assert missed == []
-    assert blind == n * n * 6  # symmetry alone would have caught none of them
 
 
 SIGN = re.compile(r" [-+] |(?<== )-|(?<=, )-|(?<=\()-")  # between two terms, or before one
