@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What stiffgen refuses, and how it says so.
+"""Refusals of stiffgen, and text that is safe in a message.
 
 Every message names the thing at fault (file, element, option) and the remedy. The command line prints the
 message alone and exits with code 2.
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 
 def printable(text: str, most: int = 60) -> str:
-    """Text from a file or a user as it stands in a message: no control characters, at most ``most`` characters."""
+    """Return text of a file or a user for a message: no control characters, at most ``most`` characters."""
     shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[:most])
     return f"{shown}..." if len(text) > most else shown
 
@@ -46,7 +46,7 @@ class DescriptionError(StiffgenError):
 
     @property
     def full(self) -> str:
-        """The message with all problems."""
+        """Message with all problems."""
         return self._message(len(self.problems))
 
     def _message(self, most: int) -> str:
@@ -58,7 +58,7 @@ class DescriptionError(StiffgenError):
 
 
 class DescriptionWarning(UserWarning):
-    """The robot description has problems beside the chain asked for, which cannot change it."""
+    """The robot description has problems off the chain, which cannot affect it."""
 
     def __init__(self, file: str, problems: Iterable[str]) -> None:
         self.file = printable(file, 200)
@@ -69,7 +69,7 @@ class DescriptionWarning(UserWarning):
 
 
 class ChainError(StiffgenError):
-    """The description is sound, but the chain asked for does not exist or cannot be used."""
+    """The description is sound, but the requested chain does not exist or cannot be used."""
 
 
 class PotentialError(StiffgenError):
@@ -77,7 +77,7 @@ class PotentialError(StiffgenError):
 
 
 class OutputError(StiffgenError):
-    """The folder to write cannot be written, or holds something that stiffgen did not write."""
+    """A folder cannot be written, or holds something that stiffgen did not write."""
 
 
 class BuildError(StiffgenError):
@@ -85,7 +85,7 @@ class BuildError(StiffgenError):
 
 
 class RecordingError(StiffgenError):
-    """A recording cannot be read: its format, its columns, or what is asked of it."""
+    """A recording cannot be read: its format, its columns or the requested analysis is wrong."""
 
 
 class EmptyRecordingError(RecordingError):
@@ -93,4 +93,4 @@ class EmptyRecordingError(RecordingError):
 
 
 class MissingExtraError(StiffgenError):
-    """Something needs a package that is not installed; the message names the extra of stiffgen that brings it."""
+    """A package is not installed; the message names the extra of stiffgen that installs it."""

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: MIT
 """Names from a robot description, made safe for C, CMake, Python and paths.
 
-A robot's name becomes an identifier by this rule: accents are dropped and other characters outside [A-Za-z0-9_] become
-"_" (runs become one, none stay at the ends; nothing left: "robot"), a leading digit, a word that C, C++, Python, CMake
-or Windows (device names) reserve, the name of a Python module or a C header that it would hide, a name that a C++
-namespace NAME would meet in every program (functions of the C library, std, Eigen), and names that start with
-"stiffgen" get the prefix "robot_", and more than 40 characters are cut. The rule leaves its own results as they are.
-Joint and link names never become identifiers; they stand in string literals and comments, escaped by the functions
-below.
+A robot's name becomes an identifier by this rule:
+
+1. Accents are dropped. A run of other characters outside [A-Za-z0-9] becomes one "_", and none stays at the ends. An
+   empty name becomes "robot".
+2. The prefix "robot_" is put before a leading digit, before "stiffgen", and before reserved names: words of C, C++,
+   Python, CMake and Windows (device names), Python modules and C headers that the name would hide, and global names
+   that a C++ namespace meets in every program (functions of the C library, std, Eigen).
+3. A name is cut to 40 characters.
+
+The rule does not change its own results. Joint and link names never become identifiers; they stand in string literals
+and comments, escaped by the functions below.
 """
 
 from __future__ import annotations
@@ -105,7 +109,7 @@ def c_string(text: str) -> str:
 
 
 def comment(text: str) -> str:
-    """Text that can stand in a C or CMake comment, in Markdown or a docstring: printable ASCII without markup."""
+    """Return text for a C or CMake comment, Markdown or a docstring: printable ASCII without markup."""
     plain = "".join(c if " " <= c <= "~" and c not in '*\\`<>|"?#@$[]' else "_" for c in text)
     return plain[:80] or "_"
 

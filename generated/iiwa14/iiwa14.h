@@ -6,7 +6,7 @@
  *   that reports what the robot applies to the environment.
  *   Base frame: link link_0.
  *   Tip frame: link link_ee.
- *   Links without inertia in the URDF, which the mass matrix takes as massless:
+ *   Links without inertia in the URDF, massless in the mass matrix:
  *     link_ee
  *   body     linear velocity of the tip's origin and angular velocity, both in tip axes
  *   spatial  linear velocity of the point passing the base's origin and angular velocity, both in base axes
@@ -18,14 +18,14 @@
  *   The result must not overlap an argument.
  *
  * Rounding
- *   Where a function states bounds, no entry is farther from the exact value: from what the printed formulas give in real
- *   arithmetic. They follow from the printed statements, operation by operation, for
+ *   Where a function states bounds, no entry is farther from its exact value, the value of the printed formulas in real
+ *   arithmetic. The bounds are derived from the printed statements, operation by operation, for
  *     joint positions within the limits (up to 10000 rad or 10 m where there are none), every
  *     force up to 200 N and moment up to 50 N m, entries of stiffnesses up to
  *     5000 N/m, 500 N m/rad and, where they couple the two, 1581 N, gravity up to
  *     10 m/s^2, equilibria within the robot's reach, joint rates up to their limits.
- *   They hold for single calls and batches, on vectors of every width, with and without fused multiply-add; not on x87, and not
- *   where numbers too small for full precision are flushed to zero. Rotations in arguments must be rotations to 11 digits.
+ *   The bounds hold for single calls and batches, on vectors of every width, with and without fused multiply-add. They do not
+ *   hold on x87, nor where subnormal numbers are flushed to zero. Rotations in arguments must be rotations to 11 digits.
  *
  * This code belongs to the user who generated it: use, change and license it as you like. It comes without warranty.
  */
@@ -581,14 +581,14 @@ void iiwa14_limits_joint_stiffness(const double q[7], const double lower[7], con
     const double zone[1], const double limit_stiffness[7], double joint_stiffness[49]);
 
 /*
- * Batches: the same for count configurations in one call, several times as fast. Results lie one after the other.
- * Argument x of configuration c is read at x + c * x_step: the step is its size for a contiguous array, 0 for a value
- * that all configurations share, and may be negative. Last digits may differ from those of single calls; within
- * batches they depend on nothing but the configuration.
+ * Batches: the same functions for count configurations in one call, several times faster per configuration (iiwa14_batch.c).
+ * Results are contiguous. Argument x of configuration c is read at x + c * x_step. The step is the argument's size for a
+ * contiguous array and 0 for a value that all configurations share; it may be negative. The last digits may differ from
+ * those of single calls; within batches they depend on the configuration alone.
  *
- * A packed batch gives of a symmetric result the upper triangle, row by row: entry (i, j), i <= j, of n rows is number
- * i * (2 * n - i - 1) / 2 + j of it. The numbers are those of the batch, to the last bit; where results are more than the
- * caches hold, less to store is less to wait for.
+ * A packed batch stores the upper triangle of each symmetric result, row by row: entry (i, j), i <= j, of n rows is number
+ * i * (2 * n - i - 1) / 2 + j. The numbers equal those of the batch to the last bit. Storing fewer numbers saves time where the
+ * results exceed the caches.
  */
 void iiwa14_mass_matrix_batch(size_t count, const double *q, ptrdiff_t q_step, double *mass_matrix);
 void iiwa14_mass_matrix_packed_batch(size_t count, const double *q, ptrdiff_t q_step, double *mass_matrix);

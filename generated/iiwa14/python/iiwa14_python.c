@@ -25,7 +25,7 @@ typedef struct {
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
     void (*evaluate)(const double *const *in, double *const *out); /* NULL: batches only */
-    /* many at a time, steps in doubles; NULL where the C code has no batch */
+    /* many configurations, steps in doubles; NULL where the C code has no batch */
     void (*evaluate_batch)(size_t count, const double *const *in, const npy_intp *steps, double *const *out);
 } kernel;
 
@@ -2038,7 +2038,7 @@ static PyObject *argument_error(const kernel *k, const char *what, const char *n
     return NULL;
 }
 
-/* The place of an argument by its name, or -1: NumPy's out, where, ... */
+/* Return the index of an argument by its name, or -1 for NumPy's own (out, where, ...). */
 static int argument_place(const kernel *k, PyObject *name)
 {
     PyObject *const *const names = argument_names[k - kernels];
@@ -2055,7 +2055,7 @@ static int argument_place(const kernel *k, PyObject *name)
     return -1;
 }
 
-/* A ufunc's call with arguments that may be named: they are put in order, and the rest is NumPy's affair. */
+/* Call a ufunc with named arguments: put them in order and let NumPy do the rest. */
 static PyObject *call(PyObject *self, PyObject *const *given, size_t flags, PyObject *keywords)
 {
     enum { MAX_OTHERS = 16 };
@@ -2108,7 +2108,7 @@ static PyObject *call(PyObject *self, PyObject *const *given, size_t flags, PyOb
     return result;
 }
 
-/* Let a ufunc take its arguments by name, too, and tell Python the names. */
+/* Make a ufunc accept its arguments by name, and tell Python the names. */
 static int name_arguments(PyObject *ufunc, int index, PyObject *arguments)
 {
     const kernel *const k = &kernels[index];
@@ -2492,7 +2492,7 @@ static int add_controller(PyObject *module)
         "input", (Py_ssize_t)sizeof(iiwa14_impedance_input), "output", (Py_ssize_t)sizeof(iiwa14_impedance_output)));
 }
 
-/* The first instruction set that this build uses and the machine lacks. Fused multiply-add comes with AVX2 here. */
+/* Return the first instruction set that this build uses and the machine lacks. Fused multiply-add comes with AVX2 here. */
 static const char *missing_instructions(void)
 {
 #if defined(__GNUC__) && (defined(__x86_64__) || defined(__i386__))
@@ -2536,7 +2536,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "a37a563e464d6dc9") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "ff7a2e2297897d43") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
