@@ -52,6 +52,9 @@ def run(options: argparse.Namespace) -> int:
     console.print(_tip_table(surveys, names=20 if options.tip else 4))
     if len(tips) > _MOST_TIPS:
         console.print(f"and {len(tips) - _MOST_TIPS} more tips; --tip shows one", markup=False)
+    if description.notes:
+        print(f"\n{len(description.notes)} notes, which change nothing:")
+        print("\n".join(f"  {note}" for note in description.notes))
     if not description.problems:
         return 0
     print(f"\n{len(description.problems)} problems; chains that a problem can affect are rejected:")

@@ -8,127 +8,35 @@ benchmarks and the parametrised tests follow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from stiffgen.errors import ChainError, PotentialError, listed, printable
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.chain import Chain, Tip
-from stiffgen.symbolic import adjoint, arguments, gradients, programs
+from stiffgen.symbolic import arguments, programs
 from stiffgen.symbolic.arguments import POSE, Argument, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
+from stiffgen.symbolic.kernel import PACKED, Kernel
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.symbolic.products import products
 from stiffgen.symbolic.program import Program
 from stiffgen.symbolic.springs import TRACE, Spring
 from stiffgen.symbolic.steps import ArgumentSlice, Sum, Term
 
+__all__ = [
+    "KERNELS",
+    "MAX_BATCH_JOINTS",
+    "PACKED",
+    "RESERVED_NAMES",
+    "Kernel",
+    "chain_kernels",
+]
+
 _Steps = Callable[[Chain], Program]
-
-
-@dataclass(frozen=True)
-class Batch:
-    """C function for many configurations in one call: suffix of its name, and its results."""
-
-    suffix: str
-    results: tuple[Argument, ...]
-
-
-PACKED = "_packed"
-"""Suffix of functions that store symmetric results as their upper triangles."""
-
-
-@dataclass(frozen=True)
-class Kernel:
-    """Function of every generated robot.
-
-    ``group`` is the namespace: a representation, a spring, or None for what belongs to neither; ``tip`` is None for
-    what belongs to no single tip of several (and for the functions of an only tip). ``equation`` names what the kernel
-    evaluates and its source; ``note`` says what a caller must know beyond shapes and units.
-    """
-
-    name: str
-    group: str | None
-    arguments: tuple[Argument, ...]
-    results: tuple[Argument, ...]
-    summary: str
-    equation: str
-    program: Callable[[Chain], Program]
-    note: str = ""
-    tip: Tip | None = None
-    batch: bool = False
-    """Whether C also has it for many configurations in one call: :attr:`batches`."""
-    part_of: str = ""
-    """Name of a kernel of the group with the same arguments that computes these results beside others at hardly more
-    cost: one vector-Jacobian product serves both."""
-    product_of: str = ""
-    """Name of the kernel of the group whose vector-Jacobian product this is, with its arguments and cotangents."""
-    by_tips: Callable[[Chain], Program] | None = None
-    """Program of a total as a sum over the tips, which is differentiated tip by tip; ``program`` takes one pass."""
-    of_masses: bool = False
-    """Whether the kernel needs all moving joints, also side joints, which move masses and no tip."""
-
-    @property
-    def qualified_name(self) -> str:
-        """``hybrid_joint_stiffness``, ``left_hand_hybrid_joint_stiffness`` or the bare name."""
-        tip = self.tip.name if self.tip else None
-        return "_".join(part for part in (tip, self.group, self.name) if part)
-
-    @property
-    def path(self) -> tuple[str, ...]:
-        """Tip and group, as far as it has them: the namespaces that hold the function in Python."""
-        return tuple(filter(None, (self.tip.name if self.tip else None, self.group)))
-
-    @property
-    def choices(self) -> tuple[str, str]:
-        """Words that choose the kernel: its group ("dynamics" where it has none), and group and name."""
-        return self.group or "dynamics", ".".join(filter(None, (self.group, self.name.removesuffix("_total"))))
-
-    @property
-    def result(self) -> Argument:
-        """The only result."""
-        (result,) = self.results
-        return result
-
-    @property
-    def packed(self) -> Batch | None:
-        """NAME_..._packed_batch, where there is a batch and a result is symmetric."""
-        if not self.batch or not any(result.symmetric for result in self.results):
-            return None
-        return Batch(f"{PACKED}_batch", tuple(result.packed() for result in self.results))
-
-    @property
-    def batches(self) -> tuple[Batch, ...]:
-        """NAME_..._batch and :attr:`packed`, as far as there are any."""
-        if not self.batch:
-            return ()
-        return Batch("_batch", self.results), *((self.packed,) if self.packed else ())
-
-    def scope(self, chain: Chain) -> Chain:
-        """Return the chain that the program is about: the branch to the tip, the paths to all tips, or the whole."""
-        if self.of_masses:
-            return chain
-        return chain.branch(self.tip) if self.tip else chain.without_side_joints()
-
-    def scope_name(self, chain: Chain) -> str:
-        """Return the tip's name, "tree" for a whole that has side joints, else ""."""
-        if self.of_masses and len(chain.without_side_joints().joints) < len(chain.joints):
-            return "tree"
-        return self.tip.name if self.tip else ""
-
-    def steps(self, chain: Chain) -> Program:
-        """Return the program for a chain, to be run on its :meth:`scope`."""
-        return self.program(self.scope(chain))
-
-    def signature(self, chain: Chain) -> str:
-        """Return the shapes as a signature of a NumPy generalised ufunc, "(7),(6)->(7,7)"."""
-        given, results = (
-            ",".join("(" + ",".join(map(str, argument.array(chain).shape)) + ")" for argument in arrays)
-            for arrays in (self.arguments, self.results)
-        )
-        return f"{given}->{results}"
 
 
 _TWIST_FRAME = {
@@ -493,75 +401,6 @@ def _refuse_taken_names(springs: tuple[Spring, ...]) -> None:
                 )
 
 
-def _cotangent(result: Argument, count: int) -> Argument:
-    meaning = f"weights of the entries of {result.name}" + (", both triangles" if result.symmetric else "")
-    name = gradients.cotangent_name(result.name, count)
-    return Argument(name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", own=True)
-
-
-def _gradient(argument: Argument) -> Argument:
-    name = gradients.bar_name(argument.name)
-    if argument.name == arguments.BASE_POSE.name:
-        meaning = (
-            "gradient with respect to the base's motion: covector of the base link's twist (linear, angular) in its "
-            "own axes; L grows by its product with (v, w) as the base moves to p + R v, R exp([w])"
-        )
-        return Argument(name, (6,), "1/m, 1/rad", meaning)
-    meaning = f"gradient with respect to {argument.name}"
-    if argument.triangle:
-        meaning += ", zero below the diagonal"
-    return Argument(name, argument.shape, f"1/({argument.unit})", meaning)
-
-
-def _reverse_program(chain: Chain, of: Kernel) -> Program:
-    given, results = ([argument.array(chain) for argument in each] for each in (of.arguments, of.results))
-    cotangents = [_cotangent(result, len(results)).array(chain) for result in of.results]
-    return adjoint.reverse(chain, (of.by_tips or of.program)(chain), given, results, cotangents)
-
-
-def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
-    """Return the product of a kernel with more results, with zero cotangents for the additional ones."""
-    product = vector_jacobian_product(whole)
-    own = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
-    given = [(argument.array(chain), ArgumentSlice(argument.array(chain))) for argument in whole.arguments]
-    for result in whole.results:
-        given.append((_cotangent(result, len(whole.results)).array(chain), ArgumentSlice(own.get(result.name))))
-    targets = tuple(result.array(chain) for result in product.results)
-    term = Term(product.qualified_name, chain, product.program(chain), tuple(given))
-    return (Sum(targets, tuple(target.name for target in targets), (term,)),)
-
-
-def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
-    """Return the kernel NAME_vjp: gradients with respect to every argument, from a cotangent per result.
-
-    ``whole`` is the kernel that ``of`` is part of.
-    """
-    count = len(of.results)
-    cotangents = tuple(_cotangent(result, count) for result in of.results)
-    names = " + ".join(f"sum {cotangent.name} * {r.name}" for cotangent, r in zip(cotangents, of.results, strict=True))
-    return replace(
-        of,
-        name=f"{of.name}_vjp",
-        arguments=(*of.arguments, *cotangents),
-        results=tuple(map(_gradient, of.arguments)),
-        summary=f"Reverse mode of {of.name}: gradients of L = {names} with respect to every argument.",
-        equation=f"x_bar = (d {', '.join(result.name for result in of.results)}/dx)^T cotangent",
-        note="",
-        product_of=of.name,
-        program=partial(_product_of_whole, of=of, whole=whole) if whole else partial(_reverse_program, of=of),
-    )
-
-
-def _products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
-    """Yield VJP kernels, callees first."""
-    whole = {(kernel.path, kernel.name): kernel for kernel in kernels}
-    parts = {kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole}
-    for kernel in kernels:
-        if kernel not in parts:
-            yield vector_jacobian_product(kernel)
-        yield from (vector_jacobian_product(part, kernel) for part, of in parts.items() if of is kernel)
-
-
 MAX_BATCH_JOINTS = 24
 """Chains with more moving joints have no batch functions, which would double a C source of nearly a megabyte."""
 
@@ -579,7 +418,7 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     if chain.floating:
         kernels = tuple(map(_in_the_world, kernels))
     if options.derivatives:
-        kernels = (*kernels, *_products(kernels))
+        kernels = (*kernels, *products(kernels))
     if options.batches and len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""Kernels of vector-Jacobian products: NAME_vjp beside every kernel NAME."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic import adjoint, arguments, gradients
+from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.kernel import Kernel
+from stiffgen.symbolic.program import Program
+from stiffgen.symbolic.steps import ArgumentSlice, Sum, Term
+
+
+def _cotangent(result: Argument, count: int) -> Argument:
+    meaning = f"weights of the entries of {result.name}" + (", both triangles" if result.symmetric else "")
+    name = gradients.cotangent_name(result.name, count)
+    return Argument(name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", own=True)
+
+
+def _gradient(argument: Argument) -> Argument:
+    name = gradients.bar_name(argument.name)
+    if argument.name == arguments.BASE_POSE.name:
+        meaning = (
+            "gradient with respect to the base's motion: covector of the base link's twist (linear, angular) in its "
+            "own axes; L grows by its product with (v, w) as the base moves to p + R v, R exp([w])"
+        )
+        return Argument(name, (6,), "1/m, 1/rad", meaning)
+    meaning = f"gradient with respect to {argument.name}"
+    if argument.triangle:
+        meaning += ", zero below the diagonal"
+    return Argument(name, argument.shape, f"1/({argument.unit})", meaning)
+
+
+def _reverse_program(chain: Chain, of: Kernel) -> Program:
+    given, results = ([argument.array(chain) for argument in each] for each in (of.arguments, of.results))
+    cotangents = [_cotangent(result, len(results)).array(chain) for result in of.results]
+    return adjoint.reverse(chain, (of.by_tips or of.program)(chain), given, results, cotangents)
+
+
+def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
+    """Return the product of a kernel with more results, with zero cotangents for the additional ones."""
+    product = vector_jacobian_product(whole)
+    own = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
+    given = [(argument.array(chain), ArgumentSlice(argument.array(chain))) for argument in whole.arguments]
+    for result in whole.results:
+        given.append((_cotangent(result, len(whole.results)).array(chain), ArgumentSlice(own.get(result.name))))
+    targets = tuple(result.array(chain) for result in product.results)
+    term = Term(product.qualified_name, chain, product.program(chain), tuple(given))
+    return (Sum(targets, tuple(target.name for target in targets), (term,)),)
+
+
+def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
+    """Return the kernel NAME_vjp: gradients with respect to every argument, from a cotangent per result.
+
+    ``whole`` is the kernel that ``of`` is part of.
+    """
+    count = len(of.results)
+    cotangents = tuple(_cotangent(result, count) for result in of.results)
+    names = " + ".join(f"sum {cotangent.name} * {r.name}" for cotangent, r in zip(cotangents, of.results, strict=True))
+    return replace(
+        of,
+        name=f"{of.name}_vjp",
+        arguments=(*of.arguments, *cotangents),
+        results=tuple(map(_gradient, of.arguments)),
+        summary=f"Reverse mode of {of.name}: gradients of L = {names} with respect to every argument.",
+        equation=f"x_bar = (d {', '.join(result.name for result in of.results)}/dx)^T cotangent",
+        note="",
+        product_of=of.name,
+        program=partial(_product_of_whole, of=of, whole=whole) if whole else partial(_reverse_program, of=of),
+    )
+
+
+def products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
+    """Yield VJP kernels, callees first."""
+    whole = {(kernel.path, kernel.name): kernel for kernel in kernels}
+    parts = {kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole}
+    for kernel in kernels:
+        if kernel not in parts:
+            yield vector_jacobian_product(kernel)
+        yield from (vector_jacobian_product(part, kernel) for part, of in parts.items() if of is kernel)
