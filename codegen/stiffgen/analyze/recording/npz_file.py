@@ -161,7 +161,7 @@ def _member(archive: zipfile.ZipFile, file: BinaryIO, name: str, path: Path) -> 
                 f"{path}: array {name} has {info.file_size - data} bytes, but its header says shape {shape} of "
                 f"{dtype}; the array is cut short or damaged: write it again with numpy.savez"
             )
-        while stored and stream.read(_BYTES_AT_ONCE):  # zipfile compares the checksum at the end of the member
+        while stored and stream.read(1 << 16):  # zipfile compares the checksum at the end of the member
             pass
     if stored:
         file.seek(info.header_offset)
