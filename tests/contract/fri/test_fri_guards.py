@@ -186,7 +186,7 @@ def test_a_robot_that_comes_back_on_another_port_is_named(one: Programs) -> None
 def test_a_joint_array_that_is_never_seven_is_named(one: Programs) -> None:
     script = one.script()
     script.add(MONITORING_WAIT, 100, change=lambda m: m.monitorData.measuredTorque.value.pop())
-    with served(one.client, "--wait", 0.5) as session:
+    with served(one.client, "--wait", 0.5, "--timeout", 300) as session:
         for datagram in script.datagrams:
             with contextlib.suppress(ConnectionRefusedError):
                 session.send(datagram or b"")
