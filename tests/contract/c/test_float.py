@@ -82,7 +82,7 @@ def test_other_chains_and_widths(compiler, flags, types, options, tmp_path, monk
 def test_what_is_broken_is_found(folder, tmp_path):
     """A length off by a ten-thousandth, and a term of the sine."""
     for number, (statement, broken) in enumerate((("0.42f * ", "0.4202f * "), ("0.008332157f", "0.0f"))):
-        text = (folder / f"{NAME}.c").read_text()
+        text = kernel_text(folder, NAME)
         assert statement in text
         place = tmp_path / str(number) / NAME
         place.mkdir(parents=True)

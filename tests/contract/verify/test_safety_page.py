@@ -57,7 +57,7 @@ def test_targets_of_other_bytes_are_refused(tmp_path: Path, capsys: pytest.Captu
         targets_for(open_robot(FOLDER), file)
     assert main(["verify", str(FOLDER), "--report", str(tmp_path / "page.html"), "--targets", str(file)]) == 2
     assert main(["verify", str(FOLDER), "--targets", str(file)]) == 2
-    assert "give --report" in capsys.readouterr().err
+    assert "add --report" in capsys.readouterr().err
 
 
 def test_certified_bounds_are_shown_with_what_was_met(tmp_path: Path) -> None:
