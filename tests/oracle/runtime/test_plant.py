@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from examples.bowl_wiping.plant import Plant
-from support.plant.loop import FREE, Q0, Loop
+from support.plant.loop import FREE, KERNELS, Q0, Loop
 
 RANDOM = np.random.default_rng(3)
 
 
 @pytest.fixture(scope="module")
 def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
-    return Loop(tmp_path_factory.mktemp("free"), robot_folder, FREE, ("iiwa14.c",))
+    return Loop(tmp_path_factory.mktemp("free"), robot_folder, FREE, KERNELS)
 
 
 def test_inertia_and_bias_are_mujocos(loop: Loop) -> None:

@@ -20,7 +20,9 @@ from support.plant.statics import Springs
 
 HERE = Path(__file__).resolve().parent
 FREE = HERE / "free.c"
-"""The law without a controller: the arm floats; needs ``sources=("iiwa14.c",)``."""
+"""The law without a controller: the arm floats; needs ``sources=KERNELS``."""
+KERNELS = ("iiwa14.c", "iiwa14_batch.c")
+"""C files of the robot that the plant uses."""
 N = 7
 Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 """The posture of the failures that the controller's issue lists [rad]."""
@@ -86,7 +88,7 @@ class Loop:
         folder: Path,
         robot: Path,
         law: Path = HERE / "law.c",
-        sources: tuple[str, ...] = ("iiwa14.c", "iiwa14_impedance.c"),
+        sources: tuple[str, ...] = (*KERNELS, "iiwa14_impedance.c"),
         flags: tuple[str, ...] = ("-O3", "-march=native"),
     ) -> None:
         path = folder / "loop.so"
