@@ -101,8 +101,8 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
 def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
     """Return the joint forces at constant rates: Coriolis, centrifugal and gravity.
 
-    ``given``: the base's pose if it floats, q, velocity, gravity. A floating base's rates are those of its body twist,
-    and what it needs is a wrench at the base link's origin in its axes.
+    ``given``: the base's pose if it floats, q, velocity, gravity. A floating base's rates are those of its body twist;
+    its forces are a wrench at the base link's origin in its axes.
     """
     *configuration, velocity, gravity = given
     at = Configuration.of(chain, configuration)
@@ -144,6 +144,20 @@ def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
         sections.append(Section(title, {f"{letter}{index}_": each for letter, each in letters}))
         motions.append(motion)
         wrenches.append(_rate_of_momentum(link, *motion))
+    forces = _joint_forces(chain, links, turns, q, wrenches, sections)
+    return Expressions(ca.densify(ca.vertcat(*forces)), tuple(sections))
+
+
+def _joint_forces(
+    chain: Chain,
+    links: list[_Link],
+    turns: list[_Turn],
+    q: ca.SX,
+    wrenches: list[tuple[ca.SX, ca.SX]],
+    sections: list[Section],
+) -> list[ca.SX]:
+    """Add up the wrenches of all links inwards; return their components along the joints' axes."""
+    own = chain.base_joints
     forces: list[ca.SX] = [ca.SX()] * len(links)
     for index in reversed(range(own, len(links))):
         joint, link = chain.joints[index], links[index]
@@ -159,7 +173,7 @@ def bias_forces(chain: Chain, *given: ca.SX) -> Expressions:
         wrenches[joint.parent] = outer_force + force, outer_moment + moment
     if own:
         forces[:own] = [each for part in wrenches[own - 1] for each in ca.vertsplit(part)]
-    return Expressions(ca.densify(ca.vertcat(*forces)), tuple(sections))
+    return forces
 
 
 def _rate_of_momentum(link: _Link, turning: ca.SX, turning_rate: ca.SX, linear: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -58,11 +58,9 @@ def _representation_kernels(rep: Representation, given: tuple[Argument, ...]) ->
     spatial = _SPATIAL_NOTE if rep == "spatial" else ""
     jacobian = Argument("jacobian", (6, "n"), "m, rad per rad or m", f"column i: twist of joint i, {_TWIST_FRAME[rep]}")
     derivative = Argument(
-        "jacobian_transpose_derivative",
-        ("n", "n", 6),
-        "per rad or m",
+        "jacobian_transpose_derivative", ("n", "n", 6), "per rad or m",
         "block i is dJ^T/dq_i: entry [i, b, k] = dJ[k, b]/dq_i",
-    )
+    )  # fmt: skip
     kinematic = Argument("kinematic_stiffness", ("n", "n"), "N m/rad", "column i is dJ^T/dq_i F; not symmetric")
     correction = Argument(
         "connection_correction", (6, 6), "N, N m", "(Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness"
