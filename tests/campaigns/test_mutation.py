@@ -326,7 +326,9 @@ def turned_states(library, chain, kind):
         }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", KINDS[1:])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind == "coupled" else pytest.mark.slow) for kind in KINDS[1:]]
+)
 def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
     """Every sign of the bodies of the springs that are not the default one, single calls, against 60 digits."""
     texts = merged(render(chain, "robot", GenerationOptions(springs=SpringOptions((kind,)))), "robot")

@@ -61,6 +61,7 @@ def test_every_file_compiles_by_itself(compiler: str, tmp_path: Path) -> None:
         subprocess.run(command, check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tool", ["clang-tidy", "clangd"])
 def test_editors_open_every_file(tool: str) -> None:
     """No diagnostics with the flags of compile_flags.txt, which both tools read."""
