@@ -320,9 +320,8 @@ def _nothing_left(recording: Recording, result: Summary) -> str:
     return "\n  ".join(lines)
 
 
-def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) -> dict[str, Any]:
-    """Return the contents of summary.json; docs/analyze.md lists them."""
-    assert result.q_least is not None and result.q_most is not None
+def _measures(recording: Recording, chain: Chain, result: Summary) -> dict[str, Any]:
+    """Return the statistics of each measure."""
     unit = units(chain)
     measures = {}
     for index, name in enumerate(MEASURES):
@@ -346,6 +345,12 @@ def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) ->
                 "quantile_95": result.quantile(name, 0.95),
                 "quantile_99": result.quantile(name, 0.99),
             }
+    return measures
+
+
+def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) -> dict[str, Any]:
+    """Return the contents of summary.json; docs/analyze.md lists them."""
+    assert result.q_least is not None and result.q_most is not None
     times = result.times
     return {
         "generator": GENERATOR,
@@ -382,5 +387,5 @@ def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) ->
             {"joint": coordinate.name, "least": float(low), "most": float(high)}
             for coordinate, low, high in zip(chain.coordinates, result.q_least, result.q_most, strict=True)
         ],
-        "measures": measures,
+        "measures": _measures(recording, chain, result),
     }

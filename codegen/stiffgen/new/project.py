@@ -135,10 +135,7 @@ def new_project(
             progress=progress,
         )
         progress("writing the project")
-        for file, rendered in _rendered(page).items():
-            path = staging / file
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(rendered, encoding="utf-8", newline="\n")
+        _write(page, staging)
     return target
 
 
@@ -208,6 +205,13 @@ def _start(index: int, coordinate: Coordinate) -> float:
     """Return a bent arm: joints alternately below and above the middle of their ranges."""
     lower, upper = _range(coordinate)
     return lower + (upper - lower) * (0.7 if index % 2 else 0.4)
+
+
+def _write(page: _Page, folder: Path) -> None:
+    for file, rendered in _rendered(page).items():
+        path = folder / file
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(rendered, encoding="utf-8", newline="\n")
 
 
 def _rendered(page: _Page) -> dict[str, str]:
