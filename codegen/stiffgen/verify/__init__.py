@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""A robot's folder is held against what did not make it."""
+"""Verify a robot's folder against independent references."""

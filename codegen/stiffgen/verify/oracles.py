@@ -218,12 +218,12 @@ def check_robot(
 
 
 def _tool_pose(references: References) -> tuple[Array, ...]:
-    """What each tip has a posture of its own by."""
+    """Return the argument that each tip has of its own: the pose of its tool, if it is one."""
     return (references.samples.tool_pose,) if references.chain.runtime_tool else ()
 
 
 def _shared_posture(posture: tuple[Array, ...], chain: Chain) -> tuple[Array, ...]:
-    """The rest of it."""
+    """Return the configuration arguments that all tips share."""
     return posture[:-1] if chain.runtime_tool else posture
 
 
@@ -284,7 +284,7 @@ def _against_casadi(
 
 
 def _but_for_rounding(name: str, oracle: str, value: Any, reference: Array, errors: Callable[[], Array]) -> Check:
-    """The check that a value is its reference; contributions that cancel leave their rounding, each program its own."""
+    """Compare a value with its reference, up to the rounding of contributions that cancel."""
     check = compared(name, oracle, value, reference)
     if check.passed:
         return check
@@ -293,6 +293,6 @@ def _but_for_rounding(name: str, oracle: str, value: Any, reference: Array, erro
 
 
 def _rounding(chain: Chain, kernel: Kernel, given: list[Array], scalar: Scalar, which: int) -> Array:
-    """Standard errors of one of a kernel's results, zero where they are not known."""
+    """Return the standard errors of one result of a kernel, zero where they are unknown."""
     found = rounding_errors(chain, kernel, given, scalar)
     return np.zeros((len(given[0]), *kernel.results[which].array(chain).shape)) if found is None else found[which]

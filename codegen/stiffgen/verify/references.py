@@ -91,7 +91,7 @@ class References:
         return tuple(self.samples[argument.name] for argument in given)
 
     def posture_of(self, representation: Representation) -> tuple[Array, ...]:
-        """The same for the kernels of a representation: seen from the tip, the base's place does not matter."""
+        """Return the configuration arguments of a representation's kernels; body ones do not take the base's pose."""
         based = self.chain.floating and representation != "body"
         given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=based)
         return tuple(self.samples[argument.name] for argument in given)
@@ -159,7 +159,7 @@ class References:
         return contracted
 
     def joint_stiffness(self, representation: Representation, *, corrected: bool) -> Array:
-        """The formula, term by term."""
+        """Return the joint stiffness as the formula has it, term by term."""
         J = self.jacobian[representation]
         if corrected:
             matrix = self.samples.task_stiffness + gamma_F(representation, self.samples.wrench)

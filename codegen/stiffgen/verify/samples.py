@@ -41,7 +41,7 @@ class Samples:
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
-        """Uniform postures (unbounded joints: one turn, one metre), wrenches of tens of N and some N m."""
+        """Draw configurations uniformly (unbounded joints: one turn, one metre), wrenches of tens of N and some N m."""
         random = np.random.default_rng(seed)
         reach = [math.pi if c.type != "prismatic" else 1.0 for c in chain.coordinates]
         lower = [max(c.lower, -r) for c, r in zip(chain.coordinates, reach, strict=True)]
@@ -79,7 +79,7 @@ class Samples:
         )
 
     def of(self, argument: Argument, seed: int) -> Array:
-        """The values of a kernel's argument; what a user's potential takes is drawn for it."""
+        """Return the values of a kernel's argument; parameters of a user's potential are drawn."""
         known = getattr(self, argument.name, None)
         if known is not None and len(known.shape) == 1 + len(argument.shape):
             sizes = zip(argument.shape, known.shape[1:], strict=True)
@@ -89,7 +89,7 @@ class Samples:
         return _random_parameter(argument, len(self.q), seed, self.velocity.shape[1])
 
     def __getitem__(self, argument: str) -> Array:
-        """The values of a kernel's argument by its name."""
+        """Return the values of a kernel's argument by its name."""
         values: Array = getattr(self, argument)
         return values
 
@@ -126,7 +126,7 @@ def _random_positive(random: np.random.Generator, count: int, size: int, scale: 
 
 
 def joint_potential_arguments(samples: Samples) -> dict[str, tuple[Array, ...]]:
-    """What the kernels of the joint potentials take, by group."""
+    """Return the arguments of the joint potentials' kernels, by group."""
     return {
         potential.name: (samples.q, *(samples[argument.name] for argument in potential.parameters))
         for potential in JOINT_POTENTIALS
@@ -136,7 +136,7 @@ def joint_potential_arguments(samples: Samples) -> dict[str, tuple[Array, ...]]:
 def argument_samples(
     chain: Chain, count: int, seed: int, options: SpringOptions | None = None
 ) -> dict[Argument, Array]:
-    """A stack of ``count`` random values for every argument that kernels take."""
+    """Draw a stack of ``count`` random values for every argument that kernels take."""
     drawn = [Samples.draw(chain, count, seed + index) for index in range(len(chain.tips))]
     names = [tip.name for tip in chain.tips]
     pool = {}

@@ -176,6 +176,8 @@ class _Session:
         if random.random() < 0.3:
             config.engagement_limit, config.energy_limit = 10.0 ** random.uniform([-4.0, -3.0], 0.5)
         if random.random() < 0.3:
+            config.tank_initial, config.tank_maximum = 10.0 ** random.uniform([-3.0, -1.0], 0.5)
+        if random.random() < 0.3:
             root = random.normal(size=(6, 6))
             _fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
         symmetric = np.array(config.task_damping).reshape(6, 6)
@@ -219,7 +221,7 @@ class _Session:
             each.call("init", each.config, each.state, torque)
         self.counter = int(random.integers(0, 2**32))
         self.goal = self.q + 0.0
-        self.away = np.zeros(6)
+        self.absent = 0
         self.command = 2 if random.random() < 0.3 else 1
         self.tools = np.stack([_pose(random, 0.1) for _ in self.chain.tips])
         self._choose_stiffness()
@@ -308,6 +310,8 @@ class _Session:
             if not poses[:, 3, 3].all():
                 poses = np.broadcast_to(np.eye(4), poses.shape).copy()
             poses[:, :3, 3] += 1e-3 * self.random.normal(size=3)
+            if random.random() < 0.05:  # half a turn about an axis
+                poses[:, :3, :3] *= np.roll([1.0, -1.0, -1.0], random.integers(3))
             _fill(given.equilibrium, poses)
         if self.chain.runtime_tool:
             _fill(given.tool_pose, self.tools)
@@ -321,6 +325,12 @@ class _Session:
         random, given = self.random, self.input
         event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.chain.dof))
         bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
+        if random.random() < 0.004:
+            self.absent = int(random.integers(1, 30))
+        if self.absent > 0:
+            self.absent -= 1
+            given.sample_valid = 0
+            return
         if event < 0.01:
             given.sample_valid = 0
         elif event < 0.015:

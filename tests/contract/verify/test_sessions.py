@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from campaigns.mutations import Workshop, changed_defaults, mutants
+from campaigns.mutations import Workshop, changed_defaults, count_survivors, mutants
 from stiffgen.opened import open_robot
 from stiffgen.verify.controller_library import ControllerLibrary
 from stiffgen.verify.controller_rules import check_rules
@@ -49,7 +49,6 @@ def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
 
 
 def test_sessions_kill_mutants(workshop: Workshop) -> None:
-    """Five drawn with a fixed seed; ``make campaign NAME=mutations`` counts many."""
-    for mutant in mutants(workshop.text, 5, seed=3):
-        built = workshop.compile(mutant.text)
-        assert built is None or built[1] == workshop.code or not workshop.survives(built[0], seed=0), mutant.after
+    """Draw six with a fixed seed; equivalent ones may be among them. ``make campaign NAME=mutations`` counts many."""
+    counted, survivors = count_survivors(workshop, mutants(workshop.text, 6, seed=3), seed=0)
+    assert counted >= 4 and len(survivors) <= 1, survivors
