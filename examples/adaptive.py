@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A stiffness that adapts while the arm works, under the bound of the controller's tank: ``make adaptive``.
+"""Adapt a stiffness while the arm works, within the energy of the controller's tank: ``make adaptive``.
 
     python -m examples.adaptive [--robot FOLDER] [--figure FILE]
 
@@ -46,7 +46,7 @@ Learner = Callable[[float, Array, Array, Array], Array]
 
 @dataclass(frozen=True)
 class Run:
-    """Time [s], load [N], asked and given stiffness in z [N/m], deflection [m], tank, port work and bound [J]."""
+    """Time [s], load [N], requested and applied stiffness in z [N/m], deflection [m], tank, port work and bound [J]."""
 
     time: Array
     load: Array
@@ -90,7 +90,7 @@ def careful(robot: Any) -> Learner:
 
 
 def greedy(time: float, q: Array, wrench: Array, stiffness: Array) -> Array:
-    """Soft while the load pushes the arm away, stiff while it comes back."""
+    """Request a soft spring while the load pushes the arm away, and a stiff one while the arm comes back."""
     return np.full(3, STIFF if time % PERIOD >= PERIOD / 2 else SOFT)
 
 
@@ -130,7 +130,7 @@ def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATI
 
 
 def figure(runs: dict[str, Run]) -> str:
-    """SVG: asked and given stiffness, tank, and work put out, of every run."""
+    """Return an SVG with requested and applied stiffness, tank, and work of every run."""
     import matplotlib as mpl
 
     mpl.use("svg")
@@ -163,7 +163,7 @@ def figure(runs: dict[str, Run]) -> str:
 
 
 def main() -> int:
-    """See the text of this module."""
+    """Run the example; options stand in the text of this module."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--robot", type=Path, default=Path("build/robots/iiwa14_derivatives"))
     parser.add_argument("--figure", type=Path, help="write the figure there, an SVG")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Draws docs/analyze_stiffness.svg and docs/analyze_moment.svg: ``python -m examples.analyze_recording``.
+"""Draw docs/analyze_stiffness.svg and docs/analyze_moment.svg: ``python -m examples.analyze_recording``.
 
 The recording is the paper's zero-force trajectory, twice round the bowl in 28 s, with a made-up wrench: pressing with
 20 N, moments of some N m that come and go.
@@ -23,7 +23,7 @@ PERIOD = 0.005
 
 
 def recording() -> dict[str, NDArray[np.float64]]:
-    """Time [s], joint positions [rad] and wrench [N, N m] in base axes, two rounds."""
+    """Return time [s], joint positions [rad] and wrench [N, N m] in base axes, two rounds."""
     q = np.concatenate([trajectory.recorded()] * 2)
     time = PERIOD * np.arange(len(q))
     turn = 2 * np.pi * time[:, None] / time[-1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A spring at the tip of the iiwa 14 at a posture of the paper's bowl-wiping trajectory: its torque and its tangent.
+"""Compute torque and tangent of a spring at the tip of the iiwa 14, on the paper's bowl-wiping trajectory.
 
 Run by ``make generate``. First the spring, from its energy alone: the torque -dU/dq and the joint stiffness d2U/dq2,
 its exact tangent. Then the paper's formula for a wrench and a task stiffness that are given, corrected and

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The pictures of docs/controller.md: the loop, a jump of q0, and a load of 40 N beside the paper's law.
+"""Draw the pictures of docs/controller.md: the loop, a jump of q0, and a load of 40 N under two laws.
 
 The arm is simulated with the folder's own kernels (mass matrix, bias forces, Jacobian), gravity compensated.
 
@@ -67,7 +67,7 @@ def simulate(
 
 
 def jump(robot: ModuleType) -> dict[str, Array]:
-    """q0 jumps while the arm is at rest."""
+    """Simulate a jump of q0 while the arm is at rest."""
     return simulate(robot, 2.5, "potential", lambda t: Q0 + JUMP * (t >= JUMP_TIME), lambda t: np.zeros(6))
 
 
@@ -123,7 +123,7 @@ def figure(robot: ModuleType) -> str:
 
 
 def loop_figure() -> str:
-    """Return the SVG text: the parts of the controller and what goes between them."""
+    """Return the SVG text: the parts of the controller and the signals between them."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
     from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
@@ -178,7 +178,7 @@ def loop_figure() -> str:
 
 
 def draw(robot: ModuleType) -> dict[str, str]:
-    """SVG text by file name in docs/."""
+    """Return SVG texts by file name in docs/."""
     return {"controller_loop.svg": loop_figure(), "controller_governor.svg": figure(robot)}
 
 

@@ -42,37 +42,37 @@ LAWS = (*FORMULAS, "gradient")
 
 
 def centre() -> Array:
-    """Return the posture (n,) in the middle of the paper's zero-force trajectory [rad]."""
+    """Return the configuration (n,) in the middle of the paper's zero-force trajectory [rad]."""
     trajectory = np.loadtxt(TRAJECTORY, delimiter=",")
     return np.asarray(trajectory[:, trajectory.shape[1] // 2])
 
 
 def orbit(plane: tuple[int, int], radius: float, steps: int = STEPS) -> Array:
-    """Displacements (steps + 1, n) round a circle through zero, first along u, then towards v [rad]."""
+    """Return displacements (steps + 1, n) round a circle through zero, first along u, then towards v [rad]."""
     phase = 2 * np.pi * np.arange(steps + 1)[:, None] / steps
     u, v = np.eye(7)[list(plane)]
     return np.asarray(radius * (np.sin(phase) * u + (1 - np.cos(phase)) * v))
 
 
 def work(torque: Array, displacement: Array) -> Array:
-    """Work [J] that torques (N, n) [N m] have done up to each point of an orbit (N, n) [rad]; trapezoidal rule."""
+    """Return the work [J] of torques (N, n) [N m] up to each point of an orbit (N, n) [rad]: trapezoidal rule."""
     middle = (torque[1:] + torque[:-1]) / 2
     return np.concatenate([[0.0], np.cumsum(np.einsum("ti,ti->t", middle, np.diff(displacement, axis=0)))])
 
 
 def stiffness(robot: ModuleType, q: Array, formula: str) -> Array:
-    """Kq (..., n, n) at postures (..., n) and the wrench that is held [N m/rad]."""
+    """Return Kq (..., n, n) at configurations (..., n) and the constant wrench [N m/rad]."""
     return np.asarray(getattr(robot.hybrid, FORMULAS[formula])(q, WRENCH, TASK_STIFFNESS))
 
 
 def held(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float, formula: str) -> Array:
-    """Work round an orbit about q, the stiffness held."""
+    """Return the work round an orbit about q with a constant stiffness."""
     displacement = orbit(plane, radius)
     return work(-displacement @ stiffness(robot, q, formula).T, displacement)
 
 
 def following(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float, law: str) -> Array:
-    """Work round an orbit about q, the torque being that of each posture; the gradient less its constant load at q."""
+    """Return the work round an orbit about q with the torque of each configuration; less the gradient's load at q."""
     displacement = orbit(plane, radius)
     if law == "gradient":
         spring = (rest(robot, q), TASK_STIFFNESS[:3, :3], TASK_STIFFNESS[3:, 3:])
@@ -162,7 +162,7 @@ def figure(robot: ModuleType, q: Array) -> str:
 
 
 def main() -> None:
-    """Print the table; draw the figure where one is asked for."""
+    """Print the table; draw the figure if requested."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw an SVG")
     options = parser.parse_args()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The generated controller on a Franka FR3, through libfranka's own Python package.
+"""Run the generated controller on a Franka FR3, through libfranka's own Python package.
 
 python -m examples.franka                    on franky-sim, a simulated FR3 that speaks the robot's protocol
 python -m examples.franka --robot ADDRESS    on a robot: read docs/controller.md first
@@ -53,12 +53,12 @@ def fr3() -> Any:
 
 @contextmanager
 def simulator(address: str) -> Iterator[None]:
-    """franky-sim's server in a process of its own."""
+    """Run franky-sim's server in a process of its own."""
     code = "from franky_sim.run_server import main; main()"
     command = [sys.executable, "-c", code, "-s", "mujoco", "--hostname", address]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
-        time.sleep(5.0)  # it says nothing that could be waited for
+        time.sleep(5.0)  # the server gives no sign that it is ready
         yield
     finally:
         process.terminate()
@@ -79,7 +79,7 @@ def connected(address: str, patience: float = 30.0) -> Any:
 
 
 def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
-    """Follow the circle; what was counted. The first fault is said when it comes."""
+    """Follow the circle; return the counts. Print the first fault when it comes."""
     franka = import_module("pylibfranka")
     start = np.array(robot.read_once().q)
     rest = module.forward_kinematics(start)
@@ -90,7 +90,7 @@ def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
     while elapsed < seconds:
         state, duration = control.readOnce()
         periods = round(duration.to_sec() / SAMPLE_TIME)
-        counted["missed"] += max(periods - 1, 0)  # cycles of the robot that this program saw nothing of
+        counted["missed"] += max(periods - 1, 0)  # cycles of the robot that this program missed
         counter += max(periods, 1)
         elapsed = counter * SAMPLE_TIME
         begin = time.perf_counter()
@@ -118,7 +118,7 @@ def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the example; 1 if a cycle was missed or the controller let go."""
+    """Run the example; return 1 if a cycle was missed or the controller released the arm."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", metavar="ADDRESS", help="of a robot (default: franky-sim on this machine)")
     parser.add_argument("--seconds", type=float, default=600.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Style of the examples' figures, the same as in ``stiffgen analyze``."""
+"""Define the style of the examples' figures, the same as in ``stiffgen analyze``."""
 
 from stiffgen.style import AXES, CONVENTIONAL, CORRECTED, INK, POTENTIAL, SHADES, STYLE, themed_svg
 

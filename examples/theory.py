@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The numbers and pictures of docs/theory.md: turning basis vectors, tangent and secant, what an orbit costs.
+"""Compute the numbers and pictures of docs/theory.md: basis vectors, tangent and secant, work of an orbit.
 
 Everything here is written out from the definitions in NumPy; of stiffgen it uses one kernel, the conventional stiffness
 of the iiwa 14.
@@ -39,7 +39,7 @@ def vector(A: Array) -> Array:
 
 
 def turn(w: Array) -> Array:
-    """Rotation about w by the angle |w| [rad] (Rodrigues)."""
+    """Return the rotation about w by the angle |w| [rad] (Rodrigues)."""
     angle = float(np.linalg.norm(w))
     if angle == 0:
         return np.eye(3)
@@ -61,7 +61,7 @@ def _quaternion_vector(R: Array) -> Array:
 
 
 def gradient(R: Array, K: Array) -> Array:
-    """Minus the gradient of the trace energy tr(G (I - R)), G = tr(K)/2 I - K."""
+    """Return minus the gradient of the trace energy tr(G (I - R)), G = tr(K)/2 I - K."""
     A = R @ (np.trace(K) / 2 * np.eye(3) - K)
     return -vector(A - A.T)
 
@@ -75,13 +75,13 @@ LAWS: dict[str, Moment] = {
 
 
 def orbit(centre: Array, radius: float, first: Array, second: Array) -> list[Array]:
-    """Orientations round a circle of rotation vectors, the first one again at the end."""
+    """Return orientations round a circle of rotation vectors, the first one again at the end."""
     phase = 2 * np.pi * np.arange(STEPS + 1) / STEPS
     return [turn(centre + radius * (np.cos(s) * first + np.sin(s) * second)) for s in phase]
 
 
 def work(law: Moment, K: Array, orientations: list[Array]) -> Array:
-    """Work [J] put out by a law up to each point of an orbit, by the midpoint rule."""
+    """Return the work [J] of a law up to each point of an orbit, by the midpoint rule."""
     done = [0.0]
     for here, there in itertools.pairwise(orientations):
         step = rotation_vector(there @ here.T)
@@ -90,20 +90,20 @@ def work(law: Moment, K: Array, orientations: list[Array]) -> Array:
 
 
 def example_orbit() -> list[Array]:
-    """Radius 0.3 rad about a turn by 0.5 rad about x."""
+    """Return an orbit of radius 0.3 rad about a rotation by 0.5 rad about x."""
     x, y, z = np.eye(3)
     return orbit(0.5 * x, 0.3, z, y)
 
 
 def orbit_table() -> list[tuple[str, list[float]]]:
-    """Net work of the example's orbit for each law, at K = diag(30, 30, 10), diag(30, 20, 10), diag(30, 30, 30)."""
+    """Return the net work of the orbit for each law, at K = diag(30, 30, 10), diag(30, 20, 10), diag(30, 30, 30)."""
     orientations = example_orbit()
     stiffnesses = [np.diag(k) for k in ([30.0, 30.0, 10.0], [30.0, 20.0, 10.0], [30.0, 30.0, 30.0])]
     return [(name, [work(law, K, orientations)[-1] for K in stiffnesses]) for name, law in LAWS.items()]
 
 
 def asymmetry(robot: ModuleType) -> tuple[Array, Array]:
-    """Largest singular value of the conventional stiffness' antisymmetric and symmetric part [N m/rad].
+    """Return the largest singular values of the conventional stiffness' antisymmetric and symmetric part [N m/rad].
 
     At every 20th posture of the paper's recorded trajectory, under a moment of 1 N m about each base axis in turn.
     """
@@ -116,7 +116,7 @@ def asymmetry(robot: ModuleType) -> tuple[Array, Array]:
 
 
 def pendulum_spring(angle: Array, k: float = 1.0) -> dict[str, Array]:
-    """One joint on the trace spring: torque, tangent stiffness, and the tangent used as if it were a secant."""
+    """Return torque and tangent stiffness of one joint on the trace spring, and the tangent used as a secant."""
     return {"torque": -k * np.sin(angle), "tangent": k * np.cos(angle), "secant_law": -k * np.cos(angle) * angle}
 
 

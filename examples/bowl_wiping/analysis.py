@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Findings of the trials as numbers: bars that must hold, and the paper's statements beside measured values."""
+"""Compute the findings of the trials: bars that must hold, and the paper's statements beside measured values."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
 
 
 def imbalance(trace: Trace) -> Array:
-    """(N,) residual of the controller's energy account (docs/controller.md) [J]."""
+    """Return the residual of the controller's energy account (N,) [J] (docs/controller.md)."""
     put_in = sum(trace[f"{name}_total"] for name in ("sampling", "reference", "stiffness"))
     return np.asarray(trace["port_total"] + trace["elastic_energy"] - put_in)
 
@@ -174,7 +174,7 @@ def _largest(values: Array) -> float:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the summary: what, the paper's statement, what was measured, and what to say about a difference."""
+    """Row of the summary: quantity, statement of the paper, measured value, and remark on a difference."""
 
     what: str
     paper: str
@@ -266,7 +266,7 @@ def summary(found: Findings) -> list[Row]:
 
 
 def trajectory_rows(stated: Comparison, measured: Comparison) -> list[Row]:
-    """Return the regenerated trajectories against the recording."""
+    """Return rows that compare the regenerated trajectories with the recording."""
     wrist = np.degrees(recorded()[measured.worst, 5])
     return [
         Row(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The figures, as SVG that follows the page: ink is the text colour, so one file reads on light and dark pages."""
+"""Draw the figures as SVG in the text colour of the page, so that one file suits light and dark pages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LINES, COLOURS = ("-", "--", "-."), (CORRECTED, CONVENTIONAL, POTENTIAL)
 
 
 def draw(robot: ModuleType, trials: list[Trace], stated: Comparison, measured: Comparison) -> dict[str, str]:
-    """All figures of the trials and of the two regenerated trajectories.
+    """Draw all figures of the trials and of the two regenerated trajectories.
 
     Returns:
         File name to SVG text.
@@ -69,7 +69,7 @@ def antisymmetric(robot: ModuleType, trials: list[Trace]) -> Figure:
 
 
 def joints(trials: list[Trace]) -> Figure:
-    """Joint positions of all trials and the zero-force trajectory."""
+    """Plot joint positions of all trials and the zero-force trajectory."""
     figure = Figure(figsize=(7.5, 7.6), layout="constrained")
     panels = figure.subplots(4, 2, sharex=True).ravel()
     corrected, conventional, _ = trials
@@ -108,7 +108,7 @@ def wrench(trials: list[Trace]) -> Figure:
 
 
 def singular_values(trials: list[Trace]) -> Figure:
-    """Largest singular values of the symmetric and of the antisymmetric part of the joint stiffness."""
+    """Plot the largest singular values of the symmetric and of the antisymmetric part of the joint stiffness."""
     figure = Figure(figsize=(7.5, 4.8), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes, name in zip(panels, ("symmetric", "antisymmetric"), strict=True):
@@ -121,7 +121,7 @@ def singular_values(trials: list[Trace]) -> Figure:
 
 
 def eigenvalues(trials: list[Trace]) -> Figure:
-    """Eigenvalues of the symmetric part on an axis that has both signs; below, the smallest alone."""
+    """Plot the eigenvalues of the symmetric part on an axis with both signs; below, the smallest alone."""
     figure = Figure(figsize=(7.5, 6.2), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     for axes, count in zip(panels, (7, 1), strict=True):
@@ -140,7 +140,7 @@ def eigenvalues(trials: list[Trace]) -> Figure:
 
 
 def energy(trials: list[Trace]) -> Figure:
-    """Plot the controller's energy account: work at the port in all trials, and all of it in the potential law's."""
+    """Plot the controller's energy account: work at the port in all trials, and the account of the potential law."""
     figure = Figure(figsize=(7.5, 5.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes in panels:
@@ -190,20 +190,20 @@ def _column(name: str, index: int | None = None, factor: float = 1.0) -> Column:
 
 
 def _all(axes: Axes, trials: list[Trace], column: Column, label: str = "", colour: str = "") -> None:
-    """All trials, each in its line and colour; or in one colour, with one label, to be told apart by the line."""
+    """Plot all trials with one line style each; in their colours, or in one colour with one label."""
     for trace, law, line, own_colour in zip(trials, LAWS, LINES, COLOURS, strict=True):
         name = law if not label else label if line == LINES[0] else None
         axes.plot(trace["time"], column(trace), line, color=colour or own_colour, label=name)
 
 
 def _wipe(axes: Axes) -> None:
-    """Mark where the approach ends and the wipe begins."""
+    """Mark the end of the approach, where the wipe begins."""
     axes.axvline(APPROACH_TIME, color=INK, linewidth=0.8, alpha=0.5)
     axes.margins(x=0.01)
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
-    """One legend below the figure, each label once."""
+    """Draw one legend below the figure, each label once."""
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     figure.legend(once.values(), once.keys(), loc="outside lower center", ncols=len(once))

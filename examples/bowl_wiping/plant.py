@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The simulated LBR iiwa 14 with its wiping tool, and the bowl: MuJoCo behind a torque interface.
+"""Simulate the LBR iiwa 14 with its wiping tool and the bowl: MuJoCo behind a torque interface.
 
 The arm comes from urdf/iiwa14.urdf through MuJoCo's own URDF reader. So its kinematics and masses are independent of
 stiffgen's, and the tests hold the one against the other.
@@ -109,7 +109,7 @@ class Plant:
 
     @property
     def time(self) -> float:
-        """[s] since the start."""
+        """Time since the start [s]."""
         return self._steps * self.timestep
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The arm as overlaid postures, rendered offscreen by MuJoCo in a process of its own.
+"""Draw the arm as overlaid configurations, rendered offscreen by MuJoCo in a process of its own.
 
 A graphics driver that is missing or broken may end the process, and MuJoCo chooses its renderer when it is imported;
 so the experiment asks ``python -m examples.bowl_wiping.render`` for the picture and goes on without it if need be.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Report: one HTML page with the summary and the figures; light or dark as the reader's system."""
+"""Write the report: one HTML page with the summary and the figures, with a light and a dark theme."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The zero-force trajectory: as recorded for the paper, and made anew by inverse kinematics from its geometry.
+"""Provide the zero-force trajectory: as recorded for the paper, and reconstructed by inverse kinematics.
 
 The tip moves on a half circle in a horizontal plane and back, the tool's x axis along the direction of travel, its z
 axis towards the centre and then turned about x, so that the plate leans into the wall of the bowl.
@@ -85,12 +85,12 @@ class Reference:
 
 
 def recorded() -> Array:
-    """(2793, 7) the recorded zero-force trajectory, SAMPLE_TIME apart [rad]."""
+    """Return the recorded zero-force trajectory (2793, 7) [rad], SAMPLE_TIME apart."""
     return np.loadtxt(RECORDED, delimiter=",").T
 
 
 def minimum_jerk(s: ArrayLike) -> Array:
-    """Position from 0 to 1 over the time share s, clipped to 0 ... 1 (Flash and Hogan 1985)."""
+    """Return the position from 0 to 1 over the time share s, clipped to 0 ... 1 (Flash and Hogan 1985)."""
     share = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
     return np.asarray(share**3 * (10 - 15 * share + 6 * share**2))
 
@@ -116,7 +116,7 @@ def reference(sample_time: float) -> Reference:
 
 
 def poses(robot: ModuleType, geometry: Geometry, count: int) -> Array:
-    """(count, 4, 4) tip poses in the base frame [m], SAMPLE_TIME apart."""
+    """Return tip poses (count, 4, 4) in the base frame [m], SAMPLE_TIME apart."""
     time = SAMPLE_TIME * np.arange(count) + geometry.lead
     there, back = (minimum_jerk(time / geometry.duration - start) for start in (0, 1))
     angle = np.pi * (there - back)
@@ -157,14 +157,14 @@ def inverse_kinematics(robot: ModuleType, target: Array, q: Array, tip: float, s
 
 
 def tip_pose(robot: ModuleType, q: Array, tip: float) -> Array:
-    """(4, 4) pose of the point of the tool's axis that is ``tip`` [m] from the flange; the robot's is TOOL_POINT."""
+    """Return the pose (4, 4) of the point on the tool's axis that is ``tip`` [m] from the flange."""
     pose = np.array(robot.forward_kinematics(q))
     pose[:3, 3] += (tip - TOOL_POINT) * pose[:3, 2]
     return pose
 
 
 def tip_jacobian(robot: ModuleType, q: Array, tip: float) -> Array:
-    """(6, n) hybrid Jacobian of that point."""
+    """Return the hybrid Jacobian (6, n) of that point."""
     J = np.array(robot.hybrid.jacobian(q))
     J[:3] += np.cross(J[3:], (tip - TOOL_POINT) * robot.forward_kinematics(q)[:3, 2], axisa=0, axisc=0)
     return J
@@ -186,7 +186,7 @@ class Comparison:
 
 
 def compare(robot: ModuleType, geometry: Geometry) -> Comparison:
-    """Make the trajectory anew from a geometry, starting at the recorded first posture, and compare."""
+    """Reconstruct the trajectory from a geometry, starting at the recorded first configuration, and compare."""
     record = recorded()
     made = inverse_kinematics(robot, poses(robot, geometry, len(record)), record[0], geometry.tip, settle=2000)
     deviation = np.abs(made - record)

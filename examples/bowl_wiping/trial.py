@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One trial: the plant under the C controller with the paper's gains, recorded step by step.
+"""Run one trial: the plant under the C controller with the paper's gains, recorded step by step.
 
 Three laws: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and ``potential``, the gradient
 of a spring with the same gains at the tool point.
@@ -63,7 +63,7 @@ COLUMNS = {
     "reference_total": "[J] put in by moving the equilibrium; in the paper's law the damper's share alone",
     "stiffness_total": "[J] put in by changing the stiffness",
 }
-"""The trace: name of an array and what it holds; the first axis is time."""
+"""Arrays of the trace: name and content; the first axis is time."""
 
 
 def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> Any:
@@ -158,18 +158,18 @@ def run(
 
 
 def parts(stiffness: Array) -> tuple[Array, Array]:
-    """Symmetric and antisymmetric part of matrices (..., n, n)."""
+    """Return the symmetric and the antisymmetric part of matrices (..., n, n)."""
     transposed = np.swapaxes(stiffness, -1, -2)
     return (stiffness + transposed) / 2, (stiffness - transposed) / 2
 
 
 def faults(robot: ModuleType, status: NDArray[np.uint32]) -> dict[str, int]:
-    """Status bits that count as a fault and show in a trial, with the number of steps."""
+    """Return the status bits that count as faults in a trial, with the number of steps."""
     counts = {bit.name: int(np.count_nonzero(status & int(bit))) for bit in robot.Status}
     return {name: count for name, count in counts.items() if count and name not in EXPECTED}
 
 
 def join(trials: list[Trace]) -> Trace:
-    """Traces of several trials one after the other, with a column ``trial`` that counts them."""
+    """Join the traces of several trials, with a column ``trial`` that counts them."""
     counted = [{"trial": np.full(len(trace["time"]), index), **trace} for index, trace in enumerate(trials)]
     return {name: np.concatenate([trace[name] for trace in counted]) for name in COLUMNS}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""A robot that speaks FRI: the controller's side of KUKA's Fast Robot Interface, a simulated LBR iiwa 14 behind it."""
+"""Simulate a robot that speaks KUKA's Fast Robot Interface (FRI): an LBR iiwa 14 with its controller."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Runs the robot: python -m examples.fri_robot --protocol 2.7 --lockstep --duration 15 --bowl.
+"""Run the robot: python -m examples.fri_robot --protocol 2.7 --lockstep --duration 15 --bowl.
 
 Exit code 0 after a session that ended as planned, 1 if it did not, 2 if something was refused at the start.
 """

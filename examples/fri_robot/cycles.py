@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One cycle of the robot's side: a message out, commands in, one step of the plant."""
+"""Run one cycle of the robot's side: a message out, commands in, one step of the plant."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BUTTON = "MediaFlange.UserButton"
 LOCKSTEP_EPOCH = 1_700_000_000_000_000_000
 """Unix time [ns] at which the robot's clock starts in lockstep, so that runs are equal."""
 OBSERVE = 10
-"""Cycles from one look at the contact to the next without a log: it takes time that a period of 1 ms lacks."""
+"""Cycles between two observations of the contact without a log: an observation takes too long for a period of 1 ms."""
 
 
 @dataclass(frozen=True)
@@ -155,15 +155,15 @@ class Cycles:
         self._fewest = self._most = 0  # messages that the client may have counted since its last answer
         self._interrupted = False
         self.quiet: Callable[[], bool] | None = None
-        """Tells whether the client has answered all that it will, where that can be seen; lockstep then goes on."""
+        """Whether the client has sent all its answers, if this can be observed; lockstep then goes on."""
 
     @property
     def time(self) -> float:
-        """Time [s] of the robot's clock since the session began."""
+        """Time of the robot's clock since the session began [s]."""
         return self._cycle * self._period
 
     def interrupt(self) -> None:
-        """End the session in order after this cycle (from a signal handler)."""
+        """End the session in order after this cycle (called by a signal handler)."""
         self._interrupted = True
 
     def _monitoring(self) -> Monitoring:
@@ -235,13 +235,13 @@ class Cycles:
             return monitoring, []
         datagram = self._protocol.encode_monitoring(monitoring)
         self.statistics.sent += 1
-        if self._cycle == 0:  # by it the client is found; faults begin after it
+        if self._cycle == 0:  # the client learns the robot's address from it; faults begin later
             return monitoring, [Delivery(datagram, 0, True)]
         injector = self.injectors["robot"]
         return monitoring, injector.send(datagram, self.time, self._cycle) + injector.release(self._cycle)
 
     def _take(self, datagram: bytes) -> None:
-        """Take a datagram from the client, and put the faults of its way on top."""
+        """Accept a datagram from the client and apply the faults of its direction."""
         self.statistics.received += 1
         self._received += 1
         for delivery in self.injectors["client"].send(datagram, self.time, self._cycle):

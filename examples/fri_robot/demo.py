@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Wipes the bowl once through FRI: python -m examples.fri_robot.demo, or make fri-demo.
+"""Wipe the bowl once through FRI: python -m examples.fri_robot.demo, or make fri-demo.
 
 Builds the C++ client, starts it and the simulated robot in lockstep, waits for both, holds what the robot received
 against the controller stepped in Python, and draws the session. Everything goes to build/fri-demo.
@@ -48,13 +48,13 @@ CLIENT = ROOT / "examples" / "fri_client"
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 OUTPUT = ROOT / "build" / "fri-demo"
 APPROACH = 5.0
-"""[s] that the client takes to get to the trajectory."""
+"""Time that the client takes to reach the trajectory [s]."""
 TRAJECTORY_TIME = 13.96
-"""[s] of the trajectory."""
+"""Duration of the trajectory [s]."""
 REST = 0.24
-"""[s] at its end."""
+"""Pause after the trajectory [s]."""
 LONGEST = 600.0
-"""[s] of wall time after which the demo gives up."""
+"""Wall time after which the demo gives up [s]."""
 
 
 class BrokenOffError(Exception):
@@ -227,7 +227,7 @@ def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDAr
 
 
 def report(options: argparse.Namespace, console: Console) -> bool:
-    """Print and draw the session; return whether it is as it should be."""
+    """Print and draw the session; return whether it went as planned."""
     folder = options.output
     robot = load_robot(options.robot)
     log = read_client_log(folder / "client.csv", folder / "client.json")
@@ -265,7 +265,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     load_robot(options.robot)
     options.output.mkdir(parents=True, exist_ok=True)
     for name in ("client.csv", "client.json", "client.txt", "robot.npz", "robot.json", "session.svg"):
-        (options.output / name).unlink(missing_ok=True)  # an earlier run's are not this one's
+        (options.output / name).unlink(missing_ok=True)  # remove results of an earlier run
     with console.status("building the client ..."):
         client = build_client(options.robot, options.protocol, options.output / f"client-{options.protocol}")
     run_session(options, client)

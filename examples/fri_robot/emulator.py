@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The robot's side of a session: messages out, commands in, one plant step per cycle.
+"""Run the robot's side of a session: messages out, commands in, one plant step per cycle.
 
 In lockstep a cycle ends with the client's answer, whenever that is; the client cannot tell, and equal sessions are
 equal to the last bit. By the wall clock a cycle ends when its period is over.
@@ -89,7 +89,7 @@ class Emulator(Cycles):
             self._finish(monitoring)
 
     def _exchange(self, delivery: Delivery) -> None:
-        """Deliver a datagram and wait for its answer: as long as it takes if one must come, else a little."""
+        """Deliver a datagram and wait for its answer: without limit if an answer must come, else briefly."""
         answer = None
         if self._cycle == 0:
             answer = self._meet(delivery.datagram)
@@ -107,7 +107,7 @@ class Emulator(Cycles):
         quiet = 0
         while not self._interrupted:
             if answer is None:
-                patience = 0.002 if seen else 0.2  # a signal is heeded in between
+                patience = 0.002 if seen else 0.2  # short, so that a signal is noticed
                 answer = self._link.receive(min(deadline - wall.monotonic(), patience))
             quiet = quiet + 1 if answer is None and seen and self.quiet is not None and self.quiet() else 0
             if quiet > 1:  # once it may be on its way
@@ -121,7 +121,7 @@ class Emulator(Cycles):
             self._fewest = self._most = 0
             if self._reflected(answer) in (delivery.cycle, None):
                 return
-            answer = None  # the answer to an earlier one
+            answer = None  # the answer belongs to an earlier message
         if must and not self._interrupted:
             self.session.failure = self.session.failure or (
                 f"the client did not answer within {self._settings.answer_timeout:g} s"
@@ -163,7 +163,7 @@ class Emulator(Cycles):
                 start -= ahead
 
     def _collect(self, until: float) -> None:
-        """Take answers until one is accepted or time is up, and all others that are there."""
+        """Take answers until one is accepted or time is up; then take all others that have arrived."""
         while True:
             left = 0.0 if self._arrived else until - wall.perf_counter()
             datagram = self._link.receive(left)
@@ -172,7 +172,7 @@ class Emulator(Cycles):
             self._take(datagram)
 
     def _say_goodbye(self) -> None:
-        """Send messages with IDLE, untouched by faults, until the client is gone: a session's clean end."""
+        """Send messages with IDLE, without faults, until the client is gone: a session's clean end."""
         monitoring = self._monitoring()
         for _ in range(GOODBYES):
             try:
@@ -185,7 +185,7 @@ class Emulator(Cycles):
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Switch the garbage collector off in the block: its pauses would be the robot's."""
+    """Switch the garbage collector off in the block, because its pauses would delay the robot."""
     enabled = gc.isenabled()
     gc.collect()
     gc.disable()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Faults of connection and robot, put in on purpose: what to do to which datagram, from a short text, seeded.
+"""Inject faults of connection and robot, described by a short text, with a seed.
 
 A specification is a list of faults separated by commas::
 
@@ -82,7 +82,7 @@ _CONDITIONS: dict[str, tuple[Any, str | None]] = {
     "period": ((0.0, 100.0), None),
     "held": (None, ""),
 }
-"""Faults of the robot itself: what the argument may be (names, or least and most), and what it is if left out."""
+"""Arguments of the robot's own faults: valid names or bounds, and default."""
 _CUTS = ("robotInfo", "monitorData", "connectionInfo", "ipoData")
 _FIELDS = {
     "robot": ("header.sequenceCounter", "robotInfo", "monitorData", "connectionInfo", "ipoData",
@@ -99,7 +99,7 @@ _ITEM = re.compile(
 
 
 class FaultError(ValueError):
-    """A fault specification cannot be read; the text says what is wrong and what is possible."""
+    """Error in a fault specification; the text says what is wrong and what is valid."""
 
 
 @dataclass(frozen=True)
@@ -127,17 +127,17 @@ class Fault:
 
     @property
     def once(self) -> bool:
-        """Whether one datagram alone is meant."""
+        """Whether the fault hits only one datagram."""
         return self.probability is None and self.end is None
 
     def covers(self, time: float) -> bool:
-        """Whether a time [s] is in the interval."""
+        """Return whether a time [s] is in the interval."""
         return (self.start is None or time >= self.start - 1e-9) and (self.end is None or time < self.end - 1e-9)
 
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """All faults of a session: for datagrams by direction, changes of state, and conditions of the robot itself."""
+    """Faults of a session: for datagrams by direction, changes of state, and conditions of the robot itself."""
 
     datagrams: dict[str, tuple[Fault, ...]]
     states: tuple[Fault, ...]
@@ -151,7 +151,7 @@ class FaultPlan:
         return None
 
     def quality_at(self, time: float) -> Quality:
-        """Best quality that may be reported at a time [s]."""
+        """Return the best quality that the robot may report at a time [s]."""
         said = self.condition("quality", time)
         return Quality.EXCELLENT if said is None else Quality[said]
 
@@ -261,7 +261,7 @@ def _condition(item: str, kind: str, argument: str) -> str:
 
 @dataclass(frozen=True)
 class Delivery:
-    """A datagram that is to arrive, from the cycle it was sent in. ``intact``: as it was sent, at its time, once."""
+    """Datagram to deliver, with the cycle in which it was sent. ``intact``: unchanged, in time, once."""
 
     datagram: bytes
     cycle: int
@@ -318,7 +318,7 @@ class FaultInjector:
         return found
 
     def send(self, datagram: bytes, time: float, cycle: int) -> list[Delivery]:
-        """Return what arrives now of a datagram sent at a time [s] in a cycle."""
+        """Return the deliveries that arrive now for a datagram sent at a time [s] in a cycle."""
         fault = self._hit(time)
         self.last = fault.kind if fault else None
         if fault is None:
@@ -339,7 +339,7 @@ class FaultInjector:
         return [Delivery(self._changed(fault, datagram), cycle, False)]
 
     def release(self, cycle: int) -> list[Delivery]:
-        """Datagrams held back that arrive in a cycle, after that cycle's own."""
+        """Return delayed datagrams that arrive in a cycle, after that cycle's own."""
         due: list[tuple[int | None, Delivery]] = []
         later: list[tuple[int | None, Delivery]] = []
         for at, delivery in self._held:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""FRI messages of the versions 1.15, 2.5 and 2.7, from one table.
+"""Define the FRI messages of the versions 1.15, 2.5 and 2.7 in one table.
 
 The schema is not compiled from a file: :data:`SCHEMA` lists every field once, and :class:`Protocol` builds the messages
 of one version from it at run time. Field numbers and encodings are facts about the wire; nothing here is taken from
@@ -60,7 +60,7 @@ class SafetyState(IntEnum):
 
 
 class OperationMode(IntEnum):
-    """Manual reduced, manual high speed, automatic."""
+    """Operation mode: manual reduced, manual high speed, automatic."""
 
     T1 = 0
     T2 = 1
@@ -261,7 +261,7 @@ class Command:
 
 
 def _message_classes(version: str) -> dict[str, type[Message]]:
-    """Message classes of a version by name, in a pool of their own."""
+    """Return the message classes of a version by name, in a pool of their own."""
     types = descriptor_pb2.FieldDescriptorProto
     labels = {"required": types.LABEL_REQUIRED, "optional": types.LABEL_OPTIONAL, "repeated": types.LABEL_REPEATED}
     scalars = {"double": types.TYPE_DOUBLE, "packed_double": types.TYPE_DOUBLE, "int32": types.TYPE_INT32,

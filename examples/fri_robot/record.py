@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Log of a session: what was sent and received in each cycle, as arrays in one NPZ file."""
+"""Record a session: the messages of each cycle, as arrays in one NPZ file."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Recorder:
 
     @property
     def rows(self) -> Any:
-        """All rows so far, (cycles,) with the fields of ROW."""
+        """Return all rows so far, (cycles,) with the fields of ROW."""
         if not self._blocks:
             return np.zeros(0, ROW)
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
@@ -88,7 +88,7 @@ class Recorder:
 
 
 def digest(rows: Any) -> str:
-    """SHA-256 of a log, without what depends on wall time: equal for equal sessions."""
+    """Return the SHA-256 of a log without its wall times: equal for equal sessions."""
     total = hashlib.sha256()
     for name in rows.dtype.names:
         if name != "latency":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Comparison of the wire with the same controller stepped in Python on the inputs in the client's log."""
+"""Compare the torques on the wire with the same controller, stepped in Python on the inputs in the client's log."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The controller of the robot: what moves the simulated arm while FRI talks to it.
+"""Control the simulated arm on the robot's side of FRI.
 
 While nothing is commanded the arm is held in position. In COMMANDING_ACTIVE of a joint overlay it is under joint
 impedance control, and the client's torque is added::
@@ -54,7 +54,7 @@ class Plant(Protocol):
 
 
 class Robot:
-    """The arm under its controller.
+    """Arm under its controller.
 
     Parameters
     ----------
@@ -123,11 +123,11 @@ class Robot:
         self._impedance = True
 
     def complete(self, command: Command) -> bool:
-        """Whether a command has everything that the mode asks for."""
+        """Return whether a command has everything that the mode asks for."""
         return command.position is not None and (self._mode is not CommandMode.TORQUE or command.torque is not None)
 
     def objection(self, command: Command) -> str | None:
-        """Why the controller would stop at a command; None if it would not."""
+        """Return why the controller would stop at a command; None if it would not."""
         for name, values in (("position", command.position), ("torque", command.torque)):
             if values is not None and not np.isfinite(values).all():
                 joint = int(np.flatnonzero(~np.isfinite(values))[0])
@@ -159,7 +159,7 @@ class Robot:
             self.commanded_torque = command.torque
 
     def trouble(self) -> str | None:
-        """Why the controller stops, whatever is commanded: the arm left its range."""
+        """Return why the controller stops independent of commands: the arm has left its range."""
         beyond = np.flatnonzero((self.q < self.model.LOWER) | (self.q > self.model.UPPER))
         if beyond.size:
             return f"{self.model.JOINTS[beyond[0]]} at {np.degrees(self.q[beyond[0]]):.1f} degrees left its range"

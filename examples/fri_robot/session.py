@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""States of an FRI session, as the robot decides them.
+"""Decide the states of an FRI session, as the robot does.
 
 The client cannot ask for a state: it answers, and the robot draws its conclusions. States and their order are known;
 the rules marked [POLICY] in :class:`Policy` are chosen for this emulator, since those of the real controller are not

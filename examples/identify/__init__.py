@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Which stiffness does an arm have at the tool, and where is the tool? Learned from a recording by gradient descent."""
+"""Identify an arm's stiffness at the tool, and the tool's position, from a recording."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Find the task stiffness and the tool in a simulated recording: ``make identify``, or ``make identify-torch``.
+"""Identify task stiffness and tool in a simulated recording: ``make identify``, or ``make identify-torch``.
 
     python -m examples.identify {jax,torch} [--robot FOLDER] [--figure FILE]
 
@@ -41,7 +41,7 @@ KINDS = {True: "pushes that move and turn the tool", False: "pushes that move it
 
 
 def identify(robot: GeneratedRobot, recording: Recording, framework: str) -> tuple[Array, Array, int]:
-    """Task stiffness (6, 6), tool (3,) and the number of evaluations, by gradient descent (L-BFGS) in a framework."""
+    """Identify task stiffness (6, 6) and tool (3,) by L-BFGS in a framework; also return the number of evaluations."""
     wrapper = importlib.import_module(f"{robot.module.__name__}.{framework}")
     model: Any = importlib.import_module(f"examples.identify.in_{framework}")
     found = minimize(
@@ -55,7 +55,7 @@ def identify(robot: GeneratedRobot, recording: Recording, framework: str) -> tup
 
 
 def figure(certainties: dict[bool, tuple[Recording, Certainty]]) -> str:
-    """SVG: for each recording the certainty of every entry of K, and the singular values of both."""
+    """Return an SVG: for each recording the certainty of every entry of K, and the singular values of both."""
     import matplotlib as mpl
 
     mpl.use("svg")
@@ -93,7 +93,7 @@ def figure(certainties: dict[bool, tuple[Recording, Certainty]]) -> str:
 
 
 def main() -> int:
-    """See the text of this module."""
+    """Run the example; options stand in the text of this module."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("framework", choices=["jax", "torch"])
     parser.add_argument("--robot", type=Path, default=Path("build/robots/iiwa14_tool"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The loss and its gradient, in JAX."""
+"""Compute the loss and its gradient in JAX."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from examples.identify.recording import LOWER, POSTURE_STIFFNESS, SCALE, Array, 
 
 
 def unpacked(parameters: Any) -> tuple[Any, Any]:
-    """Task stiffness (6, 6), positive definite by construction, and tool (3,) of 24 parameters."""
+    """Return task stiffness (6, 6), positive definite by construction, and tool (3,) from 24 parameters."""
     factor = jnp.zeros((6, 6)).at[LOWER].set(parameters[:21]) * SCALE[:, None]
     return factor @ factor.T, 0.1 * parameters[21:]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The loss and its gradient, in PyTorch."""
+"""Compute the loss and its gradient in PyTorch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from examples.identify.recording import LOWER, POSTURE_STIFFNESS, SCALE, Array, 
 
 
 def unpacked(parameters: Any) -> tuple[Any, Any]:
-    """Task stiffness (6, 6), positive definite by construction, and tool (3,) of 24 parameters."""
+    """Return task stiffness (6, 6), positive definite by construction, and tool (3,) from 24 parameters."""
     lower = torch.zeros((6, 6), dtype=torch.float64).index_put(tuple(map(torch.as_tensor, LOWER)), parameters[:21])
     factor = lower * torch.as_tensor(SCALE)[:, None]
     return factor @ factor.T, 0.1 * parameters[21:]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A recording of pushes against an arm whose task stiffness and tool are to be found, simulated with noise.
+"""Simulate a noisy recording of pushes against an arm with unknown task stiffness and tool.
 
 The arm holds still under a load (the wrench F) and is pushed a little further by dF. Its joints give way by dq:
 
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 POSTURE = np.array([0.0, 0.6, 0.0, -1.4, 0.0, 1.0, 0.0])
-"""About which the arm works, well away from singular postures [rad]."""
+"""Joint positions about which the arm works, well away from singularities [rad]."""
 POSTURE_STIFFNESS = 5.0  # N m/rad, of every joint, known
 SCALE = np.sqrt([1000.0, 1000.0, 1000.0, 50.0, 50.0, 50.0])  # of an arm's stiffness: N/m and N m/rad
 UPPER = np.triu_indices(6)
@@ -131,7 +131,7 @@ def residuals(robot: ModuleType, recording: Recording, entries: Array, tool: Arr
 
 @dataclass(frozen=True)
 class Certainty:
-    """Return what a recording tells about K's 21 upper entries and the tool: standard deviations, singular values.
+    """Information of a recording about K's 21 upper entries and the tool: standard deviations, singular values.
 
     The singular values are those of the residuals' derivative, with every parameter in units of its usual size
     and torques in units of their noise.

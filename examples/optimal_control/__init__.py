@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Postures and task stiffnesses for wanted joint stiffnesses, along the bowl trajectory: ``make optimal-control``."""
+"""Optimise configurations and task stiffnesses along the bowl trajectory: ``make optimal-control``."""

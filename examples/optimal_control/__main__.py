@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Solve the problem with CasADi's graph and with the compiled functions, timed in one run: ``make optimal-control``.
+"""Solve the problem with CasADi's graph and with the compiled functions, and compare times: ``make optimal-control``.
 
     python -m examples.optimal_control [--robot FOLDER] [--knots N] [--figure FILE]
 
@@ -37,7 +37,7 @@ REPEATS, CONFIGURATIONS = 15, 1000
 
 
 def costs(robot: GeneratedRobot, functions: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """Processor time [us] of a joint stiffness, one product and all derivatives: least of interleaved repeats."""
+    """Return processor times [us] of a joint stiffness, one product and all derivatives: least of all repeats."""
     random = np.random.default_rng(0)
     many = CONFIGURATIONS
     q = random.uniform(-1, 1, (7, many))
@@ -65,12 +65,12 @@ def costs(robot: GeneratedRobot, functions: Mapping[str, Any]) -> dict[str, dict
 
 
 def softest(stiffness: Array) -> Array:
-    """Smallest eigenvalue [N m/rad] of (..., 7, 7)."""
+    """Return the smallest eigenvalue [N m/rad] of matrices (..., 7, 7)."""
     return np.asarray(np.linalg.eigvalsh(stiffness)[..., 0])
 
 
 def feasible(robot: Any, task: Task, solution: Solution) -> bool:
-    """Whether the tool is where it has to be (to 1 um and 1 urad), the joint stiffness large enough, K positive."""
+    """Return whether tool poses (to 1 um and 1 urad), least joint stiffness and positive K satisfy the constraints."""
     off = np.abs(np.asarray(robot.forward_kinematics(solution.q)) - task.poses).max()
     least = softest(joint_stiffness(robot, task, solution.q, solution.task_stiffness)).min()
     inside = np.all((solution.q > robot.LOWER - 1e-6) & (solution.q < robot.UPPER + 1e-6))
@@ -80,7 +80,7 @@ def feasible(robot: Any, task: Task, solution: Solution) -> bool:
 
 
 def figure(robot: Any, task: Task, solution: Solution) -> str:
-    """SVG: along the trajectory the distance, the smallest eigenvalue, and the task stiffness."""
+    """Return an SVG: distance, smallest eigenvalue and task stiffness along the trajectory."""
     import matplotlib as mpl
 
     mpl.use("svg")
@@ -117,7 +117,7 @@ def figure(robot: Any, task: Task, solution: Solution) -> str:
 
 
 def main() -> int:
-    """See the text of this module."""
+    """Run the example; options stand in the text of this module."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--robot", type=Path, default=Path("build/robots/iiwa14_wiping"))
     parser.add_argument("--knots", type=int, default=12)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The optimal control problem: postures and task stiffnesses along the bowl trajectory for a wanted joint stiffness.
+"""State the optimal control problem: configurations and task stiffnesses for a desired joint stiffness.
 
 At every knot k of the trajectory the arm may choose its posture q_k (the tool's pose leaves it one freedom, the
 elbow's) and a task stiffness K_k (6, 6). Its joint stiffness under the load F_k is
@@ -87,12 +87,12 @@ def bowl_task(robot: Any, knots: int) -> Task:
 
 
 def joint_stiffness(robot: Any, task: Task, q: Array, task_stiffness: Array) -> Array:
-    """S of every knot (N, 7, 7) [N m/rad]; ``robot`` is the NumPy module."""
+    """Return S of every knot (N, 7, 7) [N m/rad]; ``robot`` is the NumPy module."""
     return np.asarray(robot.hybrid.joint_stiffness(q, task.wrenches, task_stiffness) + POSTURE_STIFFNESS * np.eye(7))
 
 
 def distance(stiffness: Array) -> Array:
-    """Distance to the wanted joint stiffness, as the cost has it, of (..., 7, 7)."""
+    """Return the distance to the desired joint stiffness, as in the cost, of matrices (..., 7, 7)."""
     size = np.sqrt(np.diag(WANTED))
     return np.asarray((((stiffness - WANTED) / np.outer(size, size)) ** 2).sum((-1, -2)))
 

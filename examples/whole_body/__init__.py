@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""A quadruped on four contact springs: how it stands, how it sways, and what its legs must do."""
+"""Analyse a quadruped on four contact springs: stability, modes, and torques of the legs."""

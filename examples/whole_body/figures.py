@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The example's pictures: softest modes, frequency over load, what the contacts were asked for and what they gave."""
+"""Draw the example's pictures: softest modes, frequency over load, requested and supplied contact wrench."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LARGEST = 0.07
 
 
 def draw(findings: Findings) -> dict[str, str]:
-    """File name to SVG text."""
+    """Return SVG texts by file name."""
     with mpl.rc_context(STYLE):
         return {
             "modes.svg": themed_svg(_modes(findings.standing)),
@@ -33,7 +33,7 @@ def draw(findings: Findings) -> dict[str, str]:
 
 
 def skeleton(stance: Stance) -> list[Array]:
-    """Lines (points, 3) [m]: the trunk's outline through the hips, and each leg. Places by MuJoCo."""
+    """Return lines (points, 3) [m], by MuJoCo: the trunk's outline through the hips, and each leg."""
     plant = simulated(stance)
     place = {plant.model.body(k).name: np.array(plant.data.xpos[k]) for k in range(plant.model.nbody)}
     hips = [place[f"{leg}_SHOULDER"] for leg in ("FL", "FR", "HR", "HL", "FL")]
@@ -42,7 +42,7 @@ def skeleton(stance: Stance) -> list[Array]:
 
 
 def _projected(points: Array) -> Array:
-    """Seen from the front left, above: (points, 2)."""
+    """Return points seen from the front left, above: (points, 2)."""
     turn, tilt = np.radians(35), np.radians(20)
     x, y, z = points.T
     right = x * np.cos(turn) + y * -np.sin(turn)

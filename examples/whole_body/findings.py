@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The example's numbers: predictions beside what the simulation shows, and the report's tables."""
+"""Compare the predictions with the simulation, and print the report's tables."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ SOFTEST = 5
 BAR = 0.02
 """Largest relative deviation of a frequency."""
 DURATION = 2.4
-"""[s] of free motion that is recorded after each kick, and RISING where the stance falls."""
+"""Duration of free motion recorded after each kick [s], and RISING if the stance falls."""
 RISING = 0.8
 LEANING: Array = np.array([2.0, -1.5, -35.0])
-"""[N] of the second stance: a rope that pulls down and aside."""
+"""Load of the second stance [N]: a rope that pulls down and aside."""
 LOADS = np.arange(0.0, 61.0, 2.5)
-"""[N] downwards, for the curve; every SIMULATED-th is simulated."""
+"""Loads of the curve, downwards [N]; every SIMULATED-th is simulated."""
 SIMULATED = 4
 
 
 @dataclass(frozen=True)
 class Row:
-    """A softest mode: as predicted, what of it is the base's motion in words, and what the simulation has for it."""
+    """Softest mode: prediction, the base's motion in words, and result of the simulation."""
 
     mode: Mode
     direction: str
@@ -59,7 +59,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Findings:
-    """All that is reported."""
+    """All findings of the report."""
 
     standing: Loaded
     leaning: Loaded
@@ -87,7 +87,7 @@ class Findings:
         return failed
 
     def rest_difference(self) -> float:
-        """At rest at the wall, relative: the wrench that was asked of the contacts against what the ground gave."""
+        """Return the relative difference of requested and supplied contact wrench at rest at the wall."""
         asked, given = (trace[_resting(self.pressing)] for trace in (self.pressing.asked, self.pressing.supplied))
         return float(np.abs(asked - given).max() / np.abs(asked).max())
 
@@ -98,9 +98,9 @@ def _resting(trace: Trace) -> int:
 
 
 RUNS = DIRECTIONS * (2 + len(LOADS[::SIMULATED]))
-"""Calls of ``rung``."""
+"""Number of calls of ``rung``."""
 CYCLES = 2 * CONTROL_CYCLES
-"""Calls of ``controlled``."""
+"""Number of calls of ``controlled``."""
 
 
 def gather(robot: ModuleType, rung: Callable[[], None], controlled: Callable[[], None]) -> Findings:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Frequencies and mode shapes from recorded free motion, by the eigensystem realization algorithm.
+"""Identify frequencies and mode shapes from recorded free motion, by the eigensystem realization algorithm.
 
 Juang and Pappa 1985: the responses y_k to several kicks, side by side, are C A^k B of some linear system. Block Hankel
 matrices of them, one a sample later than the other, have the same factors but for A; a singular value decomposition
@@ -28,13 +28,13 @@ class Found:
 
     @property
     def frequency(self) -> float:
-        """[Hz]; of a motion that grows without swinging minus its growth rate over 2 pi."""
+        """Frequency [Hz]; for growth without oscillation, minus the growth rate over 2 pi."""
         swings = abs(self.exponent.imag) > abs(self.exponent.real)
         return float((abs(self.exponent) if swings else -abs(self.exponent)) / (2 * np.pi))
 
 
 def modes(responses: Array, sample_time: float, order: int, block_rows: int = 60) -> list[Found]:
-    """Modes of free responses.
+    """Identify the modes of free responses.
 
     Args:
         responses: (samples, outputs, kicks).
@@ -62,7 +62,7 @@ def modes(responses: Array, sample_time: float, order: int, block_rows: int = 60
     A = (U[:, :order] / root).T @ later @ (V[:order].T / root)
     eigenvalues, vectors = np.linalg.eig(A)
     shapes = (U[:outputs, :order] * root) @ vectors
-    # How much of the responses is a mode's: what the little that is not linear makes of the motion is no mode.
+    # Share of each mode in the responses: a mode with a tiny share comes from nonlinearity.
     parts = np.linalg.norm(shapes, axis=0) * np.linalg.norm(np.linalg.solve(vectors, (V[:order].T * root).T), axis=1)
     shapes = shapes * np.where(scale == 0, 0, scale).ravel()[:, None]
     exponents = np.log(eigenvalues.astype(complex)) / sample_time

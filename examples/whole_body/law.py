@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The law of a potential on a robot whose base has no motor: what the joints play, what the contacts must supply.
+"""Compute the law of a potential on a robot whose base has no motor: joint torques and required contact forces.
 
 The potential U of springs at several tips has a gradient of 6 + n entries. The last n, with a minus, are torques: the
 motors play them. The first six, with a minus, are a wrench on the base, which no motor plays. Only contacts can supply
@@ -63,14 +63,14 @@ class WholeBodyLaw:
     supplies: bool = True
 
     def command(self, base_pose: Array, q: Array, dq: Array) -> Command:
-        """At a base pose (4, 4), joint positions (12) and rates (12)."""
+        """Return the command at a base pose (4, 4), joint positions (12) and rates (12)."""
         robot, where = self.robot, (base_pose, q)
         force = np.asarray(robot.spring.torque_total(*where, *self.of_ground.parameters))
         force = force + robot.gravity.gradient(*where, GRAVITY)
         force[6:] += robot.spring.torque_total(MOTIONLESS, q, *self.of_base.parameters)[6:]
         jacobians = [getattr(robot, foot).hybrid.jacobian(*where)[:3] for foot in self.standing]
         J = np.vstack(jacobians)
-        f = np.linalg.lstsq(J[:, :6].T, force[:6], rcond=None)[0]  # the smallest forces that do it
+        f = np.linalg.lstsq(J[:, :6].T, force[:6], rcond=None)[0]  # the smallest forces that supply the wrench
         contact_forces = np.zeros((len(FEET), 3))
         contact_forces[[FEET.index(foot) for foot in self.standing]] = f.reshape(-1, 3)
         torque = force[6:] - self.damping * dq - (J[:, 6:].T @ f if self.supplies else 0)
@@ -78,6 +78,6 @@ class WholeBodyLaw:
 
 
 def on_base(robot: ModuleType, base_pose: Array, q: Array, forces: Array) -> Array:
-    """(6) wrench on the base, in its axes, of forces (feet, 3) in world axes on the feet [N, N m]."""
+    """Return the wrench (6) on the base, in its axes, of world forces (feet, 3) on the feet [N, N m]."""
     J = np.vstack([getattr(robot, foot).hybrid.jacobian(base_pose, q)[:3] for foot in FEET])
     return np.asarray(J[:, :6].T @ forces.ravel())

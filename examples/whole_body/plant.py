@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The simulated quadruped on its contact springs: MuJoCo reads the URDF, nothing of it comes from stiffgen.
+"""Simulate the quadruped on its contact springs; MuJoCo reads the URDF, independent of stiffgen.
 
 The contacts are springs, not MuJoCo's soft constraints: a force K (p0 - p) on every foot, taken from its place in
 MuJoCo's own kinematics. So the ground is exactly what the prediction says it is, and only the prediction is tested.
@@ -39,7 +39,7 @@ class Wall:
 
 
 class Plant:
-    """The robot in the world.
+    """Robot in the world.
 
     Args:
         base_pose: (4, 4) pose of the base link at the start [m].

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Stance stability on the generated kernels alone: where a robot comes to rest on its contacts, and how it sways there.
+"""Analyse the stability of a stance on the generated kernels alone: configuration of rest, and modes.
 
 What is elastic, as energies of the configuration (base_pose, q):
 
@@ -92,24 +92,24 @@ class Stance:
     load: Array
 
     def contact_gradient(self) -> Array:
-        """DU of the contacts (18): the first six are the wrench that holds the base against them."""
+        """Return dU of the contacts (18): the first six entries are the wrench that holds the base against them."""
         where = self.base_pose, self.q
         return np.asarray(-self.robot.spring.torque_total(*where, *self.contacts.parameters))
 
     def leg_torque(self) -> Array:
-        """Torques that the legs' springs put on the joints (12): what the motors play.
+        """Return the joint torques (12) of the legs' springs, which the motors apply.
 
-        What pulls a foot pushes the base: of a spring between them nothing is left of the base's six entries, and the
-        joints' do not depend on where the base is.
+        A spring between foot and base pulls the foot and pushes the base: its six entries of the base are zero, and the
+        joints' entries do not depend on the base's pose.
         """
         return np.asarray(self.robot.spring.torque_total(MOTIONLESS, self.q, *self.legs.parameters)[6:])
 
     def gravity_gradient(self) -> Array:
-        """DU of gravity (18)."""
+        """Return dU of gravity (18)."""
         return np.asarray(self.robot.gravity.gradient(self.base_pose, self.q, GRAVITY))
 
     def load_gradient(self) -> Array:
-        """DU of the load (18), U = -load . p."""
+        """Return dU of the load (18), U = -load . p."""
         return np.concatenate([-self.base_pose[:3, :3].T @ self.load, np.zeros(15)])
 
     def gradient(self) -> Array:
@@ -118,39 +118,39 @@ class Stance:
         return np.asarray(self.contact_gradient() + legs + self.gravity_gradient() + self.load_gradient())
 
     def stiffness(self) -> Array:
-        """Kq (18, 18) of everything. The load has none: p + R v is linear in v."""
+        """Return Kq (18, 18) of all energies. The load contributes nothing: p + R v is linear in v."""
         legs = np.zeros((18, 18))
         legs[6:, 6:] = self.robot.spring.joint_stiffness_total(MOTIONLESS, self.q, *self.legs.parameters)[6:, 6:]
         contacts = self.robot.spring.joint_stiffness_total(self.base_pose, self.q, *self.contacts.parameters)
         return np.asarray(contacts + legs + self.robot.gravity.joint_stiffness(self.base_pose, self.q, GRAVITY))
 
     def base_term(self, gradient: Array) -> Array:
-        """(18, 18): what a Hessian lacks if the base is treated as joints are, Gamma of the wrench on the base."""
+        """Return the base's connection term (18, 18), which an arm's formula lacks: Gamma of the wrench on the base."""
         term = np.zeros((18, 18))
         term[:6, :6] = self.robot.FL_FOOT.body.connection_correction(gradient[:6])
         return term
 
     def stiffness_without_base_term(self) -> Array:
-        """Kq of everything by the formula of a robot whose base stands."""
+        """Return Kq of all energies without the base's connection term."""
         return np.asarray(self.stiffness() + self.base_term(self.contact_gradient() + self.gravity_gradient()))
 
     def contacts_without_base_term(self) -> Array:
-        """Kq where the contacts alone are taken by that formula, and gravity's Hessian is right."""
+        """Return Kq without the base's connection term of the contacts, but with that of gravity."""
         return np.asarray(self.stiffness() + self.base_term(self.contact_gradient()))
 
     def without_gravity(self) -> Array:
-        """Kq of the springs alone."""
+        """Return Kq of the springs alone."""
         return np.asarray(self.stiffness() - self.robot.gravity.joint_stiffness(self.base_pose, self.q, GRAVITY))
 
     def mass_matrix(self) -> Array:
-        """M (18, 18)."""
+        """Return M (18, 18)."""
         return np.asarray(self.robot.mass_matrix(self.q))
 
     def moved(self, x: Array) -> Stance:
         """Return the stance after the motion x (18): the base along its exponential, the joints by addition."""
         pose = self.base_pose.copy()
         pose[:3, 3] += pose[:3, :3] @ x[:3]
-        # A turn of doubles after a turn of doubles drifts from a rotation: back to the nearest.
+        # A product of rounded rotations drifts from a rotation: project it back.
         pose[:3, :3] = Rotation.from_matrix(pose[:3, :3] @ Rotation.from_rotvec(x[3:6]).as_matrix()).as_matrix()
         return replace(self, base_pose=pose, q=self.q + x[6:])
 
@@ -199,12 +199,12 @@ def base_shares(stance: Stance, mode: Mode) -> Array:
 
 
 def feet(robot: ModuleType, base_pose: Array, q: Array) -> Array:
-    """(feet, 4, 4) poses of the feet."""
+    """Return the poses (feet, 4, 4) of the feet."""
     return np.stack([getattr(robot, foot).forward_kinematics(base_pose, q) for foot in FEET])
 
 
 def level(poses: Array) -> Array:
-    """Poses (feet, 4, 4) with the axes of the world."""
+    """Return poses (feet, 4, 4) with the axes of the world."""
     return np.stack([np.block([[np.eye(3), pose[:3, 3:]], [np.zeros((1, 3)), 1.0]]) for pose in poses])
 
 
@@ -213,11 +213,11 @@ GROUND: Array = np.diag([2500.0, 2500.0, 6000.0])
 LEG: Array = np.diag([120.0, 150.0, 260.0])
 """Stiffness of the spring that the motors play between a foot and the base [N/m]."""
 SQUEEZE = 0.02
-"""[m] by which the legs' springs pull the feet together: what loads the ground sideways."""
+"""Distance [m] by which the legs' springs pull the feet together; it loads the ground sideways."""
 
 
 def standing(robot: ModuleType, load: Array | None = None) -> Stance:
-    """Solo 12 at rest on four point contacts."""
+    """Return Solo 12 at rest on four point contacts."""
     base = np.eye(4)
     base[2, 3] = -feet(robot, np.eye(4), POSTURE)[:, 2, 3].mean()
     places = level(feet(robot, base, POSTURE))

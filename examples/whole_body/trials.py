@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Simulated trials: kicks that let the stance ring, and a foot that presses on a wall."""
+"""Simulate trials: kicks that excite the stance, and a foot that presses on a wall."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def legs_law(stance: Stance) -> Callable[[Array, Array, Array], Array]:
 
 
 def ring(stance: Stance, duration: float, progress: Progress = lambda: None) -> Array:
-    """Free motion after kicks of the base along each of its directions: (samples, 18, kicks) in Kq's coordinates."""
+    """Return the free motion after kicks along each direction of the base: (samples, 18, kicks) in Kq's coordinates."""
     law, M = legs_law(stance), np.diag(stance.mass_matrix())
     turn, origin = stance.base_pose[:3, :3], stance.base_pose[:3, 3]
     responses = []
@@ -67,7 +67,7 @@ def ring(stance: Stance, duration: float, progress: Progress = lambda: None) -> 
 
 
 def identified(stance: Stance, duration: float, progress: Progress = lambda: None) -> list[identify.Found]:
-    """Modes of the simulated stance, softest first."""
+    """Return the modes of the simulated stance, softest first."""
     return identify.modes(ring(stance, duration, progress), SAMPLE_TIME, order=2 * len(stance.gradient()))
 
 
@@ -161,7 +161,7 @@ CONTROL_CYCLES = round(END / TIMESTEP) // CONTROL_STEPS
 
 
 def _with_feet_at(robot: ModuleType, base_pose: Array, places: Array) -> Array:
-    """Joint positions (12) that put the feet there, from POSTURE by Newton's method."""
+    """Return joint positions (12) that put the feet at places, from POSTURE by Newton's method."""
     q = POSTURE.copy()
     for _ in range(60):
         missing = (places - feet(robot, base_pose, q))[:, :3, 3].ravel()

@@ -33,7 +33,7 @@ for end, number in zip(map(int, sys.argv[1:3]), (3, 4)):
     os.close(end)
 os.execv(sys.argv[3], sys.argv[3:])
 """
-"""The pipe's ends are 3 and 4 for the browser."""
+"""File descriptors of the pipe on the browser's side."""
 _WAIT = 60  # s, for an answer
 _CODES = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Tab": 9, "PageUp": 33, "PageDown": 34}
 
@@ -56,14 +56,14 @@ class Page:
         self.errors: list[str] = []
         """Exceptions, console errors and log entries at level error, since the page was opened."""
         self.requests: list[str] = []
-        """Addresses that were asked for."""
+        """Addresses that the page requested."""
 
     def do(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send a DevTools command."""
         return self._browser.ask(method, parameters, self._session)
 
     def see(self, event: dict[str, Any]) -> None:
-        """Take down what an event of the page says."""
+        """Record what an event of the page reports."""
         method, data = event["method"], event.get("params", {})
         if method == "Runtime.exceptionThrown":
             details = data["exceptionDetails"]
@@ -103,7 +103,7 @@ class Page:
         self.do("Emulation.setTouchEmulationEnabled", enabled=touch)
 
     def prefer(self, **features: str) -> None:
-        """Media features, ``prefers_color_scheme="dark"``."""
+        """Set media features, such as ``prefers_color_scheme="dark"``."""
         chosen = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
         self.do("Emulation.setEmulatedMedia", features=chosen)
 
@@ -118,7 +118,7 @@ class Page:
                 )  # fmt: skip
 
     def drag(self, places: Sequence[tuple[float, float]], *, touch: bool = False) -> None:
-        """Press at the first place, move over the others, let go."""
+        """Press at the first place, move over the others, release."""
         for k, (x, y) in enumerate([*places, places[-1]]):
             last = k == len(places)
             if touch:
@@ -135,11 +135,11 @@ class Page:
 
 
 class _Browser:
-    """The process, with a thread that reads what it says."""
+    """Process of the browser, with a thread that reads its messages."""
 
     def __init__(self, program: str, profile: str) -> None:
         (to_read, self._write), (self._read, to_write) = os.pipe(), os.pipe()
-        # Through numbers that neither is, so that no copy closes what is still to be copied.
+        # Use numbers that are neither 3 nor 4, so that no copy closes a pipe that is still to be copied.
         to_read, to_write = (_moved_up(end) for end in (to_read, to_write))
         self.process = subprocess.Popen(
             [sys.executable, "-c", _AS_THREE_AND_FOUR, str(to_read), str(to_write), program, *_FLAGS,

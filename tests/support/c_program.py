@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Compile a generated robot together with a small main and read back what its kernels return, bit by bit."""
+"""Compile a generated robot with a small main, and read back its kernels' results bit by bit."""
 
 from __future__ import annotations
 

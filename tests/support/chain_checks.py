@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A chain's expressions held against Pinocchio at one posture, without printing or compiling anything."""
+"""Compare a chain's expressions with Pinocchio at one configuration, without printing or compiling anything."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ def value(chain: Chain, kernel: Kernel, **arguments: np.ndarray) -> np.ndarray:
 def disagreements(
     chain: Chain, oracle: PinocchioChain, random: np.random.Generator, most: int = 99
 ) -> dict[str, float]:
-    """Relative errors beyond ``BOUND`` by kernel, at one random q, wrench and task stiffness. Kernels of all pairs
-    of joints are left out beyond ``most`` coordinates (their time grows with the square).
+    """Return the relative errors beyond ``BOUND`` by kernel, at one random q, wrench and task stiffness.
+
+    Beyond ``most`` coordinates kernels over all pairs of joints are omitted (their time grows with the square).
     """
     assert [c.name for c in chain.coordinates] == oracle.coordinates
     q = random.uniform(-3, 3, chain.dof)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Differentiation by complex steps: f(x + ih) has f'(x) as its imaginary part over h, with no difference to cancel.
+"""Differentiate by complex steps: f'(x) is the imaginary part of f(x + ih) over h, without cancellation.
 
 A ``casadi.Function`` is run on complex numbers, a whole stack of states at a time (tests/support/graphs.py).
 """
@@ -17,7 +17,7 @@ from support.graphs import COMPLEX, Graph
 STEP = 1e-100
 
 TWISTS = np.zeros((6, 4, 4))
-"""Rates of a pose, seen from itself, at unit twists (linear, angular) in its own axes."""
+"""Rates of a pose at unit twists (linear, angular), in the pose's own axes."""
 for _k in range(3):
     TWISTS[_k, _k, 3] = 1
     TWISTS[3 + _k, (_k + 2) % 3, (_k + 1) % 3], TWISTS[3 + _k, (_k + 1) % 3, (_k + 2) % 3] = 1, -1
@@ -38,7 +38,7 @@ def _by_columns(stack: np.ndarray) -> np.ndarray:
 def gradients(function: ca.Function, arguments: list[np.ndarray], cotangents: list[np.ndarray]) -> list[np.ndarray]:
     """Return gradients of the sum of cotangents times results with respect to every argument; stacks as in CasADi.
 
-    With respect to every entry; with respect to a floating base's pose along its body twists, (count, 6, 1).
+    A floating base's pose is differentiated along its body twists, (count, 6, 1); other arguments entry by entry.
     """
     graph, number_of = Graph(function), partial(np.full, len(arguments[0]), dtype=complex)
     weights = [w.real for c in cotangents for w in _by_columns(c).T]

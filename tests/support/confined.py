@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command line under limits, in copies of one process that has loaded stiffgen: a second less for every run."""
+"""Run the command line under limits, in copies of one process that has loaded stiffgen: saves a second per run."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import sys
 from pathlib import Path
 
 LOADED = multiprocessing.get_context("forkserver")
-"""Makes processes that have loaded stiffgen already; a Python process has one such server."""
+"""Context that forks a server with stiffgen loaded; a Python process has one such server."""
 LOADED.set_forkserver_preload(["stiffgen.cli"])
 
 
 def run_forked(arguments: list[str], folder: Path, megabytes: int, seconds: int) -> subprocess.CompletedProcess[str]:
-    """Run it in ``folder``; killed beyond its processor time [s] and beyond four times its memory.
+    """Run the command line in ``folder``; kill it beyond its processor time [s] or four times its memory.
 
-    The last line of standard error has the memory that it had at most [MB]: PEAK and a number.
+    The last line of standard error states its peak memory [MB]: PEAK and a number.
     """
     process = LOADED.Process(target=_confined, args=(arguments, folder, megabytes, seconds))
     process.start()

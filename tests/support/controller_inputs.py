@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Random motions for the controller, sound and hostile."""
+"""Generate random motions for the controller, valid and hostile."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def walk(random: np.random.Generator, robot: ModuleType, steps: int, **overrides
 
 
 def hostile(random: np.random.Generator, robot: ModuleType, steps: int, share: float) -> tuple[Any, np.ndarray]:
-    """Yield the same with NaN, infinity and huge numbers here and there; also where."""
+    """Yield the same inputs with NaN, infinity and huge numbers in some places, and these places."""
     inputs = walk(random, robot, steps)
     bad = np.flatnonzero(random.random(steps) < share)
     values = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e9)
@@ -60,10 +60,10 @@ def hostile(random: np.random.Generator, robot: ModuleType, steps: int, share: f
 
 
 class Arm:
-    """The mass matrix of the kernels at constant posture dynamics: enough of a plant for unit tests.
+    """Simple arm for unit tests, with the mass matrix of the kernels.
 
-    M(q) and the torque are taken at the sample, Coriolis torques left out; closed loops on an exact plant are in
-    test_closed_loop.py.
+    M(q) and the torque are taken at the sample, without Coriolis torques; test_closed_loop.py has closed loops on an
+    exact plant.
     """
 
     def __init__(self, robot: ModuleType, q: Any, inertia: float = 0.1) -> None:

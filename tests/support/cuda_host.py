@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The functions of a generated NAME.cu, compiled for the host and called from Python."""
+"""Compile the functions of a generated NAME.cu for the host and call them from Python."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from support.project import require_compiler
 from support.runtime import compile_c
 
 NOTHING = -77.0
-"""What stands in the result before the call."""
+"""Value of the result's entries before the call."""
 
 
 class HostCuda:
@@ -98,7 +98,7 @@ class HostCuda:
         return dense
 
     def _columns(self, stack: np.ndarray, stride: int) -> np.ndarray:
-        """Entry k of configuration c at [k, c]; what lies beyond the last configuration must not be read."""
+        """Return columns: entry k of configuration c at [k, c]; no entry beyond the last configuration may be read."""
         columns = np.full((stack.shape[1], stride), np.nan, dtype=self.number)
         columns[:, : len(stack)] = stack.T
         return columns

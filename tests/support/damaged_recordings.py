@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Damaged recordings, and a check that reading one ends in rows of the file or in a sentence.
+"""Damage recordings and check that a reader returns rows of the file or a clear message.
 
 ``tests/campaigns/fuzz_recordings.py`` reads many of them, a test some.
 """

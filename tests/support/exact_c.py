@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A generated body without loops, run with 60 digits: what a sign in it changes, apart from rounding."""
+"""Run a generated body without loops with 60 digits, to see what a sign changes apart from rounding."""
 
 from __future__ import annotations
 
@@ -37,5 +37,5 @@ def run(lines: Sequence[str], given: Mapping[str, Any], result: str, size: int) 
 
 
 def _exact(text: str) -> str:
-    """C arithmetic as Python's, with the doubles that its constants are."""
+    """Return a C expression as Python's, with its constants as exact doubles."""
     return NUMBER.sub(lambda number: f"mpf({number[0]})", " ".join(text.split()))

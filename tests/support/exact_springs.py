@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Energies of springs differentiated with 60 digits along the kinematics of the URDF's own numbers.
+"""Differentiate energies of springs with 60 digits along the kinematics of the URDF's own numbers.
 
-Numbers carry their first and second derivatives (jets) through the textbook formula of each energy: nothing of the
-kernels' code, no closed form of a gradient or a Hessian enters. The numbers are balls (Arb, in python-flint), which
-bound what 60 digits lose.
+Numbers carry their first and second derivatives (jets) through the textbook formula of each energy. The test uses no
+code of the kernels and no closed form of a gradient or a Hessian. The numbers are balls (Arb, in python-flint), which
+bound the loss of digits.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Jet:
 
     @staticmethod
     def variables(values: Any) -> np.ndarray:
-        """Jets of the values by themselves."""
+        """Return jets of the values with respect to themselves."""
         k = len(values)
         units = [arb_mat(1, k, [arb(i == j) for j in range(k)]) for i in range(k)]
         return np.array([Jet(v, u, arb_mat(k, k)) for v, u in zip(exact(values), units, strict=True)], dtype=object)
@@ -78,7 +78,7 @@ class Jet:
     __rmul__ = __mul__
 
     def through(self, value: arb, slope: arb, curvature: arb) -> Jet:
-        """f(self), from f, f' and f'' at its value."""
+        """Return f(self), from f, f' and f'' at its value."""
         outer = self.first.transpose() * self.first
         return Jet(value, self.first * slope, self.second * slope + outer * curvature)
 
@@ -92,7 +92,7 @@ class Jet:
 
 
 def arc(sine: Jet, cosine: Jet) -> Jet:
-    """atan2 of two jets, the second one positive."""
+    """Return atan2 of two jets, the second one positive."""
     ratio = sine * cosine.inverse()
     slope = 1 / (1 + ratio.value**2)
     return ratio.through(arb.atan2(sine.value, cosine.value), slope, -2 * ratio.value * slope**2)
@@ -112,20 +112,20 @@ ONE = exact(np.eye(3))
 
 
 def _turn(axis: np.ndarray, sine: Any, cosine: Any) -> np.ndarray:
-    """Rotation about a unit axis; sine and cosine are numbers or jets."""
+    """Return the rotation about a unit axis; sine and cosine are numbers or jets."""
     K = cross_matrix(axis)
     return ONE + K * sine + (K @ K) * (1 - cosine)
 
 
 def rotation(vector: np.ndarray) -> np.ndarray:
-    """exp([vector])."""
+    """Return exp([vector])."""
     v = exact(vector)
     angle = (v @ v).sqrt()
     return _turn(v / angle, angle.sin(), angle.cos())
 
 
 class Kinematics:
-    """A serial chain as its URDF's text has it; joints stand in order in the file, mimic joints follow the first."""
+    """Serial chain read from the text of its URDF; joints stand in order in the file, mimic joints follow the first."""
 
     def __init__(self, text: str) -> None:
         self.joints = []
@@ -143,7 +143,7 @@ class Kinematics:
             self.joints.append((kind, rotation, _numbers(given.get("xyz")), axis, law))
 
     def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Jets by q of the last link's origin (3) and rotation (3,3) in the first link."""
+        """Return jets with respect to q: origin (3) and rotation (3,3) of the last link in the first."""
         coordinates = list(Jet.variables(q))
         first, none = coordinates[0], 0 * coordinates[0]
         R, p = ONE + none, np.array([none, none, none], dtype=object)
@@ -161,14 +161,14 @@ class Kinematics:
 
 
 def moved(p: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Jets of p + v and exp([w]) R by x = (v, w) at 0, from numbers."""
+    """Return jets of p + v and exp([w]) R with respect to x = (v, w) at 0, from numbers."""
     x = Jet.variables(np.zeros(6))
     W = cross_matrix(x[3:])
     return x[:3] + p, (ONE + W + (W @ W) * arb(0.5)) @ R
 
 
 def orthonormal(rounded: np.ndarray) -> np.ndarray:
-    """Return the rotation (60 digits) that a rotation matrix of doubles is the rounding of, by Gram and Schmidt."""
+    """Return the rotation (60 digits) nearest to a rounded rotation matrix, by Gram and Schmidt."""
     x, y, _ = exact(rounded).T
     x = x / (x @ x).sqrt()
     y = y - x * (x @ y)
@@ -183,9 +183,9 @@ def _upper(matrix: np.ndarray) -> np.ndarray:
 class Energies:
     """Energies of all springs between one pose (jets) and one equilibrium (p0, R0), with one stiffness (6, 6).
 
-    Its diagonal blocks are Kt and Ko of the springs that have two. What springs, axes and centres share is computed
-    once. Where R and R0 are rounded to doubles, and so no rotations to the last digit, displacements enter as the
-    definition of the energies has it: through R - R0.
+    The diagonal blocks are Kt and Ko of the springs that have two stiffnesses. Terms that springs, axes and centres
+    share are computed once. If R and R0 are rounded to doubles, they are not exact rotations. Displacements then enter
+    through R - R0, as in the definition of the energies.
     """
 
     def __init__(self, p: np.ndarray, R: np.ndarray, equilibrium: Any, stiffness: np.ndarray) -> None:
@@ -210,7 +210,7 @@ class Energies:
         return self.known[key]
 
     def _away(self, axes: str, centre: tuple[float, ...]) -> np.ndarray:
-        """Displacement of the centre of stiffness, in the axes that Kt is given in."""
+        """Return the displacement of the centre of stiffness, in the axes of Kt."""
         away = self.p - self.p0 + (self.R - self.R0) @ exact(centre)
         return {"base": ONE, "tip": self.R, "equilibrium": self.R0}[axes].T @ away
 
@@ -219,11 +219,11 @@ class Energies:
         return away @ (self.K[:3, :3] @ away) * arb(0.5)
 
     def _seen_from(self, axes: str) -> np.ndarray:
-        """Axes in which Ko is given, from the equilibrium's: columns."""
+        """Return the axes of Ko relative to the equilibrium's axes, as columns."""
         return {"base": self.R0.T, "tip": self.R0.T @ self.R, "equilibrium": ONE}[axes]
 
     def _sine(self, axes: str) -> np.ndarray:
-        """Axis of the turn R0^T R times its sine, in the axes that Ko is given in."""
+        """Return the axis of the rotation R0^T R times the sine of its angle, in the axes of Ko."""
         S = self.R0.T @ (self.R - self.R0)
         s = np.array([S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]], dtype=object) * arb(0.5)
         return self._seen_from(axes).T @ s

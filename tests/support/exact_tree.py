@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Robots with branches, on a base that may move, with 60 digits: poses and energies straight from the numbers in the
-file, and their derivatives by differences along exponentials (steps so small that sixty digits leave forty).
+"""Compute poses and energies of trees on a fixed or floating base with 60 digits, from the numbers in the file.
 
-Coordinates are those of a floating base, the base's body twist (linear first) before the joints, or the joints alone.
+Derivatives are differences along exponentials, with steps so small that forty of the sixty digits remain. The
+coordinates are the joints; on a floating base the base's body twist (linear first) comes before them.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class _Joint:
 
 
 class ExactTree:
-    """A robot whose joints stand in the file after their parents; ``coordinates`` names the entries of q."""
+    """Robot whose file lists joints after their parents; ``coordinates`` names the entries of q."""
 
     def __init__(self, text: str, coordinates: list[str]) -> None:
         robot = ET.fromstring(text)
@@ -136,7 +136,7 @@ class ExactTree:
         self.root = self.joints[0].parent
 
     def poses(self, base: Pose, q: list[mpmath.mpf]) -> dict[str, Pose]:
-        """Pose of every link."""
+        """Return the pose of every link."""
         poses = {self.root: base}
         for joint in self.joints:
             pose = _after(poses[joint.parent], joint.place)
@@ -148,7 +148,7 @@ class ExactTree:
         return poses
 
     def moved(self, base: Pose, q: list[mpmath.mpf], x: list[mpmath.mpf]) -> dict[str, Pose]:
-        """Poses after a motion x along the exponentials: base to p + R v, R exp([w]), joints to q + y."""
+        """Return the poses after a motion x along the exponentials: base to p + R v, R exp([w]), joints to q + y."""
         own, y = (x[:6], x[6:]) if len(x) > self.size else ([mp.mpf(0)] * 6, x)
         rotation = base[0] * exponential(mp.matrix(own[3:]))
         place = base[1] + base[0] * mp.matrix(own[:3])
@@ -157,7 +157,7 @@ class ExactTree:
     def potential_energy(
         self, poses: dict[str, Pose], gravity: mpmath.matrix, left_out: tuple[str, ...] = ()
     ) -> mpmath.mpf:
-        """U of all bodies."""
+        """Return U of all bodies."""
         total = mp.mpf(0)
         for link, (mass, com, _) in self.bodies.items():
             if link not in left_out:
@@ -167,7 +167,7 @@ class ExactTree:
     def twists(
         self, base: Pose, q: list[mpmath.mpf], size: int, frames: Callable[[dict[str, Pose]], list[Pose]]
     ) -> list[mpmath.matrix]:
-        """For each of some frames its body Jacobian (6, size) by central differences."""
+        """Return the body Jacobians (6, size) of some frames, by central differences."""
         here = frames(self.moved(base, q, [mp.mpf(0)] * size))
         jacobians = [mp.zeros(6, size) for _ in here]
         for k in range(size):
@@ -178,7 +178,7 @@ class ExactTree:
         return jacobians
 
     def mass_matrix(self, base: Pose, q: list[mpmath.mpf], size: int, left_out: tuple[str, ...] = ()) -> np.ndarray:
-        """Sum over the bodies of J^T I J."""
+        """Return the mass matrix: the sum of J^T I J over the bodies."""
         links = [link for link in self.bodies if link not in left_out]
         jacobians = self.twists(base, q, size, lambda poses: [_after(poses[n], self.bodies[n][1]) for n in links])
         total = mp.zeros(size)
@@ -214,7 +214,7 @@ def chain_mass_matrix(text: str, q: np.ndarray) -> np.ndarray:
 
 
 def differentiated(function: Callable[[list[mpmath.mpf]], mpmath.mpf], size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient and Hessian at zero, by central differences."""
+    """Return gradient and Hessian at zero, by central differences."""
 
     def at(*steps: tuple[int, int]) -> mpmath.mpf:
         x = [mp.mpf(0)] * size

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The floats' sine and cosine of a generated NAME.c, held against those of doubles, float by float."""
+"""Compare sine and cosine of floats in a generated NAME.c with those of doubles, float by float."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ void worst(unsigned first, unsigned end, double *units, double *ulps, float *at)
 
 @dataclass(frozen=True)
 class Worst:
-    """Largest errors of sine and cosine: in units of 2^-24, in ulp, and the angles of the former."""
+    """Largest errors of sine and cosine, in units of 2^-24 and in ulp, and the angles of the errors in 2^-24."""
 
     units: tuple[float, float]
     ulps: tuple[float, float]
@@ -59,7 +59,7 @@ class Worst:
 
 
 class Sines:
-    """The sine and cosine of a folder of floats, compiled with the given flags."""
+    """Sine and cosine of a folder of floats, compiled with the given flags."""
 
     def __init__(self, folder: Path, compiler: str, flags: Sequence[str], work: Path) -> None:
         source, library = work / "sines.c", work / "sines.so"

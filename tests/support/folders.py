@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Copies of a generated folder that a test changes."""
+"""Copy generated folders, so that tests can change them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def copy_folder(folder: Path, parent: Path) -> Path:
 
 
 def restamp(folder: Path) -> None:
-    """Write the digests of the files as they are now into the manifest, as somebody who tampers would."""
+    """Write the digests of the present files into the manifest, as somebody who tampers would."""
     file = folder / "manifest.json"
     manifest = json.loads(file.read_text())
     for name in manifest["files"]:

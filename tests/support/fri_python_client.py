@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""For tests of the simulated robot: sessions in this process, and a little FRI client in Python."""
+"""Run sessions of the simulated robot in this process, and a small FRI client in Python."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Answer = Callable[[Any], tuple[Any, Any] | None]
 
 @dataclass
 class Outcome:
-    """A session as the robot saw it: exit code, what it printed, its log and its summary."""
+    """Session as the robot saw it: exit code, output, log and summary."""
 
     code: int
     text: str
@@ -32,13 +32,13 @@ class Outcome:
 
     @property
     def states(self) -> list[str]:
-        """States in their order."""
+        """Return the states in their order."""
         states = self.log["state"]
         return [SessionState(s).name for s in states[np.flatnonzero(np.diff(states, prepend=-1))]]
 
 
 def emulate(folder: Path, robot: Path, version: str, port: int, *options: object) -> Outcome:
-    """Runs the robot in this process until the session ends; its log goes to ``folder``."""
+    """Run the robot in this process until the session ends; its log goes to ``folder``."""
     log = folder / f"robot-{port}.npz"
     given = ["--protocol", version, "--port", port, "--robot", robot, "--log", log, *options]
     output = io.StringIO()
@@ -50,21 +50,21 @@ def emulate(folder: Path, robot: Path, version: str, port: int, *options: object
 
 
 def free_port() -> int:
-    """A UDP port that nobody uses."""
+    """Return a free UDP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def follow(message: Any) -> tuple[Any, Any]:
-    """Position as measured, torque zero: the arm floats."""
+    """Return the measured position and zero torque: the arm floats."""
     return np.array(message.monitorData.measuredJointPosition.value), np.zeros(7)
 
 
 class PythonClient(threading.Thread):
-    """Client that answers each message with what a function makes of it, until IDLE comes or for 5 s of silence.
+    """Client that answers each message through a function, until IDLE comes or for 5 s of silence.
 
-    With a ``robot_host`` it takes datagrams from there and its own port number alone, as the SDK's does.
+    With a ``robot_host`` it accepts datagrams only from that host and its own port number, as the SDK's client does.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The C++ client against the simulated robot over UDP: what both saw."""
+"""Run the C++ client against the simulated robot over UDP and record both sides."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from support.fri_python_client import Outcome
 versions = pytest.mark.parametrize(
     "version", [pytest.param(version, marks=() if version == "2.7" else pytest.mark.slow) for version in VERSIONS]
 )
-"""For a test in each version of the FRI; 2.7 is among the quick ones."""
+"""Parameters for a test in each version of the FRI; 2.7 runs among the quick tests."""
 
 
 @dataclass
 class Run:
-    """A session seen from both sides."""
+    """Session recorded on both sides."""
 
     robot: Outcome
     client: ClientLog | None
@@ -31,7 +31,7 @@ class Run:
 
     @property
     def faults(self) -> dict[str, int]:
-        """Counters of the client."""
+        """Return the counters of the client."""
         assert self.client is not None
         return dict(self.client.summary["faults"])
 
@@ -54,7 +54,7 @@ class Run:
 
     @property
     def torque(self) -> np.ndarray:
-        """Torques (commands, 7) [N m] that the robot received in COMMANDING_ACTIVE."""
+        """Return the torques (commands, 7) [N m] that the robot received in COMMANDING_ACTIVE."""
         log = self.robot.log
         sent: np.ndarray = log["command_torque"][(log["state"] == SessionState.COMMANDING_ACTIVE) & log["has_torque"]]
         return sent

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""fri_wiping as a process, with a plain socket in the robot's place."""
+"""Run fri_wiping as a process, with a plain socket in the robot's place."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from support.fri_session import TRAJECTORY
 
 
 class Served:
-    """The client's process, that waits for the robot, and the robot's socket.
+    """Process of the client, which waits for the robot, and the robot's socket.
 
-    No session is to end because this process was kept waiting: give the client IDLE, or a ``--timeout`` to end it.
+    A session must not end because this process was slow: give the client IDLE, or a ``--timeout`` to end it.
     """
 
     def __init__(self, client: subprocess.Popen[str], robot: socket.socket, port: int) -> None:
@@ -27,36 +27,36 @@ class Served:
         self.port = port
 
     def send(self, datagram: bytes, sender: socket.socket | None = None) -> None:
-        """From the robot, or from somebody else."""
+        """Send a datagram from the robot, or from another sender."""
         (sender or self.robot).sendto(datagram, ("127.0.0.1", self.port))
 
     def answer(self, timeout: float = 30.0) -> bytes:
-        """The next answer; TimeoutError if none comes in so many seconds."""
+        """Return the next answer; TimeoutError if none comes in the time-out [s]."""
         self.robot.settimeout(timeout)
         return self.robot.recv(2000)
 
     def ask(self, datagram: bytes) -> bytes:
-        """Sends, and gives the answer."""
+        """Send a datagram and return the answer."""
         self.send(datagram)
         return self.answer()
 
     @contextmanager
     def stopped(self) -> Iterator[None]:
-        """The client's process stands still in the block."""
+        """Stop the client's process inside the ``with`` statement."""
         self.client.send_signal(signal.SIGSTOP)
         os.waitpid(self.client.pid, os.WUNTRACED)
         yield
         self.client.send_signal(signal.SIGCONT)
 
     def end(self) -> tuple[int, str, str]:
-        """Waits for the client's end: exit code, what it printed after its first line, and its errors."""
+        """Wait for the client's end; return exit code, output after the first line, and errors."""
         out, errors = self.client.communicate(timeout=60)
         return self.client.returncode, out, errors
 
 
 @contextmanager
 def served(program: Path, *arguments: object, environment: Mapping[str, str] | None = None) -> Iterator[Served]:
-    """fri_wiping on a free port, once it waits for the robot."""
+    """Start fri_wiping on a free port and wait until it is ready for the robot."""
     port = free_port()
     command = [program, "--trajectory", TRAJECTORY, "--port", port, "--timeout", 30000, *arguments]
     with (
@@ -73,7 +73,7 @@ def served(program: Path, *arguments: object, environment: Mapping[str, str] | N
 
 
 def unread(port: int) -> bool:
-    """Whether datagrams wait in a UDP port of this machine."""
+    """Return whether datagrams wait in a UDP port of this machine."""
     for line in Path("/proc/net/udp").read_text().splitlines()[1:]:
         _, local, _, _, queues, *_ = line.split()
         if int(local.rpartition(":")[2], 16) == port and int(queues.rpartition(":")[2], 16) > 0:
@@ -82,7 +82,7 @@ def unread(port: int) -> bool:
 
 
 def waits(pid: int) -> bool:
-    """Whether a process's first thread waits for something, or has ended."""
+    """Return whether a process's first thread waits or has ended."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "SZ"
     except OSError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Building the FRI client's test programs, and sessions for them, made by the robot's own, independent codec."""
+"""Build the FRI client's test programs, and make sessions for them with the robot's independent codec."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from support.project import ROOT
 TRAJECTORY = ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv"
 POSTURE = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
 TIMEOUT = None
-"""Stands for a silence in place of a datagram."""
+"""Silence in place of a datagram."""
 
 FULL = (
     "--effort-share",
@@ -47,17 +47,17 @@ FULL = (
     "--force-limit",
     "0",
 )
-"""The robot's full effort, and a trajectory that waits for nothing: the arm of a script does not follow."""
+"""Options for the robot's full effort and an immediate start, because the arm of a script does not follow."""
 
 SANITIZERS = "-O2 -g -fsanitize=address,undefined -fno-sanitize-recover=all"
 
 
 EXACT = "-ffp-contract=off"
-"""With it a robot's library computes the same bits at every level of optimisation, with sanitizers or without."""
+"""Flag with which a robot's library computes the same bits at every level of optimisation, also with sanitizers."""
 
 
 def run_cmake(*commands: Sequence[object]) -> None:
-    """Runs CMake so often, each time with these arguments."""
+    """Run CMake once for each list of arguments."""
     for arguments in commands:
         command = [Path(cmake.CMAKE_BIN_DIR) / "cmake", *arguments]
         done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
@@ -65,7 +65,7 @@ def run_cmake(*commands: Sequence[object]) -> None:
 
 
 def compilers(compiler: str, flags: str, more: str = "") -> list[str]:
-    """CMake options for a build with these flags and no others; ``more``: of C++ alone."""
+    """Return CMake options for a build with these flags and no others; ``more``: flags for C++ alone."""
     return [
         "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={Path(ninja.BIN_DIR) / 'ninja'}", "-DCMAKE_BUILD_TYPE=None",
         f"-DCMAKE_C_COMPILER={compiler}", f"-DCMAKE_CXX_COMPILER={compiler.replace('gcc', 'g')}++",
@@ -74,7 +74,7 @@ def compilers(compiler: str, flags: str, more: str = "") -> list[str]:
 
 
 def build_robot(robot: Path, folder: Path, *, compiler: str, flags: str) -> list[str]:
-    """Builds and installs a generated robot's library; returns the CMake options with which the client takes it."""
+    """Build and install a robot's library; return the CMake options with which the client finds it."""
     name, root = robot.name, folder / "installed"
     run_cmake(
         ["-S", robot, "-B", folder, *compilers(compiler, f"{flags} {EXACT}")],
@@ -85,7 +85,7 @@ def build_robot(robot: Path, folder: Path, *, compiler: str, flags: str) -> list
 
 
 def build_standin(folder: Path, version: str) -> list[str]:
-    """Builds the library that stands in for KUKA's; returns the CMake options with which the client takes it."""
+    """Build the library that stands in for KUKA's; return the CMake options with which the client finds it."""
     source, root = ROOT / "tests" / "support" / "fri" / "standin", folder / "installed"
     run_cmake(
         ["-S", source, "-B", folder, f"-DFRI_VERSION={version}", *compilers("gcc", "-O1")],
@@ -96,8 +96,8 @@ def build_standin(folder: Path, version: str) -> list[str]:
 
 
 def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fuzzer: bool = False) -> Path:
-    """Configures and builds tests/support/fri with warnings as errors; returns the folder with the programs."""
-    # Coverage guides the fuzzer through the client alone: the controller's own only takes time.
+    """Configure and build tests/support/fri with warnings as errors; return the folder of the programs."""
+    # Coverage guides the fuzzer through the client alone: coverage of the controller only takes time.
     more = " -std=c++11 -Werror" + (" -fsanitize=fuzzer-no-link" if fuzzer else "")
     run_cmake(
         [
@@ -110,9 +110,9 @@ def build(folder: Path, options: Sequence[str], *, compiler: str, flags: str, fu
 
 
 class RobotScript:
-    """The robot's side of a session, message by message: counts, and advances its clock by the period.
+    """Messages of the robot in a session: counts them and advances the robot's clock by the period.
 
-    ``add`` takes fields of :class:`Monitoring`, and ``change``, a function that may alter the protobuf message before
+    ``add`` takes fields of :class:`Monitoring` and ``change``, a function that may alter the protobuf message before
     it becomes a datagram.
     """
 
@@ -141,19 +141,19 @@ class RobotScript:
         self.datagrams += [self.message(state, change, **fields) for _ in range(count)]
 
     def lose(self, count: int) -> None:
-        """Messages that the client never sees."""
+        """Add messages that never reach the client."""
         self.sequence += count
         self.clock += count * self.period * 1_000_000
 
     def begin(self, monitoring: int = 3, waiting: int = 3) -> None:
-        """Up to COMMANDING_ACTIVE."""
+        """Add the messages up to COMMANDING_ACTIVE."""
         self.add(SessionState.MONITORING_WAIT, monitoring)
         self.add(SessionState.MONITORING_READY, monitoring)
         self.add(SessionState.COMMANDING_WAIT, waiting)
 
 
 def write_short_trajectory(file: Path, start: Sequence[float] = tuple(POSTURE)) -> Path:
-    """A trajectory of 1 s from a posture, at rest at both ends, with samples 5 ms apart."""
+    """Write a trajectory of 1 s from a configuration, at rest at both ends, with samples 5 ms apart."""
     s = np.linspace(0.0, 1.0, 201)
     way = 10 * s**3 - 15 * s**4 + 6 * s**5
     np.savetxt(file, start + 0.2 * np.outer(way, [1, -1, 1, 1, -1, -1, 1]), delimiter=",", fmt="%.10f")
@@ -161,17 +161,17 @@ def write_short_trajectory(file: Path, start: Sequence[float] = tuple(POSTURE)) 
 
 
 def button(pressed: bool) -> IOValue:
-    """The button at the media flange."""
+    """Return the value of the button at the media flange."""
     return IOValue("MediaFlange.UserButton", IOType.BOOLEAN, IODirection.INPUT, pressed)
 
 
 def pack(datagrams: Iterable[bytes | None]) -> bytes:
-    """Datagrams as the test programs read them."""
+    """Return datagrams in the format that the test programs read."""
     return b"".join(struct.pack("<I", 0xFFFFFFFF) if d is None else struct.pack("<I", len(d)) + d for d in datagrams)
 
 
 def run_harness(folder: Path, datagrams: Iterable[bytes | None], *arguments: str | Path) -> list[dict[str, Any]]:
-    """One dictionary a datagram, with what the client did; in probe mode the statistics come last."""
+    """Return one dictionary per datagram with the client's reaction; in probe mode the statistics come last."""
     command = [str(folder / "harness"), *map(str, arguments)]
     done = subprocess.run(command, input=pack(datagrams), capture_output=True)
     assert done.returncode == 0, done.stderr.decode()[-4000:]
@@ -179,7 +179,7 @@ def run_harness(folder: Path, datagrams: Iterable[bytes | None], *arguments: str
 
 
 class Programs:
-    """A folder with the test programs, and the version that they speak."""
+    """Folder with the test programs, and their version of the FRI."""
 
     def __init__(self, folder: Path, version: str) -> None:
         self.folder = folder
@@ -187,11 +187,11 @@ class Programs:
 
     @property
     def client(self) -> Path:
-        """fri_wiping."""
+        """Return the path of fri_wiping."""
         return self.folder / "client" / "fri_wiping"
 
     def script(self, period: int = 5) -> RobotScript:
-        """A robot's script in that version."""
+        """Return a robot's script in this version."""
         return RobotScript(self.version, period)
 
     def probe(self, script: RobotScript) -> list[dict[str, Any]]:
@@ -208,14 +208,14 @@ def require_tools() -> str | None:
 
 
 def sdk_options() -> list[str] | None:
-    """CMake options for an installed KUKA SDK, or None without one."""
+    """Return CMake options for an installed KUKA SDK, or None without one."""
     root = os.environ.get("FRI_SDK_ROOT")
     version = os.environ.get("FRI_SDK_VERSION")
     return [f"-DFRI_SDK_ROOT={root}", *([f"-DFRI_SDK_VERSION={version}"] if version else [])] if root else None
 
 
 def write_session(folder: Path, version: str) -> dict[str, str]:
-    """Session and corpus for the fuzz target in a folder; returns the environment it wants."""
+    """Write session and corpus for the fuzz target; return the environment that it needs."""
     script = RobotScript(version)
     ios = [button(False), IOValue("Group.Level", IOType.ANALOG, IODirection.OUTPUT, 0.5)]
     script.begin(1, 1)

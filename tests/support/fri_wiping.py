@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The wiping client in process and as a program, with sessions written message by message."""
+"""Run the wiping client in process and as a program, with sessions written message by message."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def position_mode(message: Any) -> None:
 
 
 class Wiped:
-    """A session of the wiping client: its steps, log and summary."""
+    """Session of the wiping client: its steps, log and summary."""
 
     def __init__(self, programs: Programs, script: RobotScript, folder: Path, *options: str) -> None:
         files = (folder / "log.csv", folder / "summary.json")
@@ -46,7 +46,7 @@ def minimum_jerk(time: float, duration: float, start: np.ndarray, end: np.ndarra
 
 
 def moving(robot: ModuleType, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A motion of the arm near the start: position, a wrench of the environment, and the joint torque it makes."""
+    """Return a motion of the arm near the start: position, a wrench of the environment, and its joint torque."""
     q = POSTURE + 0.05 * np.sin(2 * np.pi * (0.3 + 0.1 * np.arange(7)) * time)
     wrench = np.array([5.0, -10.0, 15.0, 4.0, -3.0, 8.0]) * np.sin(2 * np.pi * 0.7 * time)
     return q, wrench, robot.hybrid.jacobian(q).T @ wrench
@@ -62,7 +62,7 @@ def moving_script(programs: Programs, robot: ModuleType, cycles: int) -> RobotSc
 
 
 def assert_safe(wiped: Wiped, robot: ModuleType) -> None:
-    """Every torque sent is finite, within the limits, and no further from the last than the rate limit allows."""
+    """Assert that every torque sent is finite and within the limits of torque and rate."""
     last = np.zeros(7)
     for command in wiped.commands:
         if command is None or command.torque is None:
@@ -70,7 +70,7 @@ def assert_safe(wiped: Wiped, robot: ModuleType) -> None:
         assert np.isfinite(command.torque).all()
         assert command.position is not None and np.isfinite(command.position).all()
         assert (np.abs(command.torque) <= robot.EFFORT).all()
-        if not command.torque.any():  # waiting: a new start
+        if not command.torque.any():  # the client waits: a new start
             last = np.zeros(7)
         assert (np.abs(command.torque - last) <= 10 * robot.EFFORT * 0.005 * (1 + 1e-8)).all()
         last = command.torque
@@ -84,7 +84,7 @@ def fri_wiping(programs: Programs, *arguments: str | Path) -> subprocess.Complet
 def over_udp(
     programs: Programs, script: RobotScript, *arguments: str | Path, environment: dict[str, str] | None = None
 ) -> tuple[int, str, str]:
-    """fri_wiping, served with a script's datagrams one after the other; IDLE gets no answer."""
+    """Run fri_wiping on a script's datagrams, one after the other; IDLE gets no answer."""
     with served(programs.client, "--simulated-time", *arguments, environment=environment) as session:
         for datagram in script.datagrams:
             assert datagram is not None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The kernels' C of a folder: its files, and their text in one piece."""
+"""Read the kernels' C of a folder, as files and as one text."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The golden file's samples as calls of kernels, with what is expected."""
+"""Convert the golden file's samples to calls of kernels with expected results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from support.project import ROOT
 
 
 def golden_calls(samples: int) -> list[tuple[Kernel, list[np.ndarray], np.ndarray]]:
-    """(kernel, arguments, expected result) of the iiwa 14's pose and all stiffnesses."""
+    """Return (kernel, arguments, expected result) for the iiwa 14's pose and all stiffnesses."""
     data = json.loads((ROOT / "tests" / "data" / "golden_iiwa14.json").read_text())["samples"]
     kernels = {kernel.qualified_name: kernel for kernel in KERNELS}
     calls: list[tuple[Kernel, list[np.ndarray], np.ndarray]] = []

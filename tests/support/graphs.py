@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One interpreter of CasADi graphs over number types: complex stacks, 60 digits, balls (Arb), or any other.
+"""Interpret CasADi graphs over number types: complex stacks, 60 digits, balls (Arb), or any other.
 
 A ``casadi.Function`` of scalars is run operation by operation. That shares nothing with CasADi's own evaluation and
 differentiation: each operation is extended to the number type by the table that the caller passes.
@@ -45,7 +45,7 @@ COMPLEX: Operations = {
     ca.OP_OR: lambda a, b: _truth((a.real != 0) | (b.real != 0)),
     ca.OP_NOT: lambda a: _truth(a.real == 0), ca.OP_IF_ELSE_ZERO: lambda a, b: np.where(a.real != 0, b, 0),
 }  # fmt: skip
-"""Complex numbers that carry a derivative as their imaginary part: comparisons read the real part."""
+"""Complex operations whose imaginary part is a derivative: comparisons read the real part."""
 
 
 class Graph:

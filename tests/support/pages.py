@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The pages of the documentation and the blocks of code in them.
+"""Read the pages of the documentation and their blocks of code.
 
 Every block is fenced and says its language. A comment of HTML before a block can say why no test of pages runs it:
 
@@ -35,7 +35,7 @@ _PARTS = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """A block of code, where it stands, and what the comment before it says."""
+    """Block of code, its place, and the marker in the comment before it."""
 
     page: Path
     line: int
@@ -43,7 +43,7 @@ class Block:
     code: str
     shown: bool = True
     prints: bool = False
-    """It follows the word "prints": what the blocks before it write to standard output."""
+    """Whether the block follows the word "prints": it is the standard output of the blocks before it."""
     marker: str = ""
     """``held by``, ``quoted from``, ``edit`` or ``not run:``; empty where the page's own test runs it."""
     what: str = ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A chain of a URDF by Pinocchio, read apart from stiffgen: tree, mimic relations and order of q by ElementTree.
+"""Evaluate a chain of a URDF with Pinocchio, independent of stiffgen: ElementTree reads tree, mimic joints and order.
 
 Pinocchio ignores ``<mimic>`` here (its default): every joint is free, and the follower's relation to its master comes
 in through the coupling matrix, positions = C q + offset. Joints off the chain stand at their offsets, but those that
@@ -22,7 +22,7 @@ FRAMES = {"body": pin.LOCAL, "spatial": pin.WORLD, "hybrid": pin.LOCAL_WORLD_ALI
 
 @dataclass
 class State:
-    """What Pinocchio says at one q: pose (4,4), mass matrix (n,n), and by representation J (6,n) and dJ/dq (n,6,n)."""
+    """Pinocchio's values at one q: pose (4,4), mass matrix (n,n), and by representation J (6,n) and dJ/dq (n,6,n)."""
 
     pose: np.ndarray
     mass_matrix: np.ndarray
@@ -30,7 +30,7 @@ class State:
     derivative: dict[str, np.ndarray]
 
     def joint_stiffness(self, representation: str, wrench: np.ndarray, corrected_stiffness: np.ndarray) -> np.ndarray:
-        """dJ^T/dq F + J^T (K + Gamma F) J, for a given K + Gamma F."""
+        """Return dJ^T/dq F + J^T (K + Gamma F) J, for a known K + Gamma F."""
         J = self.jacobian[representation]
         kinematic = np.stack([dJ.T @ wrench for dJ in self.derivative[representation]], axis=1)
         return np.asarray(kinematic + J.T @ corrected_stiffness @ J)
@@ -60,7 +60,7 @@ def readable_by_pinocchio(xml: str | bytes, masses: bool = True) -> ET.Element:
 
 
 class PinocchioChain:
-    """Raises ValueError where Pinocchio itself does not read the robot, or a mimic relation is broken."""
+    """Chain in Pinocchio; ValueError if Pinocchio cannot read the robot, or if a mimic relation is broken."""
 
     def __init__(self, xml: str | bytes, tip: str, base: str | None = None, *, masses: bool = True) -> None:
         self.xml = readable_by_pinocchio(xml, masses)
@@ -156,13 +156,13 @@ class PinocchioChain:
         return State(pose, rates.T @ mass @ rates, jacobian, stacked)
 
     def _at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what rates of the coordinates are in Pinocchio, and where all joints stand."""
+        """Return the coordinates' rates as Pinocchio's rates, and the positions of all joints."""
         rates = np.zeros((self.model.nv, len(self.coordinates)))
         rates[self.columns] = self.coupling
         return rates, pin.integrate(self.model, pin.neutral(self.model), self.offsets + rates @ q)
 
     def forces(self, q: np.ndarray, velocity: np.ndarray, gravity: np.ndarray) -> dict[str, np.ndarray]:
-        """Bias forces, and gradient and Hessian of gravity's potential, for free fall in base axes."""
+        """Return bias forces, gradient and Hessian of gravity's potential, for free fall in base axes."""
         model, data = self.model, self.data
         rates, positions = self._at(q)
         pin.framesForwardKinematics(model, data, positions)
@@ -178,7 +178,7 @@ class PinocchioChain:
 
 
 def _seen_from(representation: str, into_base: pin.SE3) -> np.ndarray:
-    """Return what turns a twist given in the root frame into one in the base frame."""
+    """Return the matrix that turns a twist in the root frame into one in the base frame."""
     if representation == "spatial":
         return np.asarray(into_base.action)
     turn = np.eye(6)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The playground's scripts under node, and random arguments for the kernels that its page calls."""
+"""Run the playground's scripts under node, and draw random arguments for the page's kernels."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Scripts:
 
 
 def random_value(argument: Argument, robot: GeneratedRobot, random: np.random.Generator) -> Array:
-    """Draw an argument of a kernel that makes sense: rotations rotate, stiffnesses are symmetric and positive."""
+    """Draw a plausible argument of a kernel: rotations rotate, stiffnesses are symmetric and positive."""
     shape = argument.array(robot.chain).shape
     if argument.name == "q":
         return random.uniform(-3, 3, shape)

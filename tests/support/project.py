@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where the project lies, its compilers, and when two arrays agree."""
+"""Find the project and its compilers; compare arrays."""
 
 from __future__ import annotations
 

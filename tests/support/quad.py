@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""A robot's functions beside the same statements with more digits, to measure the error of every entry.
+"""Compare a robot's functions with the same statements in more digits, to measure the error of every entry.
 
-The second copy is NAME.c itself with ``double`` read as ``__float128`` (34 digits) or ``long double``, without vectors,
-its sines and cosines of that type, too: constants are the printed ones. Its own error is some 2^-60 of what is
-measured, or 2^-11 with the 64 bits that long doubles have on x86, which take a sixth of the time.
+The second copy is NAME.c itself with ``double`` replaced by ``__float128`` (34 digits) or ``long double``, without
+vectors, and with sines and cosines of that type. The constants are the printed ones. The copy's own error is some
+2^-60 of the measured error. Long doubles on x86 (64 bits) have 2^-11 and take a sixth of the time.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ void errors_of_{kernel}(size_t count, {parameters}, double *values, double *erro
 
 
 def can_run(flags: Sequence[str]) -> bool:
-    """Whether this machine has the vectors that the flags ask for."""
+    """Return whether this machine has the vectors that the flags ask for."""
     known = Path("/proc/cpuinfo").read_text()
     if "-march=x86-64-v4" in flags:
         return " avx512f " in known
@@ -92,10 +92,11 @@ class Measured:
         exact: Path | None = None,
         longer: str = "__float128",
     ) -> None:
-        """Compile; ``source`` is NAME.c as it is to be measured (default: the folder's), ``batches``: these as well.
+        """Compile the functions and their reference.
 
-        ``exact``: a folder of the same robot, of doubles, whose statements are the reference, where ``folder`` is one
-        of floats: constants of these are rounded. ``longer``: the type that the reference has in place of double.
+        ``source`` is the text of NAME.c to measure (default: the folder's); ``batches`` includes the batches. ``exact``
+        is a folder of the same robot in doubles; it is the reference of a ``folder`` of floats, whose constants are
+        rounded. ``longer`` is the type that replaces double in the reference.
         """
         self.batches, self.longer = batches, longer
         self.chain, self.kernels = chain, {kernel.qualified_name: kernel for kernel in kernels}
@@ -196,14 +197,14 @@ def _renamed(text: str, name: str, quad: str) -> str:
 
 
 def _without_batches(source: str) -> str:
-    """NAME.c up to its batches; the self-check behind them goes, too."""
+    """Return NAME.c up to its batches, without the self-check behind them."""
     single, check, _ = source.partition("/* ---- Self-check")
     assert check
     return single
 
 
 def _in_quad(source: str, longer: str) -> str:
-    """NAME.c with its numbers in a type of more digits; batches are left out."""
+    """Return NAME.c, without batches, with its numbers in a type of more digits."""
     start = source.index("static inline void sine_cosine(")
     end = source.index("\n}\n", start) + 3
     source = source[:start] + _SINE_COSINE + source[end:]
@@ -220,7 +221,7 @@ def draw(
     random: np.random.Generator,
     precision: Precision = DOUBLES,
 ) -> list[np.ndarray]:
-    """Random arguments of a kernel within the ranges that its bounds are stated for; half of them at the ends."""
+    """Draw random arguments of a kernel within the ranges of its bounds; half of them at the ends."""
     given = []
     for argument, sizes in zip(kernel.arguments, argument_ends(chain, kernel, ranges, precision), strict=True):
         values = random.uniform(-1, 1, (count, len(sizes)))
@@ -261,7 +262,7 @@ def kernels_with_bounds(
 
 
 class Climb(NamedTuple):
-    """What a search for large errors found: the largest of every entry, at how many states, and the worst states."""
+    """Result of a search for large errors: largest error of every entry, number of states, and the worst states."""
 
     errors: np.ndarray
     states: int
@@ -272,7 +273,7 @@ class Climb(NamedTuple):
 def climbed(
     measured: Measured, kernel: Kernel, ranges: Ranges, states: int, random: np.random.Generator, pool: int = 1000
 ) -> Climb:
-    """Largest error of every entry seen at so many states: half of them random, half beside the worst so far."""
+    """Search for large errors of every entry: half of the states random, half beside the worst so far."""
     arguments = [argument.array(measured.chain) for argument in kernel.arguments]
     precision = PRECISIONS[measured.number]
     sizes = argument_ends(measured.chain, kernel, ranges, precision)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Random robots as URDF text, valid ones and broken ones, from any source of random decisions.
+"""Generate random robots as URDF text, valid and broken, from any source of random decisions.
 
 The source is either Hypothesis (failures shrink) or a plain generator (long runs): see :class:`Source`.
 """
@@ -20,7 +20,7 @@ AXES = ("1 0 0", "0 1 0", "0 0 1", "-1 0 0", "0 -1 0", "0 0 -1", "0 0 3", "0 1e-
 
 
 class Source(Protocol):
-    """Random decisions."""
+    """Source of random decisions."""
 
     def integer(self, low: int, high: int) -> int: ...
     def real(self, low: float, high: float) -> float: ...
@@ -155,7 +155,7 @@ def _link(source: Source, name: str) -> str:
 
 @st.composite
 def robots(draw: Any, most_moving: int = 12) -> Robot:
-    """Hypothesis strategy of :func:`random_robot`."""
+    """Draw from :func:`random_robot`, as a strategy of Hypothesis."""
     return random_robot(Drawn(draw), most_moving)
 
 
@@ -212,5 +212,5 @@ def _mutated(source: Source, text: str) -> str:
 
 @st.composite
 def broken_files(draw: Any) -> bytes:
-    """Hypothesis strategy of :func:`broken_file`."""
+    """Draw from :func:`broken_file`, as a strategy of Hypothesis."""
     return broken_file(Drawn(draw))

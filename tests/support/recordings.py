@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The same recording written in every format that ``stiffgen analyze`` reads."""
+"""Write one recording in every format that ``stiffgen analyze`` reads."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ uint32 nanosec
 
 
 def draw(count: int, seed: int = 5) -> np.ndarray:
-    """(count, 14): time, q and wrench of an iiwa, columns as NAMES."""
+    """Draw rows (count, 14): time, q and wrench of an iiwa, columns as NAMES."""
     random = np.random.default_rng(seed)
     phase = np.arange(count)[:, None] * 0.01
     q = np.linspace(-1, 1, 7) + 0.5 * np.sin(phase + np.arange(7)) + random.normal(size=(count, 7)) * 0.01
@@ -87,14 +87,14 @@ def write_mcap(
     extra_topics: Iterable[str] = (),
     compressed: bool = True,
 ) -> Path:
-    """Wrenches are stamped ``delay`` ns after their joint positions; those of the rows in ``skip`` are left out."""
+    """Write wrenches ``delay`` ns after their joint positions; omit those of the rows in ``skip``."""
     with path.open("wb") as file:
         writer: Any = Writer(file, compression=CompressionType.ZSTD if compressed else CompressionType.NONE)
         states = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE + HEADER)
         wrenches = writer.register_msgdef("geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED + HEADER)
         for index, row in enumerate(rows):
             now = 10**9 + round(row[0] * 1e9)
-            # Joints in another order, with one that is not of the arm; and a gripper that speaks on the same topic.
+            # Joints come in another order, with one that is not of the arm; a gripper uses the same topic.
             state = {"name": ["finger", *reversed(joints)], "position": [0.5, *row[7:0:-1]]}
             writer.write_message("/joint_states", states, {"header": stamp(now), **state}, log_time=now)
             gripper = {"header": stamp(now), "name": ["thumb"], "position": [1.0]}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Faults for ``stiffgen prove``: changes of the iiwa 14's C that it has to find.
+"""Faults in the iiwa 14's C that ``stiffgen prove`` must find.
 
 tests/campaigns/seeded_faults.py shows of each that it does harm, and that it is found.
 """
@@ -80,7 +80,7 @@ def faulty(fault: Fault, folder: Path) -> Path:
     file = next(each for each in files if fault.after in (text := each.read_text()) and fault.old in text)
     text = file.read_text()
     start = 0 if not fault.after else text.index(f"{fault.after}")
-    if fault.after:  # a definition, not the comment or the call before it
+    if fault.after:  # ``old`` in a definition, not in the comment or the call before it
         assert "{" in text[start : start + 400], fault.title
     place = text.index(fault.old, start)
     file.write_text(text[:place] + fault.new + text[place + len(fault.old) :])

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""A proof that the printed sine and cosine are within so many units of 2^-53 of those of the angle.
+"""Prove bounds on the errors of the printed sine and cosine, in units of 2^-53.
 
-What is proved is the text of templates/sine_cosine.c: its constants are read there, and the statements of the two
-polynomials and of the results are evaluated as they stand, in interval arithmetic (Arb), over small pieces of the
-reduced angle. Every operation may be rounded or, as part of a fused multiply-add, not.
+The proof is about the text of templates/sine_cosine.c. It reads the constants there. It evaluates the statements of the
+two polynomials and of the results as printed, in interval arithmetic (Arb), over small pieces of the reduced angle.
+Every operation may be rounded or, as part of a fused multiply-add, not.
 
 The steps, for angles |x| <= FAR:
 
@@ -30,7 +30,7 @@ from flint import arb, ctx
 _UNIT = arb(2) ** -53
 _PIECES = 1024
 _STEPS = 16
-"""Of a piece, for the error of the polynomials."""
+"""Length of a piece, for the error of the polynomials."""
 STATEMENTS = (
     "const lanes z = r * r, z2 = z * z, z4 = z2 * z2;",
     "const lanes half = 0.5 * z;",
@@ -47,11 +47,11 @@ STATEMENTS = (
     "const lanes r = whole(r2 - w3);",
     "const lanes low = (whole(r1 - r2) - w2) + (whole(r2 - r) - w3);",
 )
-"""What the proof is about, and has to stand in the text."""
+"""Statements that the proof covers; the text must contain them."""
 
 
 class NotProvedError(Exception):
-    """The text is not the one that the proof is about, or a step of it fails."""
+    """The text is not that of the proof, or a step of the proof fails."""
 
 
 def _upper(x: arb) -> arb:
@@ -60,7 +60,7 @@ def _upper(x: arb) -> arb:
 
 @dataclass(frozen=True)
 class _Rounded:
-    """What a number is without rounding, and how far it is off at most."""
+    """Value without rounding, and bound on the error."""
 
     value: arb
     error: arb
@@ -136,7 +136,7 @@ def _check_reduction(text: str) -> None:
 
 
 def _polynomial(text: str, name: str) -> list[arb]:
-    """Coefficients of a printed polynomial in z, exactly: it is of degree 5, and evaluated in real arithmetic."""
+    """Return the exact coefficients of a printed polynomial in z, of degree 5, evaluated in real arithmetic."""
     expression = _statement(text, name)
 
     class Term:
@@ -210,7 +210,7 @@ def _proved_units(text: str) -> tuple[arb, arb]:
 
 
 def _method(P: list[arb], Q: list[arb], a: arb, b: arb) -> tuple[arb, arb]:
-    """Bounds of |r + r^3 P(r^2) - sin r| and |1 - r^2/2 + r^4 Q(r^2) - cos r| between a and b."""
+    """Return bounds of |r + r^3 P(r^2) - sin r| and |1 - r^2/2 + r^4 Q(r^2) - cos r| between a and b."""
     sine = {3 + 2 * k: c for k, c in enumerate(P)} | {1: arb(1)}
     cosine = {4 + 2 * k: c for k, c in enumerate(Q)} | {0: arb(1), 2: arb(-1) / 2}
     errors = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Errors of springs against 60 digits: of the energy's derivatives at given poses, and of the kernels along q."""
+"""Compare springs with 60 digits: derivatives of the energy at given poses, and kernels along q."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from support.project import URDF
 CASES = ("random", "near", "edge")
 REMOTE = (0.1, -0.2, 0.3)
 PLACEMENTS = [Placement(t, r, c) for c in ((0.0, 0.0, 0.0), REMOTE) for t, r in itertools.product(AXES, AXES)]
-"""All axes, with the centre of stiffness at the tip's origin and apart from it."""
+"""All axes, with the centre of stiffness at the tip's origin and shifted."""
 FEW = [Placement(), *(Placement(t, r, REMOTE) for t, r in zip(AXES, (AXES[2], AXES[0], AXES[1]), strict=True))]
-"""The default, and every axes once with a centre apart."""
+"""Default axes, and each choice of axes once with a shifted centre."""
 ROBOTS = ("iiwa14", "six axes", "slides and mimics")
 EPS = 2.0**-52
 RESULTS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness")
@@ -34,7 +34,7 @@ Errors = dict[tuple[str, Placement], dict[str, float]]
 
 
 def distance(case: str, random: np.random.Generator) -> tuple[float, float]:
-    """Angle [rad] and displacement [m] of a case's pose from its equilibrium."""
+    """Draw angle [rad] and displacement [m] of a case's pose from its equilibrium."""
     if case == "near":
         return 10 ** random.uniform(-9, -3), 10 ** random.uniform(-9, -3)
     if case == "small":
@@ -50,7 +50,7 @@ def axis(random: np.random.Generator) -> np.ndarray:
 
 
 def stiffness(random: np.random.Generator) -> np.ndarray:
-    """Positive definite, nothing diagonal about it; its blocks are Kt and Ko."""
+    """Draw a full positive definite matrix; its blocks are Kt and Ko."""
     root = random.normal(size=(6, 6)) * np.sqrt([300, 300, 300, 20, 20, 20])[:, None]
     return root @ root.T / 6 + np.diag([30, 30, 30, 2, 2, 2])
 
@@ -81,7 +81,7 @@ def _springs(placements: Iterable[Placement]) -> list[tuple[str, Placement]]:
 
 
 def pose_errors(placements: list[Placement], case: str, count: int, seed: int) -> Errors:
-    """Worst relative errors of energy, wrench and covariant Hessian at poses of doubles, taken as they are."""
+    """Return the worst relative errors of energy, wrench and covariant Hessian at poses of exact doubles."""
     random = np.random.default_rng(seed)
     pose, H = (np.tile(np.eye(4), (count, 1, 1)) for _ in range(2))
     K = np.stack([stiffness(random) for _ in range(count)])
@@ -106,7 +106,7 @@ def pose_errors(placements: list[Placement], case: str, count: int, seed: int) -
 
 
 def _relative_error(name: str, value: np.ndarray, reference: np.ndarray) -> float:
-    """To the largest entry; force and moment, and so the blocks of the task stiffness, are held to their own."""
+    """Return the error relative to the largest entry; forces, moments and blocks of stiffnesses each have their own."""
     error, size = np.abs(value - reference), np.abs(reference)
     if name == "wrench":
         scale = np.repeat([size[:3].max(), size[3:].max()], 3)
@@ -119,7 +119,7 @@ def _relative_error(name: str, value: np.ndarray, reference: np.ndarray) -> floa
 
 
 def _derivatives(energy: Jet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value, gradient (k) and Hessian (k, k) in doubles; the balls are held to be far smaller."""
+    """Return value, gradient (k) and Hessian (k, k) in doubles; the radii of the balls must be far smaller."""
     assert min(each.rel_accuracy_bits() for each in (energy.value, *energy.second.entries()[:1])) > 80
     return np.array(float(energy.value)), floats(energy.first)[0], floats(energy.second)
 
@@ -157,7 +157,7 @@ def by_module(folder: Path) -> Evaluated:
 def robot_errors(
     urdf: Path, kernels: Evaluated, placements: list[Placement], case: str, count: int, seed: int
 ) -> tuple[Errors, Errors]:
-    """Worst errors of the kernels by q: relative ones, and in units of 1e-11 plus 16 roundings of the pose."""
+    """Return the worst errors of the kernels along q: relative, and in units of 1e-11 plus 16 roundings of the pose."""
     chain, exactly = stiffgen.load_chain(urdf), Kinematics(urdf.read_text())
     random = np.random.default_rng(seed)
     lower = np.array([max(c.lower, -2.0) for c in chain.coordinates])

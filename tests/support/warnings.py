@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a compiler says about the C of a random robot, at every level of optimisation."""
+"""Collect a compiler's warnings about the C of a random robot, at every level of optimisation."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ VECTORS: tuple[tuple[str, ...], ...] = (
     if platform.machine() in ("x86_64", "AMD64")
     else ((), ("-march=native",), ("-DSTIFFGEN_NO_VECTORS",))
 )
-"""Flags for every width of the lanes. Nothing is run: the machine need not have the instructions."""
+"""Flags for every vector width. Nothing is run: the machine need not have the instructions."""
 
 
 def sources_of_random_robot(
     seed: int, most_moving: int, folder: Path, *, floating: bool = False, options: SpringOptions | None = None
 ) -> list[Path]:
-    """Write kernels and controller of a random robot; returns the C files.
+    """Write kernels and controller of a random robot; return the C files.
 
-    With ``floating`` the root link floats; a ChainError where a joint that is no coordinate stands before the tip.
+    With ``floating`` the root link floats. ChainError if a joint before the tip is not a coordinate.
     """
     robot = random_robot(Plain(seed), most_moving)
     urdf = folder / "random.urdf"
@@ -48,7 +48,7 @@ def sources_of_random_robot(
 
 
 def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[str, list[Path]]:
-    """Write a robot with options by the seed, none, derivatives, every spring, a floating base; return both."""
+    """Write a robot whose options depend on the seed; return the name of the options and the C files."""
     kind = ("plain", "derivatives", "plain", "springs", "plain", "floating")[seed % 6]
     options = SpringOptions(kinds=tuple(KINDS) if kind == "springs" else (), derivatives=kind == "derivatives")
     try:
@@ -60,13 +60,13 @@ def sources_of_varied_robot(seed: int, most_moving: int, folder: Path) -> tuple[
 
 
 def complaints(compiler: str, flags: Sequence[str], sources: Sequence[Path]) -> str:
-    """Return what the compiler says with every strict warning an error; "" if nothing."""
+    """Return the compiler's messages with every strict warning as an error; "" if there are none."""
     command = [compiler, "-std=c99", *flags, *STRICT, "-S", "-o", "/dev/null"]
     runs = [subprocess.run([*command, str(s)], capture_output=True, text=True, check=False) for s in sources]
     return "".join(run.stderr or f"exit code {run.returncode}" for run in runs if run.returncode or run.stderr)
 
 
 def preprocessed(compiler: str, flags: Sequence[str], source: Path) -> str:
-    """Return what the compiler sees of a source: without comments, with its headers."""
+    """Return the preprocessed text of a source: without comments, with its headers."""
     command = [compiler, "-std=c99", *flags, "-E", "-P", str(source)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout

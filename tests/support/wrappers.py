@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the wrappers for JAX and PyTorch share: every function with arguments, results and gradients."""
+"""Provide cases for the tests of the JAX and PyTorch wrappers: functions, arguments, results and gradients."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ DERIVATIVES = SpringOptions(derivatives=True)
 
 
 def small_robot(output: Path, types: str = "rpm") -> GeneratedRobot:
-    """Three joints, one sliding and one that mimics (or others), with derivatives; named "arm"."""
+    """Generate a robot "arm" with derivatives: three joints, one sliding and one that mimics (or others)."""
     urdf = output / "chain.urdf"
     urdf.write_text(chain_urdf(types))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CFLAGS", "-O0")  # in a third of the time
+        patch.setenv("CFLAGS", "-O0")  # compiles in a third of the time
         return open_robot(stiffgen.generate(urdf, output=output, name="arm", springs=DERIVATIVES))
 
 
 def floating_robot(output: Path) -> GeneratedRobot:
-    """Four joints with two tips on a floating base, with derivatives."""
+    """Generate a robot with four joints and two tips on a floating base, with derivatives."""
     urdf = output / "tree.urdf"
     urdf.write_text(tree_urdf(3, joints=4))
     options: dict[str, Any] = {"tip": ["left", "right"], "floating_base": True, "springs": DERIVATIVES}
@@ -46,13 +46,13 @@ def floating_robot(output: Path) -> GeneratedRobot:
 
 
 def wrapper(robot: GeneratedRobot, framework: str) -> ModuleType:
-    """NAME.jax or NAME.torch."""
+    """Import NAME.jax or NAME.torch."""
     return importlib.import_module(f"{robot.module.__name__}.{framework}")
 
 
 @dataclass(frozen=True)
 class Case:
-    """A function of the wrapper, and what NumPy's function and its product give for a stack of arguments."""
+    """Function of the wrapper, with the results of NumPy's function and its product for a stack of arguments."""
 
     function: Any
     path: str
@@ -78,7 +78,7 @@ class Case:
 
 
 def cases(robot: GeneratedRobot, module: ModuleType, count: int) -> Iterator[Case]:
-    """Every function that has a gradient, at random states."""
+    """Yield every function that has a gradient, at random states."""
     pool = argument_samples(robot.chain, count, 11, robot.springs)
     table = {kernel.qualified_name: kernel for kernel in robot.table}
     compiled = importlib.import_module(f"{robot.module.__name__}.{robot.name}_python")

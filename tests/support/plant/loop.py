@@ -20,12 +20,12 @@ from support.plant.statics import Springs
 
 HERE = Path(__file__).resolve().parent
 FREE = HERE / "free.c"
-"""The law without a controller: the arm floats; needs ``sources=KERNELS``."""
+"""Law without a controller: the arm floats; needs ``sources=KERNELS``."""
 KERNELS = ("iiwa14.c", "iiwa14_batch.c")
 """C files of the robot that the plant uses."""
 N = 7
 Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
-"""The posture of the failures that the controller's issue lists [rad]."""
+"""Joint positions of the failures in the controller's issue [rad]."""
 _TYPES = {
     "double": ctypes.c_double,
     "int": ctypes.c_int,
@@ -76,7 +76,7 @@ class Loop:
     """A control law in the loop.
 
     Args:
-        folder: where to compile; what another process compiled there is taken.
+        folder: where to compile; a library that another process compiled there is used again.
         robot: folder of the generated iiwa 14.
         law: C file that implements law.h on the robot's controller.
         sources: C files of the robot's folder.
@@ -130,19 +130,19 @@ class Loop:
         self.state = ctypes.create_string_buffer(self.library.law_state_size())
 
     def pose(self, q: ArrayLike) -> np.ndarray:
-        """Pose of the tip (4, 4) at q."""
+        """Return the pose of the tip (4, 4) at q."""
         return self._kernel("forward_kinematics", q, 16).reshape(4, 4)
 
     def jacobian(self, q: ArrayLike) -> np.ndarray:
-        """Hybrid Jacobian (6, 7) at q."""
+        """Return the hybrid Jacobian (6, 7) at q."""
         return self._kernel("hybrid_jacobian", q, 42).reshape(6, 7)
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
-        """Links' mass matrix (7, 7) at q."""
+        """Return the links' mass matrix (7, 7) at q."""
         return self._kernel("mass_matrix", q, 49).reshape(7, 7)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> np.ndarray:
-        """Coriolis and centrifugal forces (7) of the plant."""
+        """Return Coriolis and centrifugal forces (7) of the plant."""
         result = np.empty(N)
         arguments = [np.ascontiguousarray(x, dtype=float) for x in (q, v)]
         self.library.plant_bias(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*arguments, result)))
@@ -168,7 +168,7 @@ class Loop:
         return fill(config, **values)
 
     def episode(self, **values: Any) -> Any:
-        """1 ms, motor inertia 0.1 kg m^2, exact sensors, no delay, at rest at Q0; plant fields go by their names."""
+        """Return an episode: 1 ms, rotors of 0.1 kg m^2, exact sensors, no delay, rest at Q0; ``values`` override."""
         plant: dict[str, Any] = {
             "motor": 0.1,
             "substeps": 1,
@@ -185,7 +185,7 @@ class Loop:
         return episode
 
     def segment(self, base: Any = None, **values: Any) -> Any:
-        """Return the segment before with some fields changed, no reset; the first: Q0 and the paper's stiffness."""
+        """Return the segment ``base`` with some fields changed and no reset; default: Q0 and the paper's stiffness."""
         new = self.Segment()
         if base is None:
             fill(new, wanted=Q0, translation=np.diag([700.0, 700, 800]), rotation=np.diag([30.0, 30, 30]))
@@ -195,7 +195,7 @@ class Loop:
         return fill(new, **values)
 
     def segments(self, *parts: dict[str, Any]) -> list[Any]:
-        """Segments, each given by what differs from the one before."""
+        """Return segments; each lists only its differences from the one before."""
         made: list[Any] = []
         for part in parts:
             made.append(self.segment(made[-1] if made else None, **part))
@@ -224,7 +224,7 @@ class Loop:
         rows: bool = False,
         outputs: bool = False,
     ) -> Any:
-        """Summary, and with ``rows`` a structured array of a row per sample, with ``outputs`` the law's outputs."""
+        """Return the summary; with ``rows`` also an array with one row per sample, with ``outputs`` the outputs."""
         episode = episode if episode is not None else self.episode()
         configs = configs if isinstance(configs, list) else [configs if configs is not None else self.config()]
         if isinstance(segments, list):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Where an arm on springs comes to rest under a load, found without the controller and without its kernels of a spring.
+"""Find the configuration of rest of an arm on springs under a load, without the controller and its spring kernels.
 
-The spring at the tip is written out here from its energy (trace form; p, R the tip, p0, R0 the equilibrium):
+The energy of the spring at the tip is written out here (trace form; p, R the tip, p0, R0 the equilibrium):
 
     U = (p - p0)^T Kt (p - p0) / 2 + tr(G (I - R0^T R)) + k |q - posture|^2 / 2,    G = tr(Ko)/2 I - Ko
 
@@ -90,15 +90,15 @@ class Springs:
         return None
 
     def rest(self, load: Array, bias: Array, steps: int = 10) -> tuple[Array, Array] | None:
-        """Posture of rest under a load at the tip and a torque over the joints, grown together from zero.
+        """Find the configuration of rest under a load at the tip and a torque over the joints, both grown from zero.
 
         Args:
             load: (6) [N, N m] what the environment applies to the robot, base axes.
             bias: (n) [N m].
-            steps: of the growth; each is solved by Newton's method.
+            steps: number of increments; Newton's method solves each.
 
         Returns:
-            The posture and the eigenvalues of the symmetric part of -d torque/dq there [N m/rad]; None where the
+            The configuration and the eigenvalues of the symmetric part of -d torque/dq there [N m/rad]; None if the
             branch ends or loses stability on the way.
 
         """

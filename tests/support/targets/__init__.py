@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""A robot's C code on other machines than this one: cross-compiled, run in QEMU, its instructions counted.
+"""Compile a robot's C code for other machines (:data:`MACHINES`), run it in QEMU and count its instructions.
 
-Of :data:`MACHINES`. A guest program prints the results of functions at given arguments bit by bit and then, if asked
-to, calls each at many states while a plugin of QEMU counts.
+A guest program prints the results of functions for given arguments bit by bit. On request it then calls each function
+at many states while a plugin of QEMU counts.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ HERE = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine, what compiles for it and what runs it; ``packages`` are Debian's of the two."""
+    """Machine, its compiler and its emulator; ``packages`` are the Debian packages of both."""
 
     name: str
     compiler: tuple[str, ...]
     emulator: tuple[str, ...]
     packages: tuple[str, ...]
     bare: bool = False
-    """Without an operating system: a start of its own, and semihosting."""
+    """No operating system: the program has its own start code and uses semihosting."""
     software: bool = False
-    """Double precision is software."""
+    """Double precision is computed in software."""
 
     @property
     def prefix(self) -> str:
-        """Of the names of its binary tools."""
+        """Prefix of the names of its binary tools."""
         return self.compiler[0].removesuffix("gcc") if self.compiler[0].endswith("-gcc") else ""
 
 
@@ -233,7 +233,7 @@ def run(machine: Machine, program: Path, scalar: Scalar = DOUBLE) -> list[np.nda
 
 @dataclass(frozen=True)
 class Count:
-    """Instructions of a function, from its call to its return: at how many states, the fewest and the most."""
+    """Instructions of a function, from its call to its return: number of states, the fewest and the most."""
 
     states: int
     fewest: int
@@ -241,7 +241,7 @@ class Count:
 
 
 def counts(machine: Machine, program: Path, work: Path) -> list[Count]:
-    """Instructions of the functions that a program was built to count."""
+    """Count the instructions of the functions that a program was built to count."""
     plugin, out = work / "count.so", work / "counts.txt"
     subprocess.run(["gcc", "-O2", "-fPIC", "-shared", str(HERE / "count.c"), "-o", str(plugin)], check=True)
     symbols = subprocess.run([f"{machine.prefix}nm", str(program)], capture_output=True, text=True, check=True).stdout
@@ -258,7 +258,7 @@ def counts(machine: Machine, program: Path, work: Path) -> list[Count]:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Of NAME.c with all functions [bytes]: code and constants, memory that stays, the deepest stack."""
+    """Sizes of NAME.c with all functions [bytes]: code and constants, permanent memory, deepest stack."""
 
     flash: int
     ram: int
@@ -266,7 +266,7 @@ class Footprint:
 
 
 def footprint(machine: Machine, folder: Path, work: Path) -> Footprint:
-    """How large a folder's kernels are for a machine; batches left out."""
+    """Measure the sizes of a folder's kernels for a machine, without batches."""
     source = (folder / f"{folder.name}.c").read_text()
     kernels, compiled = work / "kernels.c", work / "kernels.o"
     kernels.write_text(source.partition("/* ---- Self-check")[0])
@@ -298,7 +298,7 @@ static int diagonalise_symmetric(int n, double *A, double *d, double *rows)
 
 
 def with_longest_iterations(source: str) -> str:
-    """Return the controller's C with a QL iteration as long as its bound lets it be, in addition to its own."""
+    """Return the controller's C with an additional QL iteration of the longest length that its bound permits."""
     found = re.search(rf"^static int {_QL}\(.*?^}}\n", source, flags=re.M | re.S)
     assert found is not None
     going_on = "fabs(e[m]) > negligible"
@@ -309,7 +309,7 @@ def with_longest_iterations(source: str) -> str:
 
 
 def step_count(machine: Machine, folder: Path, work: Path, steps: int, *, longest: bool = False) -> Count:
-    """Instructions of the impedance controller's step, smooth and hostile motions by turns.
+    """Count the instructions of the impedance controller's step, in smooth and hostile motions in turn.
 
     ``longest``: with every QL iteration at its bound (:func:`with_longest_iterations`).
     """
