@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How fast a generated robot's compiled kernels are on this machine: ``stiffgen bench DIR``."""
+"""Measure the speed of a generated robot's compiled kernels on this machine: ``stiffgen bench DIR``."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _BATCH = 4096
 _SECONDS = 0.01
 _ROUNDS = 7
 _FLAGS = (("-O3", "-march=native"), ("-O3",))
-"""Of the plain C calls: the first that the compiler takes."""
+"""Flags of the plain C build: the first set that the compiler accepts."""
 
 
 @dataclass(frozen=True)
 class Timing:
     """Medians of one function in microseconds.
 
-    ``call``: from Python, with the Python call and the array of results; ``configuration``: from Python, one
-    configuration of a stack of 4096; ``c``: a plain C call, without Python (NaN where no compiler is at hand).
+    ``call``: one call from Python, including the array of results. ``configuration``: one configuration of a stack of
+    4096, from Python. ``c``: a plain C call (NaN without a compiler).
     """
 
     kernel: str
@@ -47,10 +47,10 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
         progress: called with a few words before each kernel.
 
     Returns:
-        One record a kernel.
+        One record per kernel.
 
     Raises:
-        OutputError: the folder is none of stiffgen's, is damaged, or is not compiled.
+        OutputError: the folder is not one of stiffgen's, is damaged, or is not compiled.
 
     """
     robot = open_robot(folder)
@@ -78,7 +78,7 @@ def bench(folder: str | Path, *, progress: Callable[[str], None] = lambda step: 
 
 
 def _c_loops(robot: GeneratedRobot, build: Path) -> ctypes.CDLL | None:
-    """For every kernel a C function that calls it once for each of the 4096 samples; None without a compiler."""
+    """Compile for every kernel a C function that calls it once per sample (4096); None without a compiler."""
     lines = [f'#include "{robot.name}.h"']
     for kernel in robot.table:
         sizes = [array.array(robot.chain).size for array in (*kernel.arguments, *kernel.results)]

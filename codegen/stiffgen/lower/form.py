@@ -78,7 +78,7 @@ class Layout(Enum):
 
 @dataclass(eq=False)
 class Storage:
-    """All that is known about one array of a function.
+    """Properties of one array of a function.
 
     Attributes:
         array: name and shape in the program.

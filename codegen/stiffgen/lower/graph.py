@@ -36,7 +36,7 @@ class Operations:
 
     @property
     def total(self) -> int:
-        """All operations; a sine and a cosine count one each."""
+        """Number of operations; a sine and a cosine count one each."""
         return self.add + self.multiply + self.sincos + self.call
 
 
@@ -88,7 +88,7 @@ class Graph:
         return self.keys[number][0] != "const", number
 
     def operands(self, number: int) -> tuple[int, ...]:
-        """Return the numbers of what an operation takes."""
+        """Return the numbers of an operation's operands."""
         kind, a, b = self.keys[number]
         if kind in ("const", "input"):
             return ()

@@ -86,7 +86,7 @@ class Ranges:
     gravity: float = 10.0
 
     def lines(self, precision: Precision) -> list[str]:
-        """In words, for a comment."""
+        """Return the ranges in words, for a comment."""
         coupling = math.sqrt(self.translation_stiffness * self.rotation_stiffness)
         return [
             f"joint positions within the limits (up to {precision.far:g} rad or {self.slide:g} m where there are none)"
@@ -268,7 +268,7 @@ def _store(arrays: Bounds, place: Entry, bound: Bound, i: int = 0, j: int = 0) -
 
 @dataclass(frozen=True)
 class Stated:
-    """A bound as it is told: of the entries of ``result`` that are ``what``, in ``unit``."""
+    """Bound for a report: of the entries ``what`` of ``result``, in ``unit``."""
 
     result: str
     what: str
@@ -277,7 +277,7 @@ class Stated:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """Return the bound in words."""
         size = (
             f"within {self.bound:.1e}{f' {self.unit}' if self.unit else ''}"
             if self.bound

@@ -11,7 +11,7 @@ from stiffgen.lower.scalar import DOUBLE, Scalar
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to print the kernels.
+    """Way to print the kernels.
 
     Attributes:
         scalar: type of a number.
@@ -42,7 +42,7 @@ class Variant:
 
     @property
     def number(self) -> str:
-        """C type of an entry of arguments and results: of one configuration, or of several side by side."""
+        """C type of an entry of arguments and results: a number, or a vector with one configuration per lane."""
         return "lanes" if self.lanes == "configurations" else self.scalar.name
 
     @property

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""What a generated folder's C does for all inputs: ``stiffgen prove DIR``. docs/proofs.md says what is proved."""
+"""Prove properties of a generated folder's C for all inputs: ``stiffgen prove DIR``. docs/proofs.md lists them."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Runs of ESBMC, the bounded model checker, on one harness."""
+"""Run ESBMC, the bounded model checker, on one harness."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from stiffgen.prove.tools import Tools, run
 from stiffgen.prove.verdict import Outcome
 
 _UNWOUND = 2000
-"""Rounds after which a loop counts as unbounded; that it ends before is one of the properties."""
+"""Number of rounds from which a loop counts as unbounded; one property is that the loop ends before."""
 
 
 def check(
     tools: Tools, source: Path, includes: Sequence[Path], timeout: float, *, entry: str, solver: str
 ) -> tuple[Outcome, float, str]:
-    """Outcome, processor time and what failed of a harness, doubles in IEEE arithmetic.
+    """Return outcome, processor time and failed claims of a harness, with doubles in IEEE arithmetic.
 
     Args:
         tools: the programs.
@@ -25,7 +25,7 @@ def check(
         includes: folders of headers and sources.
         timeout: in seconds of wall clock.
         entry: the function to begin with.
-        solver: which of ESBMC's decides the formula.
+        solver: the solver of ESBMC that decides the formula.
 
     """
     command = [

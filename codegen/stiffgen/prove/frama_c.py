@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Runs of Frama-C's value analysis (Eva), and what they say: alarms, loops not unrolled, calls that return."""
+"""Run Frama-C's value analysis (Eva) and read its results: alarms, loops not unrolled, calls that return."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pathlib import Path
 from stiffgen.prove.tools import Tools, run
 
 _UNROLLED = 4000
-"""Rounds up to which a loop is unrolled: the longest, over the words of the controller's state, has some 1000."""
+"""Largest number of unrolled rounds: the longest loop, over the words of the controller's state, has some 1000."""
 
 _PROVED = ("Valid", "Considered valid", "Dead", "Valid but dead")
-"""What the table says of a property that holds: by proof, as the specification of libc, or where nothing comes."""
+"""Status of a property that holds: by proof, by the specification of libc, or because it is not reachable."""
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """What a run found.
+    """Results of a run.
 
-    ``alarms``: C function -> properties that are not proved of it. ``reached``: C functions analysed. ``loops``: where
-    rounds were merged, so that their number is not known to be bounded. ``returned``: entries whose calls come back.
-    ``trouble``: why there is no result.
+    ``alarms``: C function -> properties that are not proved. ``reached``: C functions analysed. ``loops``: places where
+    rounds were merged, so that no bound on their number is known. ``returned``: entries whose calls return.
+    ``trouble``: reason for a missing result.
     """
 
     seconds: float
@@ -51,19 +51,19 @@ def analyse(
 
     Args:
         tools: the programs.
-        folder: where the harness is, and what the run leaves.
+        folder: folder of the harness, and of the files that the run leaves.
         source: file name of the harness.
         includes: folders of headers.
         timeout: in seconds of wall clock.
         entry: the function to begin with.
-        rounds: every loop is unrolled at least so often, its bound known or not.
-        apart: functions whose branches are kept apart.
-        by_contract: functions taken by their contract instead of their body.
+        rounds: least number of unrolled rounds of every loop, with or without a known bound.
+        apart: functions whose branches are analysed separately.
+        by_contract: functions that are replaced by their contract.
 
     """
     table = folder / f"{source}_{entry}.csv"
     table.unlink(missing_ok=True)
-    # Without __GNUC__ the headers of Frama-C and the plain C of the folder: no vectors, no pragmas.
+    # Without __GNUC__ Frama-C reads its own headers and the folder's plain C: no vectors, no pragmas.
     flags = " ".join(["-DSTIFFGEN_NO_VECTORS", "-U__GNUC__", *(f"-I{each}" for each in includes)])
     command = [
         *(
@@ -76,7 +76,7 @@ def analyse(
             "gcc_x86_64",
             f"-cpp-extra-args={flags}",
         ),
-        *("-warn-special-float", "none"),  # NaN and infinity are values as others
+        *("-warn-special-float", "none"),  # NaN and infinity are ordinary values
         *("-eva-auto-loop-unroll", str(_UNROLLED), "-eva-min-loop-unroll", str(rounds)),
         *("-eva-show-progress", "-eva-split-return", "auto"),
         *(["-eva-slevel-function", ",".join(f"{each}:200" for each in apart)] if apart else []),
@@ -97,7 +97,7 @@ def analyse(
             if row["status"] not in _PROVED and kind not in ("assigns clause", "from clause") and not taken:
                 what = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
                 alarms.setdefault(row["function"], []).append(what)
-    # A line may be broken after the place, before what is said of it.
+    # The report may break a line between the place and its message.
     text = re.sub(r"\n {2,}", " ", result.said)
     return Analysis(
         result.seconds,

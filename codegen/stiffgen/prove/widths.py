@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""The vector builds of a folder's kernels, run once in arrays of exactly their sizes under clang's sanitizers.
+"""Run the vector builds of a folder's kernels in arrays of exact size under clang's sanitizers.
 
-Proofs are about one lane. What lanes change is which entries are touched, and that depends on no number: one run of
-every kernel, with every kind of batch, shows it for all inputs. docs/proofs.md has the argument.
+The proofs cover one lane. More lanes change only the accessed entries, which depend on no number. One run of every
+kernel, with every kind of batch, therefore covers all inputs. docs/proofs.md has the argument.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _run_width(
 
 
 def _first(result: Run) -> str:
-    """Return the first lines that say what is wrong."""
+    """Return the first lines of a failed run that name the fault."""
     lines = [line.strip() for line in result.said.splitlines() if line.strip()]
     telling = [line for line in lines if "rror" in line or "WARNING" in line or line.startswith("#")]
     return "; ".join((telling or lines)[:3])[:400]

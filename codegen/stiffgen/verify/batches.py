@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Many configurations a call: every length of the last block of lanes, every kind of step, nothing else touched."""
+"""Verify functions of many configurations: every count up to two vectors, every kind of step, no other memory."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from stiffgen.verify.result import Array, Check, Kernels, as_results, bound_of, 
 from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 
 LENGTHS = (*range(18), 33)
-"""0 to two blocks of the widest lanes and one more, of doubles (8) and of floats (16)."""
+"""Counts from 0 to two of the widest vectors plus one, for doubles (8) and for floats (16)."""
 LONG = 131
-"""More than two of the chunks of 64 in which the Python module copies arguments that do not lie in a row."""
+"""Count of more than two chunks of 64; the Python module copies arguments that are not contiguous in chunks."""
 _UNTOUCHED = -7.25
 
 
 def check_stacks(
     kernels: Kernels, single: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
 ) -> list[Check]:
-    """Stacks of every length through the Python module: forwards, backwards, spread, with one argument shared.
+    """Verify stacks of every length through the Python module: forwards, backwards, spread, with one argument shared.
 
-    What gives upper triangles is also held to what gives whole matrices, to the last bit.
+    Upper triangles must also equal the whole matrices to the last bit.
 
     Args:
         kernels: functions of the module, which take stacks.
@@ -84,11 +84,11 @@ def check_stacks(
 
 
 _Form = Callable[[Any], tuple[Any, ...]]
-"""Results of a kernel, or their errors, as a function gives them."""
+"""Results of a kernel, or their errors, in the form that a function returns."""
 
 
 def _form(kernel: Kernel, given: tuple[Argument, ...]) -> _Form:
-    """Whole results as those that are ``given``: matrices, or the upper triangles that a packed batch gives."""
+    """Convert whole results to the form of ``given``: matrices, or upper triangles of a packed batch."""
 
     def formed(results: Any) -> tuple[Any, ...]:
         wanted = zip(as_results(results), kernel.results, given, strict=True)
@@ -154,7 +154,7 @@ class _Plan:
     dtype: Any
 
     def faults(self, call: Any) -> list[str]:
-        """Call the batch for every count, and name what is wrong."""
+        """Call the batch for every count; return descriptions of the faults."""
         faults, sizes = [], [each.shape[1] for each in self.expected]
         for length in LENGTHS:
             laid = [_laid_out(stack[:length], kind) for stack, kind in zip(self.flat, self.kinds, strict=True)]
@@ -203,7 +203,7 @@ def _plans(
 
 
 def _laid_out(stack: Array, kind: str) -> tuple[Array, int, int]:
-    """(memory with NaN around and between, place of the first configuration, step), in numbers."""
+    """Return memory with NaN around and between the entries, place of the first configuration, and step, in numbers."""
     length, size = stack.shape
     if kind == "shared":
         memory = np.full(size + 32, np.nan, stack.dtype)
@@ -227,7 +227,7 @@ def _agree_but_for_rounding(
     values: tuple[Any, ...],
     expected: list[Any] | tuple[Any, ...],
 ) -> bool:
-    """Whether values agree where their contributions do not cancel, and elsewhere up to what rounding explains."""
+    """Return whether values agree, up to rounding where contributions cancel."""
     errors = rounding_errors(chain, kernel, stacks, scalar_of(values[0]))
     return errors is not None and _agree(
         tuple(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Nothing is read or written outside of arguments and results: they end, or begin, at memory that cannot be touched.
+"""Verify that functions access no memory outside arguments and results.
 
-Each function runs in a process of its own, which ends by a signal where it goes too far, whether it uses what it reads
-or not; one that ends so is run again part by part, to say which.
+Arguments and results end, or begin, at memory without access. Each function runs in a process of its own, which a
+signal ends at such an access. Then the function runs again part by part, to find the fault.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from stiffgen.verify.result import Array, Check, faultless
 
 COUNTS = (*range(1, 10), 16, 17)
 _KEPT: list[ctypes.c_char] = []
-"""Memory that a child process uses up to its end; the parent has none."""
+"""Arguments of which a child process uses the memory up to its end; the parent has none."""
 
 
 def check_bounds(
@@ -35,7 +35,7 @@ def check_bounds(
     pool: Mapping[Argument, Array],
     scalar: Scalar,
 ) -> list[Check]:
-    """Every C function and batch with guard pages before and behind what it is given; nothing without ``fork``."""
+    """Call every C function and batch with guard pages around its arguments; return nothing without ``fork``."""
     if not hasattr(os, "fork"):
         return []
     checks = []
@@ -72,7 +72,7 @@ def _survive(works: Sequence[Callable[[], None]]) -> bool:
 
 
 def _guarded(size: int, *, behind: bool) -> int:
-    """Address of ``size`` bytes between pages that cannot be touched, close to the one behind or before them."""
+    """Return the address of ``size`` bytes between pages without access, directly before or behind one of them."""
     length = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
     memory = ctypes.c_char.from_buffer(mmap.mmap(-1, length + 2 * mmap.PAGESIZE))
     _KEPT.append(memory)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Results against the bounds of their rounding errors that the folder's manifest states."""
+"""Compare results with the rounding bounds that the folder's manifest states."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stiffgen.verify.rounding import with_more_digits
 CERTIFIED = "certified bound of rounding"
 """The oracle's name in the table: errors are fractions of the bound."""
 _SLACK = 1.0 + 2.0 * float(np.finfo(np.longdouble).eps / np.finfo(float).eps)
-"""What the reference's own error may add: it is that of the same statements in longer numbers."""
+"""Allowance for the reference's own error: the reference runs the same statements in longer numbers."""
 
 
 def check_certified_bounds(
@@ -30,7 +30,7 @@ def check_certified_bounds(
     rounding: Mapping[str, Any],
     pool: Mapping[Argument, Array],
 ) -> list[Check]:
-    """Every function that has a bound keeps to it, and the bounds are those of the analysis.
+    """Verify that every function keeps to its bound, and that the stated bounds are those of the analysis.
 
     Args:
         variants: the functions, perhaps more than once (single calls, stacks).
@@ -58,7 +58,7 @@ def check_certified_bounds(
 
 
 def within(chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks: Sequence[Array]) -> list[Array]:
-    """Stacks of a kernel's arguments, brought into the ranges that its bounds are stated for, numbers of ``scalar``."""
+    """Return stacks of a kernel's arguments in ``scalar``, clipped to the ranges of its bounds."""
     precision = PRECISIONS[scalar.name]
     reach = chain_reach(kernel.scope(chain), ranges, precision)
     given = []
@@ -71,7 +71,7 @@ def within(chain: Chain, kernel: Kernel, ranges: Ranges, scalar: Scalar, stacks:
 def _fractions(
     functions: Sequence[Any], chain: Chain, kernel: Kernel, given: list[Array], stated: Mapping[tuple[str, str], float]
 ) -> Array:
-    """Of every state the largest error of any entry, as a fraction of the entry's bound."""
+    """Return for every state the largest error of any entry, as a fraction of the entry's bound."""
     count = len(given[0])
     exact = with_more_digits(chain, kernel, given)
     largest = np.zeros(count)

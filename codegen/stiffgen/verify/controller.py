@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The controller's law again, from its equations, and the compiled controller stepped against it.
+"""Compare the compiled controller, step by step, with its law computed anew from the equations.
 
-The energy of the springs is written with the angle of the error rotation and differentiated by q along the tips' poses;
-the controller has closed forms of gradient and tangent. Damping is designed by bisection of the damping ratio's
-definition instead of its solved form. Of the limits (torque, rate, velocity of the equilibrium) and of the faults it is
-checked that they hold, in steps that reach them.
+The energy of the springs uses the angle of the error rotation and is differentiated with respect to q along the tips'
+poses; the controller has closed forms of gradient and tangent. Damping comes from a bisection of the damping ratio's
+definition instead of its solved form. Steps that reach the limits (torque, rate, velocity of the equilibrium) and the
+faults show that these hold.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ DEFAULT = Placement()
 PERIOD = 1e-3
 _LARGEST_DAMPING = 0.25 / PERIOD
 _BOUND = 1e-8
-"""Of values that differences of the energy are held against; they lose some digits."""
+"""Tolerance for finite-difference comparisons, which lose some digits."""
 
 
 def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT) -> float:
-    """U = e^T Kt e / 2 + (1 - cos a) u^T Ko u [J] of one tip.
+    """Return U = e^T Kt e / 2 + (1 - cos a) u^T Ko u [J] of one tip.
 
     e is the displacement of the centre of stiffness, u and a are the axis and angle of R0^T R; e and u are seen in the
     placement's axes.
@@ -47,7 +47,7 @@ def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement =
 
 
 def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> Array:
-    """Gradient of U of one tip in hybrid axes [N, N m], by differences of the energy along the six unit twists."""
+    """Return the gradient of U of one tip in hybrid axes [N, N m], by differences along the six unit twists."""
     h, result = 1e-3, np.empty(6)
     for k in range(6):
         values = []
@@ -69,7 +69,7 @@ def wrench(pose: Any, equilibrium: Any, Kt: Any, Ko: Any) -> Array:
 def potential(
     poses: Poses, q: Array, equilibrium: Any, posture: Any, Kt: Any, Ko: Any, k: Any, placement: Placement = DEFAULT
 ) -> float:
-    """Energy [J] of the springs of all tips and of the posture potential k (q - posture)^2 / 2."""
+    """Return the energy [J] of the springs of all tips and of the posture potential k (q - posture)^2 / 2."""
     tips = (np.reshape(poses(q), (-1, 4, 4)), np.reshape(equilibrium, (-1, 4, 4)))
     stiffness = (np.reshape(Kt, (-1, 3, 3)), np.reshape(Ko, (-1, 3, 3)))
     springs = sum(energy(*each, placement) for each in zip(*tips, *stiffness, strict=True))
@@ -77,7 +77,7 @@ def potential(
 
 
 def elastic_torque(poses: Poses, q: Array, *spring: Any) -> Array:
-    """- dU/dq [N m], (n), of :func:`potential` by differences; ``spring`` is what follows q there."""
+    """Return -dU/dq [N m], (n), of :func:`potential` by differences; ``spring`` are its arguments after q."""
     h = 1e-3
     rows = []
     for step in h * np.eye(len(q)):
@@ -87,7 +87,7 @@ def elastic_torque(poses: Poses, q: Array, *spring: Any) -> Array:
 
 
 def joint_hessian(poses: Poses, q: Array, *spring: Any) -> Array:
-    """d2U/dq2 [N m/rad], (n, n), by differences of the torque."""
+    """Return d2U/dq2 [N m/rad], (n, n), by differences of the torque."""
     h = 1e-3
     columns = []
     for step in h * np.eye(len(q)):
@@ -99,7 +99,7 @@ def joint_hessian(poses: Poses, q: Array, *spring: Any) -> Array:
 
 
 def modal_damping(K: Array, M: Array, ratio: Any, late: float, most: float, d: float) -> Array:
-    """Damping (n, n) that gives every mode its ratio where stiffness and damping act late by ``late`` [s], capped.
+    """Return damping (n, n) that gives every mode its ratio, with stiffness and damping ``late`` [s], capped.
 
     Args:
         K: tangent (n, n), symmetric.
@@ -126,13 +126,13 @@ def modal_damping(K: Array, M: Array, ratio: Any, late: float, most: float, d: f
 
 
 def limit_torque(q: Array, lower: Any, upper: Any, zone: float, k: Any, effort: Any) -> Array:
-    """Joint limit avoidance (n) [N m]: the slope k over the depth in the zone, up to the effort limit, inwards."""
+    """Return the torque of joint limit avoidance (n) [N m]: slope k times depth in the zone, capped, inwards."""
     depth = np.maximum(q - (upper - zone), 0) - np.maximum(lower + zone - q, 0)
     return np.asarray(-np.clip(k * depth, -effort, effort))
 
 
 class _Bench:
-    """A robot's controller with samples around one posture, where all of its limits are laid."""
+    """Robot's controller with samples around one configuration, close to which all limits lie."""
 
     def __init__(self, robot: GeneratedRobot, seed: int) -> None:
         self.robot, chain = robot, robot.chain
@@ -152,7 +152,7 @@ class _Bench:
         self.given = {**self.spring, **({"tool_pose": self.tools} if chain.runtime_tool else {})}
 
     def poses(self, q: Array) -> Array:
-        """Poses of all tips, from the kernels."""
+        """Return the poses of all tips, from the kernels."""
         chain, kernels = self.robot.chain, self.robot.kernels
         names = [""] if len(chain.tips) == 1 else [f"{tip.name}_" for tip in chain.tips]
         tools = np.reshape(self.tools, (-1, 4, 4))
@@ -161,7 +161,7 @@ class _Bench:
         return np.array(rows)
 
     def controller(self, **config: Any) -> Any:
-        """With limits just beyond the reach, slack in everything that is not asked for, and engaged at rest at q."""
+        """Return a controller engaged at rest at q, with limits just beyond reach and slack for all other options."""
         room = {
             "motor_inertia": 0.5, "frozen_window": 1000000, "limit_stiffness": 0.0, "limit_zone": self.reach,
             "lower_limit": self.q - 4 * self.reach, "upper_limit": self.q + 4 * self.reach,
@@ -175,12 +175,12 @@ class _Bench:
         return controller
 
     def rest(self, controller: Any, **changed: Any) -> Any:
-        """One step at q, standing still."""
+        """Step once at q, at rest."""
         still = {"q": self.q, "dq": np.zeros(len(self.q)), "q0": self.q, **self.given}
         return controller.step(**{**still, **changed})
 
     def status(self, out: Any, *names: str) -> bool:
-        """Whether any of the bits is set."""
+        """Return whether any of the bits is set."""
         return any(out.status & self.robot.module.Status[name] for name in names)
 
 
@@ -205,7 +205,7 @@ def _law(bench: _Bench) -> list[Check]:
     errors: dict[str, float] = {}
 
     def hold(name: str, value: Any, reference: Any) -> None:
-        # relative to the largest entry, or to 1 of its unit where all are smaller
+        # relative to the largest entry, or to 1 of its unit if all are smaller
         scale = max(1.0, float(np.abs(reference).max()))
         error = float(np.abs(np.ravel(value) - np.ravel(reference)).max()) / scale
         errors[name] = max(errors.get(name, 0.0), error if np.isfinite(error) else np.inf)
@@ -259,7 +259,7 @@ def _law(bench: _Bench) -> list[Check]:
 
 
 def _limits(bench: _Bench) -> list[str]:
-    """Torque and its rate, with a motion and a command that want more of both."""
+    """Check torque and torque rate against their limits, with a motion and a command that demand more."""
     faults, n = [], len(bench.q)
     effort, rate = np.linspace(0.02, 0.05, n), np.linspace(1.0, 3.0, n)
     controller = bench.controller(effort_limit=effort, torque_rate_limit=rate, reference_velocity_limit=5.0)
@@ -311,7 +311,7 @@ def _governor(bench: _Bench) -> list[str]:
 
 
 def _faults(bench: _Bench) -> list[str]:
-    """Bad samples are no fault alone; two of three, and what is beyond a limit, latch one until a reset."""
+    """Check that one bad sample is no fault, and that two of three, or a value beyond a limit, latch a fault."""
     module, n, q = bench.robot.module, len(bench.q), bench.q
     faults: list[str] = []
     first = np.arange(n) == 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The C controller of a folder, called through the table of its fields; no Python of the folder is used."""
+"""Call the C controller of a folder through the table of its fields, without the folder's Python."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, Field
 from stiffgen.robot.chain import Chain
 
 _STATE_SIZE = 1 << 19
-"""Bytes kept for a state: more than that of a robot with the most coordinates."""
+"""Bytes of memory for a state: more than the largest robot needs."""
 _TYPES: dict[str, Any] = {"double": ctypes.c_double, "int": ctypes.c_int, "uint32_t": ctypes.c_uint32}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Defaults and rules of a controller's configuration, compared with the table of its fields and with the chain."""
+"""Compare defaults and rules of a controller's configuration with the table of its fields and with the chain."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[C
 
 
 def default_of(field: Field, chain: Chain) -> Array:
-    """Return the default of a field as the table has it: a number, a choice, or a share of a joint's limit."""
+    """Return the default of a field from the table: a number, a choice, or a share of a joint's limit."""
     if field.choices:
         return np.array(field.choices.index(field.default) + 1.0)
     value = np.ones(1)
@@ -55,7 +55,7 @@ def default_of(field: Field, chain: Chain) -> Array:
 
 
 def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
-    """Try every field at its bounds and beyond; the code of the refusal must be the field's."""
+    """Try every field at its bounds and beyond; the error code must name the field."""
     faults = []
     for number, field in enumerate(CONFIG):
         code, integer = _FIRST_FIELD_ERROR - number, field.type == "int"

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Vector-Jacobian products held against differences of the compiled functions that they belong to.
+"""Compare vector-Jacobian products with differences of the compiled functions.
 
-No symbolic differentiation enters: L(x) = sum of cotangents times results is evaluated along a random direction in all
-arguments together, and the central difference of eighth order is compared with the sum of gradients times directions.
-Its error is some 1e-13 of what is summed. A floating base moves along a twist in its own axes, to p + R v, R exp([w]):
-that is what the gradient by ``base_pose`` is a covector of. Where a function is not eight times differentiable (the
-potential of the joint limits at the edges of its zones, the cut locus of springs), states are chosen along which
-nothing is crossed: the difference of sixth order must agree with it. A difference that the function's rounding
-explains is none: where its contributions cancel, rounding is all there is (:mod:`stiffgen.verify.rounding`).
+The comparison uses no symbolic differentiation. L(x) = sum of cotangents times results is evaluated along a random
+direction in all arguments together. Its central difference of eighth order is compared with the sum of gradients times
+directions; the error of the difference is some 1e-13 of the summed terms. A floating base moves along a twist in its
+own axes, to p + R v, R exp([w]): the gradient with respect to ``base_pose`` belongs to these motions. Some functions
+are not eight times differentiable everywhere (the potential of the joint limits at the edges of its zones, the cut
+locus of springs). There, states are chosen whose direction crosses no such place: the difference of sixth order must
+agree. A difference within the function's rounding is no fault, because contributions that cancel leave only rounding
+(:mod:`stiffgen.verify.rounding`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from stiffgen.verify.rounding import beyond_rounding, rounding_errors
 _EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 _SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 _STEP = 4e-3
-"""Along a direction of about 1 in every angle [rad]; other arguments change by as much of their size."""
+"""Step along a direction of about 1 in every angle [rad]; other arguments change in proportion to their size."""
 _DIRECTIONS = 3
 _BOUND = 1e-10
 _AGREE = 1e-8
@@ -35,7 +36,7 @@ _AGREE = 1e-8
 def check_derivatives(
     kernels: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
 ) -> list[Check]:
-    """Every NAME_vjp of the table against differences of NAME, at the states of the pool."""
+    """Compare every NAME_vjp of the table with differences of NAME, at the states of the pool."""
     checks = []
     names = {kernel.qualified_name: kernel for kernel in table}
     for name, kernel in names.items():
@@ -79,7 +80,7 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
             worst = max(worst, float(np.max(error[smooth])))
         if not np.isfinite(error).all():
             worst = math.inf
-    if used < len(values[0]):  # of three directions each
+    if used < len(values[0]):  # each state has three directions
         return Check(
             kernel.qualified_name, "differences of the function", math.inf, _BOUND, f"{used} states are smooth"
         )
@@ -87,7 +88,7 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
 
 
 def _moved(of: Kernel, values: list[Array], directions: list[Array], step: float) -> list[Array]:
-    """Every argument a step along its direction."""
+    """Return every argument after a step along its direction."""
     return [
         _moved_base(value, step * direction) if argument.name == BASE_POSE.name else value + step * direction
         for argument, value, direction in zip(of.arguments, values, directions, strict=True)
@@ -95,7 +96,7 @@ def _moved(of: Kernel, values: list[Array], directions: list[Array], step: float
 
 
 def _moved_base(pose: Array, twist: Array) -> Array:
-    """Poses (4, 4) of the base after a motion: p + R v, R exp([w]), by Rodrigues' formula."""
+    """Return poses (4, 4) of the base after a motion to p + R v, R exp([w]), by Rodrigues' formula."""
     rotation, angle = pose[:, :3, :3], np.linalg.norm(twist[:, 3:], axis=1)[:, None, None]
     turn = np.cross(np.eye(3), twist[:, None, 3:])  # [w]
     exponential = np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
@@ -106,7 +107,7 @@ def _moved_base(pose: Array, twist: Array) -> Array:
 
 
 def _loss(function: object, values: list[Array], cotangents: list[Array]) -> tuple[Array, Array]:
-    """L and the size of what it sums, of every state."""
+    """Return L and the size of its terms for every state."""
     assert callable(function)
     results = as_results(function(*values))
     terms = [_per_state(c * r) for c, r in zip(cotangents, results, strict=True)]
@@ -127,7 +128,7 @@ def _per_state(values: Array) -> Array:
 
 
 def _scale(value: Array, argument: Argument) -> Array:
-    """Directions of the size of the argument: joints by about 1, anything else by its own entries' size."""
+    """Return scales of directions: about 1 for joints, the size of its entries for any other argument."""
     if argument.name in (Q.name, BASE_POSE.name):
         return np.ones(1)
     sizes: Array = np.abs(_per_state(value)).max(axis=1).reshape(-1, *[1] * (value.ndim - 1))
@@ -135,4 +136,4 @@ def _scale(value: Array, argument: Argument) -> Array:
 
 
 _WITH_TURNS = ("equilibrium", "equilibria", "tool_pose", "tool_poses")
-"""Poses: their rotations are differentiated entry by entry, off the rotations."""
+"""Poses: their rotations are differentiated entry by entry, also away from rotations."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Oracles for what a robot's masses make: kinetic and potential energy along its joints' poses, differentiated.
+"""Differentiate kinetic and potential energy along the joints' poses, as references for mass matrix and forces.
 
 A body with mass m, first moment h and inertia tensor I in a frame whose pose is H (4x4) has
 
@@ -22,7 +22,7 @@ from stiffgen.verify.result import Array
 
 
 def _second_moments(body: Body) -> ca.DM:
-    """P of a body."""
+    """Return P of a body."""
     xx, xy, xz, yy, yz, zz = body.tensor
     tensor = ca.DM([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     moment = ca.DM(body.moment)
@@ -36,7 +36,7 @@ def differentiated(
 
     Args:
         chain: the robot.
-        poses: of its joints' frames, as expressions of the three that follow.
+        poses: of its joints' frames, as expressions of the three arguments that follow.
         moves: motion of the base from its pose (6), no entries if it stands.
         q: joint positions.
         base_pose: row by row (16); nothing depends on it if the base stands.

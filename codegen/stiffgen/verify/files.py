@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Comparisons of a folder's files with its manifest, of its tables with its chain, of its chain with the URDF."""
+"""Compare a folder's files with its manifest, its tables with its chain, and its chain with the URDF."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def check_functions(robot: GeneratedRobot) -> Check:
 
 
 def print_again(robot: GeneratedRobot) -> dict[str, str]:
-    """Print the files of the folder again, from the chain and the options in its manifest, by this generator."""
+    """Print the files of the folder with this generator, from the chain and the options in its manifest."""
     return render(robot.chain, robot.name, options_of_manifest(robot.manifest))
 
 
@@ -88,7 +88,7 @@ def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:
 
 
 def load_module(robot: GeneratedRobot) -> None:
-    """Import the folder's Python package from its sources, not from bytecode that may lie beside them."""
+    """Import the folder's Python package from its sources, never from bytecode beside them."""
     before = sys.pycache_prefix
     with temporary_folder("bytecode") as empty:
         sys.pycache_prefix = str(empty)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Mass matrix, bias forces and gravity from the URDF file, read here with the standard library alone.
+"""Compute mass matrix, bias forces and gravity from the URDF file, read with the standard library alone.
 
 No reader and no derivation of stiffgen takes part: links and joints come from the XML, poses of all links from products
 of 4x4 matrices in floating-point numbers, and velocities and accelerations from differences of poses. A body with the
@@ -72,7 +72,7 @@ def check_masses(
 
 
 class _Model:
-    """Links and joints of a URDF file, as its elements have them."""
+    """Links and joints of a URDF file, as its elements state them."""
 
     def __init__(self, root: ElementTree.Element, chain: Chain) -> None:
         self.chain = chain
@@ -89,7 +89,7 @@ class _Model:
 
     @staticmethod
     def read(urdf: Path, chain: Chain) -> _Model | None:
-        """Read a file; None if it is no plain URDF, or has joints of several axes."""
+        """Read a file; return None if it is not a plain URDF, or has joints of several axes."""
         text = urdf.read_bytes()
         try:
             root = ElementTree.fromstring(text)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Functions that a folder was generated without (--kernels): comparisons of the others may need their values."""
+"""Evaluate functions that a folder lacks (--kernels), because comparisons of other functions may need their values."""
 
 from __future__ import annotations
 

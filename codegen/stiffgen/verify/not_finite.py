@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""NaN or infinity in: NaN in every entry that depends on it, the clean number or NaN elsewhere, and never infinity.
+"""Verify that NaN and infinity in an argument give NaN in every dependent entry, and never infinity.
 
-Nor does infinity come of numbers so large that a result overflows.
+Independent entries keep their value or become NaN. Results that overflow become NaN, too.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.result import Array, Check, Kernels, as_results, faultless
 
 STACK = 11
-"""Configurations of a stack: neither a block of lanes nor several."""
+"""Configurations of a stack: more than one vector, but not a whole number of vectors."""
 _DEPENDS = 1e-9
 LARGE = {"double": (1e155, 1e200, 1e306, 1.7e308), "float": (1e20, 1e28, 1e37, 3.3e38)}
-"""What overflows in a product of two, of two at all, in a sum of a hundred, in a sum of two."""
+"""Numbers that overflow in a product of two, in any product of two, in a sum of a hundred, in a sum of two."""
 
 
 def check_not_finite(
@@ -28,7 +28,7 @@ def check_not_finite(
 ) -> list[Check]:
     """Put NaN and infinity into every entry of every argument, single and in a stack.
 
-    What depends on an entry is found by changing it: no table of dependences is believed.
+    Dependent entries are found by changing an entry, not from a table.
     """
     with np.errstate(all="ignore"):
         return [
@@ -71,7 +71,7 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[s
                 others = np.arange(STACK) != at[0]
                 if not all(np.array_equal(f[others], c[others]) for f, c in zip(found, clean_stack, strict=True)):
                     faults.append(f"{value} in {argument.name}{list(index)} of one configuration reaches another")
-                # In a stack each configuration has values of its own; what depends on an entry does so in all of them.
+                # Each configuration of a stack has its own values; an entry affects all of them.
                 mine = np.concatenate([each[at[0]].ravel() for each in found])
                 own = np.concatenate([each[at[0]].ravel() for each in clean_stack])
                 if np.isinf(mine).any() or not (np.isnan(mine) | ~depends).all() or not _unchanged(mine, own):
@@ -81,7 +81,7 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, Array]) -> list[s
 
 
 def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, Array], larges: Sequence[float]) -> list[str]:
-    """Infinite results, single and in a stack, of large numbers in one entry, in one argument and in all of them."""
+    """Return infinite results, single and in a stack, of large numbers in one entry, one argument and all arguments."""
     stacks = [pool[argument][:STACK] for argument in kernel.arguments]
     faults = []
     for large in larges:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Comparisons of kernels with reference values, and with the CasADi functions that they were printed from.
+"""Compare kernels with reference values, and with the CasADi functions from which they were printed.
 
 Errors are relative to the largest entry of the reference.
 """
@@ -127,7 +127,7 @@ class _ResultComparison:
     arguments: tuple[Array, ...]
 
     def check(self, name: str, value: Any, reference: Array, result: str = "") -> Check:
-        """Compare a result, the only one or the one that is named, of a kernel."""
+        """Compare a result of a kernel: the only one, or the one with a name."""
         title = self.prefix + name + (f", {result}" if result else "")
 
         def errors() -> Array:
@@ -142,7 +142,7 @@ def _joint_potential_checks(kernels: Kernels, chain: Chain, samples: Samples) ->
     checks = []
     for group, given in joint_potential_arguments(samples).items():
         for result, by_joints in by_hand(group, *given).items():
-            # A floating base's coordinates come first, and do not feel it.
+            # A floating base's coordinates come first; the potential does not depend on them.
             own = chain.base_joints
             reference = np.pad(by_joints, [(0, 0), *(by_joints.ndim - 1) * [(own, 0)]])
             name = f"{group}_{result}"
@@ -218,7 +218,7 @@ def check_robot(
 
 
 def _tool_pose(references: References) -> tuple[Array, ...]:
-    """Return the argument that each tip has of its own: the pose of its tool, if it is one."""
+    """Return the argument that each tip has for itself: the pose of its tool, if it is an argument."""
     return (references.samples.tool_pose,) if references.chain.runtime_tool else ()
 
 
@@ -228,13 +228,13 @@ def _shared_posture(posture: tuple[Array, ...], chain: Chain) -> tuple[Array, ..
 
 
 FAR = (1.5e4, -1.0e6, 3.0e9)
-"""Angles beyond those that the generated code reduces itself."""
+"""Angles beyond the range that the generated code reduces itself."""
 
 
 def check_far_angles(kernels: Kernels, chain: Chain, seed: int, options: SpringOptions | None = None) -> list[Check]:
-    """One joint many turns away at a time, against the CasADi functions.
+    """Compare kernels with the CasADi functions, with one joint many turns away at a time.
 
-    Not where joints mimic: their positions, multiplied and shifted, are rounded there, in either code its own way.
+    Chains with mimic joints are left out: either code rounds multiplied and shifted positions in its own way.
     """
     turning = [k for k, coordinate in enumerate(chain.coordinates) if coordinate.type != "prismatic"]
     if chain.coupled or not turning:
@@ -259,7 +259,7 @@ def check_against_casadi(
 
 @lru_cache(maxsize=1)
 def _formulas(chain: Chain, options: SpringOptions | None) -> list[tuple[Kernel, ca.Function]]:
-    """Every kernel with its CasADi function, which takes as long to make as all that is compared with it."""
+    """Yield every kernel with its CasADi function; making the functions takes as long as all comparisons."""
     return [(kernel, casadi_function(chain, kernel)) for kernel in chain_kernels(chain, options)]
 
 

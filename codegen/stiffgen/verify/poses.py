@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Poses and Jacobians as plain 4x4 products and their derivatives: the ground that the oracles of kernels stand on."""
+"""Compute poses and Jacobians as plain 4x4 products and their derivatives, for the references of kernels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stiffgen.verify.result import Array
 
 
 def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[ca.SX]:
-    """Pose of every joint's frame in the base, or in the world where ``base_pose`` is, by plain 4x4 products."""
+    """Return the pose of every joint's frame in the base, or in the world of ``base_pose``, by 4x4 products."""
     own = chain.base_joints
     base = ca.SX.eye(4) if base_pose is None else base_pose
     joints: list[ca.SX] = own * [base]
@@ -33,7 +33,7 @@ def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[
 
 
 def product_of_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> ca.SX:
-    """Pose (4x4) of the chain's only tip in the base, or the world, by plain 4x4 products."""
+    """Return the pose (4x4) of the chain's only tip in the base, or in the world, by 4x4 products."""
     (tip,) = chain.tips
     return joint_poses(chain, q, base_pose)[tip.joint] @ homogeneous(chain.tip_rotation, chain.tip_translation)
 
@@ -53,7 +53,7 @@ def _inverse(pose: ca.SX) -> ca.SX:
 
 
 def jacobian_of(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
-    """By differentiation of the pose."""
+    """Return the Jacobian by differentiation of the pose."""
     columns = []
     for k in range(q.shape[0]):
         rate = ca.jacobian(ca.vec(pose), q[k]).reshape((4, 4))
@@ -69,9 +69,9 @@ def jacobian_of(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
 
 
 class Place:
-    """Symbols of a configuration: joint positions, the base's pose, and how far the base has moved from there.
+    """Symbols of a configuration: joint positions, the base's pose, and the base's motion from there.
 
-    Coordinates are those motions (none if the base stands), then the joint positions. The base moves by x = (v, w) to
+    Coordinates are the base's motion (none if it is fixed), then the joint positions. The base moves by x = (v, w) to
     p + R v, R exp([w]), of which two derivatives at zero are exact.
     """
 
@@ -83,11 +83,11 @@ class Place:
 
     @property
     def coordinates(self) -> ca.SX:
-        """What derivatives are taken by."""
+        """Variables of differentiation."""
         return ca.vertcat(self.moves, self.q)
 
     def base(self, *further: ca.SX) -> ca.SX | None:
-        """Pose of the base after its motion, and after ``further`` ones; None if it stands."""
+        """Return the pose of the base after its motion, and after ``further`` ones; None if it is fixed."""
         if not self.floating:
             return None
         pose = self.base_pose.reshape((4, 4)).T
@@ -99,7 +99,7 @@ class Place:
 
 
 def gamma_F(representation: Representation, wrench: Array) -> Array:
-    """Gamma F in cross-product matrices (facts of the paper's appendix), for a stack of wrenches."""
+    """Return Gamma F in cross-product matrices (facts of the paper's appendix), for a stack of wrenches."""
     force, moment = (_cross_matrices(wrench[..., part]) for part in (slice(0, 3), slice(3, 6)))
     result = np.zeros((*wrench.shape[:-1], 6, 6))
     if representation == "hybrid":

@@ -64,7 +64,7 @@ class References:
         mounted = tool.reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
         pose = product_of_poses(chain, place.q, place.base()) @ mounted
         self.pose = self._evaluate(pose)
-        # Rates of the coordinates, wherever the base has moved to.
+        # Rates of the coordinates, at the base's present pose.
         moves = ca.SX.sym("s", chain.base_joints)
         moved = product_of_poses(chain, place.q, place.base(moves)) @ mounted
         self.jacobian: dict[str, Array] = {}
@@ -76,7 +76,7 @@ class References:
             # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
             derivative = self._evaluate(ca.jacobian(ca.vec(jacobian), symbol))
             n = chain.dof
-            # Of a single joint it is zero: what differentiation leaves of it is the rounding of sums in the columns.
+            # The derivative with respect to a single joint is zero; differentiation leaves only rounding.
             rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[representation]).max(axis=(1, 2))
             derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
             self.derivative[representation] = derivative.reshape(count, n, 6, n).transpose(0, 3, 1, 2)
@@ -86,7 +86,7 @@ class References:
 
     @property
     def posture(self) -> tuple[Array, ...]:
-        """What the kernels take before everything else: q, and the poses of base and tool where they are arguments."""
+        """Configuration arguments: q, and the poses of base and tool where they are arguments."""
         given = arguments.configuration_arguments(runtime_tool=self.chain.runtime_tool, floating=self.chain.floating)
         return tuple(self.samples[argument.name] for argument in given)
 
@@ -98,7 +98,7 @@ class References:
 
     @property
     def _columns(self) -> list[Array]:
-        """The stacks of what expressions depend on, as columns."""
+        """Return the stacks of arguments of the expressions, as columns."""
         samples = self.samples
         return [each.reshape(len(each), -1).T for each in (samples.q, samples.base_pose, samples.tool_pose)]
 
@@ -113,13 +113,13 @@ class References:
         return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
 
     def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, Array]:
-        """Results of a spring's kernels by name, from its differentiated energy."""
+        """Return the results of a spring's kernels by name, from its differentiated energy."""
         count = len(self.samples.q)
         symbols = [ca.SX.sym(a.name, *folded(a.array(self.chain).shape)) for a in spring.parameters]
         stacks = self.parameters[spring.name] = [
             self.samples.of(argument, seed + k) for k, argument in enumerate(spring.parameters)
         ]
-        # Stacks go in as columns, a matrix row by row.
+        # Stacks enter as columns, a matrix row by row.
         given = [ca.vec(symbol.T) for symbol in symbols]
         columns = [*self._columns, *(each.reshape(count, -1).T for each in stacks)]
         results = {}
@@ -132,7 +132,7 @@ class References:
         return results
 
     def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:
-        """(F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
+        """Return (F = dU, covariant Hessian K, joint Hessian) of a potential of position and orientation."""
         random = np.random.default_rng(seed + 1)
         stiff = random.normal(size=(3, 3)) * 100
         stiff, centre = stiff @ stiff.T / 100, random.normal(size=3)
@@ -154,12 +154,12 @@ class References:
         return self._evaluate(wrench)[..., 0], self._evaluate(covariant), self._evaluate(joint_hessian)
 
     def kinematic_stiffness(self, representation: Representation) -> Array:
-        """Column i is dJ^T/dq_i F."""
+        """Return the kinematic stiffness: column i is dJ^T/dq_i F."""
         contracted: Array = np.einsum("sibk,sk->sbi", self.derivative[representation], self.samples.wrench)
         return contracted
 
     def joint_stiffness(self, representation: Representation, *, corrected: bool) -> Array:
-        """Return the joint stiffness as the formula has it, term by term."""
+        """Return the joint stiffness by the formula, term by term."""
         J = self.jacobian[representation]
         if corrected:
             matrix = self.samples.task_stiffness + gamma_F(representation, self.samples.wrench)
@@ -173,7 +173,7 @@ class References:
 
 
 def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple[Array, ...], Array]]:
-    """Arguments and reference values of the kernels of a robot's masses, those of the whole tree, by qualified name."""
+    """Return arguments and reference values of the kernels of the whole tree's masses, by qualified name."""
     if not chain.masses:
         return {}
     place = Place(chain)

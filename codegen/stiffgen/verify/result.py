@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a check says, and how far two arrays are apart."""
+"""Describe the result of a check, and compute relative errors of arrays."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FLOAT_BOUND = 1e-4
 
 @dataclass(frozen=True)
 class Check:
-    """One row of the table: what was compared, against what, and the worst relative error over the samples.
+    """Row of the table: subject, oracle, and worst relative error over the samples.
 
     Where nothing is measured, ``error`` counts faults and ``bound`` is 0. ``detail`` says what is wrong, if known.
     ``errors`` are the relative errors of all samples, where they are kept.
@@ -40,7 +40,7 @@ class Check:
 
 
 def bound_of(value: Any) -> float:
-    """How far numbers of this type may be apart: 1e-12 relative to the largest, and 1e-4 where they are floats."""
+    """Return the tolerance of a number type relative to the largest entry: 1e-12, and 1e-4 for floats."""
     return _FLOAT_BOUND if np.asarray(value).dtype == np.float32 else BOUND
 
 
@@ -57,7 +57,7 @@ def faultless(kernel: str, oracle: str, faults: list[str]) -> Check:
 
 
 def relative_errors(value: Any, reference: Array) -> Array:
-    """Of every sample: the largest difference over the largest entry of its reference; NaN if any is NaN."""
+    """Return for every sample the largest difference over the largest entry of its reference; NaN if any is NaN."""
     if len(reference) == 0:
         return np.zeros(0)
     difference = np.abs(np.asarray(value, dtype=float) - reference).reshape(len(reference), -1).max(axis=1)
@@ -67,7 +67,7 @@ def relative_errors(value: Any, reference: Array) -> Array:
 
 
 def relative_error(value: Any, reference: Array) -> float:
-    """Largest difference of any sample over the largest entry of that sample's reference; NaN if any is NaN."""
+    """Return the largest difference of any sample over the largest entry of its reference; NaN if any is NaN."""
     return _largest(relative_errors(value, reference))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What rounding does to the results of a kernel: a running error analysis of its CasADi function.
+"""Estimate the rounding errors of a kernel's results by a running error analysis of its CasADi function.
 
 Every operation is followed with its value and the size of the error that it carries, in units of the last place: its
 own, and those of its operands times its derivatives by them, as if they were independent. A result whose
@@ -25,7 +25,7 @@ from stiffgen.symbolic.program import as_operand, evaluate
 from stiffgen.verify.result import Array
 
 SIGMAS = 8.0
-"""Errors beyond so many times their size are none of rounding."""
+"""Multiple of the estimated size beyond which a difference is not rounding."""
 
 _Values = tuple[Array, ...]
 _Rule = tuple[Callable[..., Array], Callable[..., _Values]]
@@ -92,7 +92,7 @@ def rounding_errors(
     found = [np.zeros((count, function.nnz_out(k))) for k in range(function.n_out())]
     work: dict[int, tuple[Array, Array]] = {}
     nothing = np.zeros(count)
-    with np.errstate(all="ignore"):  # in branches that are not chosen
+    with np.errstate(all="ignore"):  # in branches that are not selected
         for k in range(function.n_instructions()):
             operation, taken = function.instruction_id(k), function.instruction_input(k)
             into = function.instruction_output(k)
@@ -120,7 +120,7 @@ def rounding_errors(
 
 @dataclass(frozen=True)
 class Stages:
-    """A kernel step by step, as the printed C runs it.
+    """Kernel in stages, in the order of the printed C.
 
     CasADi would otherwise work out constants of two steps together, and round what C does not.
 
@@ -136,7 +136,7 @@ class Stages:
 
     @staticmethod
     def of(chain: Chain, kernel: Kernel) -> Stages:
-        """Those of a chain's kernel."""
+        """Return the stages of a chain's kernel."""
         arrays = [argument.array(chain) for argument in kernel.arguments]
         entries = [[ca.SX.sym("x") for _ in range(array.size)] for array in arrays]
         numbers = [entry for own in entries for entry in own]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Random states and arguments that kernels are compared at."""
+"""Draw random states and arguments for the comparison of kernels."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class Samples:
         reach = [math.pi if c.type != "prismatic" else 1.0 for c in chain.coordinates]
         lower = [max(c.lower, -r) for c, r in zip(chain.coordinates, reach, strict=True)]
         upper = [min(c.upper, r) for c, r in zip(chain.coordinates, reach, strict=True)]
-        # Limits wholly beyond the reach: sample at the nearer limit.
+        # Limits entirely beyond the reach: sample at the nearer limit.
         upper = [max(a, b) for a, b in zip(lower, upper, strict=True)]
         general = random.normal(size=(count, 6, 6)) * 100 + np.diag([700.0, 700, 800, 30, 30, 30])
         q = random.uniform(lower, upper, (count, len(chain.coordinates)))
-        # Every joint at or beyond its lower and its upper limit in turn, now and then at both or none of them.
+        # Each joint in turn is at or beyond its lower and its upper limit; sometimes none of them is.
         joints = np.random.default_rng([seed, 1])
         turn = (np.arange(count)[:, None] + np.arange(q.shape[1])) % 2 == 0
         odd = np.arange(count)[:, None] % 4 == 3
@@ -95,7 +95,7 @@ class Samples:
 
 
 def _random_poses(random: np.random.Generator, count: int) -> Array:
-    """Orientations from random quaternions, positions of some decimetres."""
+    """Draw orientations from random quaternions, and positions of some decimetres."""
     w, x, y, z = (lambda quaternion: quaternion / np.linalg.norm(quaternion, axis=0))(random.normal(size=(4, count)))
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -110,7 +110,7 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
 
 
 def _random_parameter(argument: Argument, count: int, seed: int, dof: int) -> Array:
-    """Values of about 1: of both signs for cotangents, positive for what a user's potential takes."""
+    """Draw values of about 1: of both signs for cotangents, positive for parameters of a user's potential."""
     extents = [dof if extent == "n" else int(extent) for extent in argument.shape]
     if argument.own:
         cotangents: Array = np.random.default_rng([seed, *argument.name.encode()]).normal(size=(count, *extents))
@@ -119,7 +119,7 @@ def _random_parameter(argument: Argument, count: int, seed: int, dof: int) -> Ar
 
 
 def _random_positive(random: np.random.Generator, count: int, size: int, scale: float) -> Array:
-    """Symmetric positive definite matrices, nothing diagonal about them."""
+    """Draw full symmetric positive definite matrices."""
     roots = random.normal(size=(count, size, size))
     matrices: Array = scale * (roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(size))
     return matrices

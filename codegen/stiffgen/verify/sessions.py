@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Hostile sessions: a folder's controller and the installed generator's, stepped with the same inputs, equal in bits.
+"""Run hostile sessions of a folder's controller beside the installed generator's; results must be equal in bits.
 
 The reference is compiled on the spot from what this generator prints for the chain in the manifest. A simple arm
 follows the reference's torque. Gaps, jumps, faults, resets, changed limits and stiffness, slow sampling and overwritten
@@ -27,7 +27,7 @@ from stiffgen.verify.result import Array, Check, faultless
 SESSIONS = 60
 _STEPS = 400
 _LIMITS = ("lower_limit", "upper_limit", "limit_zone", "limit_stiffness")
-"""Fields whose change while a joint is in its zone the controller may have to put off."""
+"""Fields whose change the controller may postpone while a joint is in its zone."""
 Random = np.random.Generator
 
 
@@ -144,7 +144,7 @@ def first_difference(
 
 
 class _Session:
-    """One session: a configuration, an arm that moves with the reference's torque, and events at random."""
+    """Session with a configuration, an arm that moves with the reference's torque, and random events."""
 
     def __init__(self, reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, random: Random) -> None:
         self.both, self.chain, self.random = (reference, library), chain, random
@@ -207,7 +207,7 @@ class _Session:
             _fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.chain.dof))
 
     def _start(self) -> None:
-        """Initialise both controllers, at times with a torque that acts already."""
+        """Initialise both controllers, sometimes with a nonzero torque."""
         random = self.random
         self._copy_config()
         torque = None
@@ -238,7 +238,7 @@ class _Session:
             self.stiffness[:, :, 0, 0] *= -1.0
 
     def step(self, number: int) -> bool:
-        """Step both controllers once; return whether everything they give is the same."""
+        """Step both controllers once; return whether all their outputs are the same."""
         self._choose_events(number)
         self._write_input()
         self._spoil_sample()
@@ -321,7 +321,7 @@ class _Session:
         _fill(given.task_stiffness, np.stack([root @ root.T] * len(self.chain.tips)))
 
     def _spoil_sample(self) -> None:
-        """Miss, repeat, skip or falsify samples and commands, now and then."""
+        """Sometimes omit, repeat, skip or falsify samples and commands."""
         random, given = self.random, self.input
         event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.chain.dof))
         bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))

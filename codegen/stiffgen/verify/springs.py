@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Oracles for the kernels of springs: each energy written down another way, and differentiated along the pose.
+"""Differentiate springs' energies, written in another form, along the pose, as references for the kernels.
 
 The kernels have closed forms of gradient and Hessian; here CasADi differentiates the energy along a plain product of
 joint poses by q (torque, joint stiffness) and by a twist of the tip (wrench, covariant Hessian).
@@ -28,12 +28,12 @@ def _vee(E: ca.SX) -> ca.SX:
 
 
 def _in(axes: str, R: ca.SX, R0: ca.SX) -> ca.SX:
-    """Rotation of the axes in which a stiffness is given, in the base."""
+    """Return the rotation of a stiffness' axes in the base."""
     return {"base": ca.SX.eye(3), "tip": R, "equilibrium": R0}[axes]
 
 
 def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX:
-    """Rotational energy: Ko turned into the equilibrium's axes, and the angle by the arc cosine of the trace."""
+    """Return the rotational energy, with Ko in the equilibrium's axes and the angle from the trace."""
     Q = R0.T @ _in(axes, R, R0)
     K, E = Q @ _symmetric(Ko) @ Q.T, R0.T @ R
     if rotation == "trace":
@@ -46,7 +46,7 @@ def _rotation(R: ca.SX, R0: ca.SX, Ko: ca.SX, rotation: str, axes: str) -> ca.SX
 
 
 def _quaternion(E: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(w, v), w >= 0, divided by whichever of w, x, y, z is largest (Shepperd 1978); differentiable as it stands."""
+    """Return (w, v), w >= 0, divided by the largest of w, x, y, z (Shepperd 1978); differentiable in this form."""
     t = ca.trace(E)
     largest, q = t, ca.vertcat(1 + t, 2 * _vee(E)) / (2 * ca.sqrt(1 + t))
     for k in range(3):
@@ -63,7 +63,7 @@ def _quaternion(E: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def textbook(name: str, placement: Placement) -> Energy:
-    """Return the energy of one of stiffgen's springs by the group of its kernels, as textbooks have it."""
+    """Return the textbook energy of one of stiffgen's springs, by the group of its kernels."""
     kind = name.removeprefix("spring").removeprefix("_") or "trace"
     translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
 
@@ -103,7 +103,7 @@ def differentiated(
 
 
 def by_hand(group: str, q: Array, *parameters: Array) -> dict[str, Array]:
-    """Energy, torque and joint stiffness of the potentials of the joint positions, differentiated by hand; stacks."""
+    """Return energy, torque and joint stiffness of a joint potential, differentiated by hand; stacks."""
     if group == "posture":
         posture, k = parameters
         away = q - posture
@@ -111,7 +111,7 @@ def by_hand(group: str, q: Array, *parameters: Array) -> dict[str, Array]:
     else:
         lower, upper, zone, k = parameters
         w = zone[:, None]
-        # Depths beyond the zones' edges; in short ranges a joint is in both.
+        # Depths beyond the zones' edges; with a short range a joint is in both zones.
         above, below = np.maximum(0.0, q - upper + w), np.maximum(0.0, lower + w - q)
         energy = k / (6 * w) * (above**3 + below**3)
         torque = k / (2 * w) * (below**2 - above**2)

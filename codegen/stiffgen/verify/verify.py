@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command ``stiffgen verify DIR``: every comparison of a folder, one step after the other."""
+"""Run the command ``stiffgen verify DIR``: every comparison of a folder, one step after the other."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def verify(
     seed: int = 0,
     progress: Callable[[str], None] = lambda step: None,
 ) -> list[Check]:
-    """Hold a robot's folder against what did not make it.
+    """Verify a robot's folder against independent references.
 
     Files against the digests in the manifest; the manifest's chain against the URDF, if it is given; names and limits
     against the chain; every function against independent oracles and against the CasADi function it was printed from;
@@ -90,23 +90,23 @@ def verify(
             try:
                 checks += step()
             except (ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
-                # A folder that does not even take its own arguments has failed, it is no bad input.
+                # A folder that does not accept its own arguments has failed; the input is not to blame.
                 checks.append(Check(title, "runs", math.inf, 0.0, f"{type(error).__name__}: {error}"))
     return checks
 
 
 def default_count(chain: Chain) -> int:
-    """Postures for a chain: the cost of one grows with the cube of its joints."""
+    """Return the number of configurations for a chain: the cost of one grows with the cube of its joints."""
     return max(10, min(200, round(200 * (7 / len(chain.joints)) ** 2)))
 
 
 def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, build: Path) -> list[tuple[str, Step]]:
     chain, kernels, table, springs = robot.chain, robot.kernels, robot.table, robot.springs
-    # Stacks go through the batch functions where there are any; the oracles shall see the single ones, too.
+    # Stacks use the batch functions if there are any; the oracles must see the single functions, too.
     single = {name: one_by_one(kernel) for name, kernel in kernels.items()}
     missing = missing_functions(robot)
     pool = argument_samples(chain, LONG, seed, springs)
-    # Not symmetric: a batch that reads another triangle than the single call is seen.
+    # Not symmetric, so that a batch that reads another triangle than the single call is detected.
     general = Samples.draw(chain, LONG, seed).general_stiffness
     pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
     texts = print_again(robot)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Builds of a folder's kernels for every vector width that this machine's processor has."""
+"""Compile a folder's kernels for every vector width of this machine's processor."""
 
 from __future__ import annotations
 
