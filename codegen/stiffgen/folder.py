@@ -128,8 +128,8 @@ def _locked(parent: Path, prefix: str, make: Callable[..., str]) -> tuple[Path, 
     while True:
         made = Path(make(prefix=prefix, dir=parent))
         lock = _lock(made, wait=True)
-        # Another process may have taken it for a stale one before it was locked.
-        if lock is None or made.exists():
+        # Another process may have removed it as a stale one before it was locked.
+        if made.exists():
             return made, lock
         _release(lock)
 

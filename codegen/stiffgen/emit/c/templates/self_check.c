@@ -2,9 +2,6 @@
 int {{ name }}_self_check(void)
 {
     int wrong = 0;
-{% if batches and "sine_cosine" not in calls %}
-    static const volatile {{ scalar.name }} angles[1] = { {{- scalar.constant(0.5) -}} };
-{% endif %}
 {% if "sine_cosine" in calls %}
 {% if scalar.name == "double" %}
     static const volatile double angles[8]
