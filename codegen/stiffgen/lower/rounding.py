@@ -339,7 +339,8 @@ def _largest(chain: Chain, coordinate: int, ranges: Ranges, precision: Precision
     """Return the largest distance of a joint position from zero [rad or m]."""
     own = chain.coordinates[coordinate]
     size = max(abs(own.lower), abs(own.upper))
-    return size if math.isfinite(size) else (ranges.slide if own.type == "prismatic" else precision.far)
+    without_limits = ranges.slide if own.type == "prismatic" else precision.far
+    return size if math.isfinite(size) else without_limits
 
 
 def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: float, precision: Precision) -> list[float]:

@@ -121,8 +121,8 @@ def _groups(expressions: Expressions) -> list[tuple[str, list[tuple[str, ca.SX, 
             rows, columns = value.shape
             for r in range(rows):
                 for c in range(columns):
-                    tag = "" if rows == columns == 1 else f"{r}" if columns == 1 else f"{r}{c}"
-                    members.append((name + tag, value[r, c], kind))
+                    row, column = str(r) if rows * columns > 1 else "", str(c) if columns > 1 else ""
+                    members.append((name + row + column, value[r, c], kind))
         groups.append((c_comment(section.title), members))
     return groups
 

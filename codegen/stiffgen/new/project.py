@@ -7,6 +7,7 @@ import os
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from stiffgen.emit.controller import has_controller
@@ -106,11 +107,7 @@ def new_project(
     text = _text_of(urdf)
     description = read_description(urdf)
     name = identifier(description.robot) if name is None else checked_identifier(name)
-    target = Path(f"{name}_control") if output is None else Path(output)
-    if target.exists() or target.is_symlink():
-        raise OutputError(
-            f"{printable(str(target), 200)}: exists, and a project is never overwritten; choose another --output"
-        )
+    target = _free_folder(Path(f"{name}_control") if output is None else Path(output))
     answers = decide(description, given or Given(tool=tool is not None), ask)
     ready()
     tool = tool or (None if answers.tool_xyz is None else Tool(xyz=answers.tool_xyz))
@@ -118,24 +115,24 @@ def new_project(
     chain = load_chain(urdf, tip=answers.tip, base=base, tool=tool)
     _check(chain, answers)
     page = _page(name, chain, answers, tool, urdf.name)
-    kinds = () if answers.spring == "trace" else (answers.spring,)
+    springs = SpringOptions(() if answers.spring == "trace" else (answers.spring,))
     with swapped_in(target) as staging:
         (staging / "urdf").mkdir()
         copy = staging / "urdf" / urdf.name
         copy.write_bytes(text)
-        generate(
-            copy,
-            tip=answers.tip,
-            base=base,
-            tool=tool,
-            name=name,
-            output=staging / "generated",
-            build=build,
-            springs=SpringOptions(kinds),
-            progress=progress,
-        )
+        generate_robot = partial(generate, tip=answers.tip, base=base, tool=tool, name=name, springs=springs)
+        generate_robot(copy, output=staging / "generated", build=build, progress=progress)
         progress("writing the project")
         _write(page, staging)
+    return target
+
+
+def _free_folder(target: Path) -> Path:
+    """Return the folder to write; refuse one that exists."""
+    if target.exists() or target.is_symlink():
+        raise OutputError(
+            f"{printable(str(target), 200)}: exists, and a project is never overwritten; choose another --output"
+        )
     return target
 
 

@@ -35,6 +35,19 @@ class Analysis:
     trouble: str = ""
 
 
+def _alarms(table: Path, by_contract: Sequence[str]) -> dict[str, list[str]]:
+    """Return what Frama-C's report leaves unproved, by function; postconditions of contracts are taken for granted."""
+    alarms: dict[str, list[str]] = {}
+    with table.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file, delimiter="\t"):
+            kind = row["property kind"]
+            assumed = kind == "postcondition" and row["function"] in by_contract
+            if row["status"] not in _PROVED and kind not in ("assigns clause", "from clause") and not assumed:
+                alarm = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
+                alarms.setdefault(row["function"], []).append(alarm)
+    return alarms
+
+
 def analyse(
     tools: Tools,
     folder: Path,
@@ -65,17 +78,9 @@ def analyse(
     table.unlink(missing_ok=True)
     # Without __GNUC__ Frama-C reads its own headers and the folder's plain C: no vectors, no pragmas.
     flags = " ".join(["-DSTIFFGEN_NO_VECTORS", "-U__GNUC__", *(f"-I{each}" for each in includes)])
-    command = [
-        *(
-            tools.frama_c,
-            "-eva",
-            str(folder / source),
-            "-main",
-            entry,
-            "-machdep",
-            "gcc_x86_64",
-            f"-cpp-extra-args={flags}",
-        ),
+    command = [tools.frama_c, "-eva", str(folder / source), "-main", entry, "-machdep", "gcc_x86_64"]
+    command += [
+        f"-cpp-extra-args={flags}",
         *("-warn-special-float", "none"),  # NaN and infinity are ordinary values
         *("-eva-auto-loop-unroll", str(_UNROLLED), "-eva-min-loop-unroll", str(rounds)),
         *("-eva-show-progress", "-eva-split-return", "auto"),
@@ -89,19 +94,11 @@ def analyse(
     if "[eva:summary]" not in result.said or not table.exists():
         lines = [line for line in result.said.splitlines() if "rror" in line]
         return Analysis(result.seconds, trouble="Frama-C gave up: " + "; ".join(lines[:3]))
-    alarms: dict[str, list[str]] = {}
-    with table.open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file, delimiter="\t"):
-            kind = row["property kind"]
-            taken = kind == "postcondition" and row["function"] in by_contract
-            if row["status"] not in _PROVED and kind not in ("assigns clause", "from clause") and not taken:
-                what = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
-                alarms.setdefault(row["function"], []).append(what)
     # The report may break a line between the place and its message.
     text = re.sub(r"\n {2,}", " ", result.said)
     return Analysis(
         result.seconds,
-        alarms,
+        _alarms(table, by_contract),
         frozenset(re.findall(r"computing for function (\w+)", text)),
         tuple(re.findall(r"\[eva\] (?:\S*/)?(\S+?): +starting to merge loop iterations", text)),
         frozenset(re.findall(r"Frama_C_show_each_returned_(\w+):", text)),

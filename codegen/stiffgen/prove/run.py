@@ -79,10 +79,7 @@ def prove(
     robot = open_robot(folder)
     robot.require_doubles("'stiffgen prove'")
     functions = harness.functions(robot)
-    names = [each.qualified_name for each in functions]
-    unknown = [each for each in only if each not in names]
-    if unknown:
-        raise StiffgenError(f"{listed(unknown)}: no kernel of {robot.folder}; it has {listed(names, 60)}")
+    chosen = _chosen(robot, functions, only)
     if not set(parts) <= set(PARTS) or not parts:
         raise StiffgenError(f"parts are {', '.join(PARTS)}; not {listed(list(parts)) or 'none'}")
     if not timeout > 0.0:
@@ -91,28 +88,43 @@ def prove(
     tools = find_tools()
     if json is not None and not Path(json).parent.is_dir():
         raise OutputError(f"{json}: there is no such folder; give another --json")
-    chosen = [each for each in functions if not only or each.qualified_name in only]
     text = robot.kernel_text()
     verdicts: list[Verdict] = []
     with temporary_folder("prove") as temporary, ThreadPoolExecutor(_AT_ONCE) as pool:
         job = _Job(robot, functions, tools, temporary.resolve(), timeout, progress, text)
         entries = [each.qualified_name for each in chosen]
         entries += [f"{each.qualified_name}{batch.suffix}" for each in chosen for batch in each.batches]
-        checked = ["self_check"] if len(chosen) == len(functions) else []
-        memory = pool.submit(_memory, job, chosen, [*entries, *checked]) if "memory" in parts else None
-        with_controller = robot.has_controller and not only and {"services", "step"} & set(parts)
+        self_check = ["self_check"] * (len(chosen) == len(functions))
+        memory = pool.submit(_memory, job, chosen, [*entries, *self_check]) if "memory" in parts else None
+        with_controller = robot.has_controller and not only and not {"services", "step"}.isdisjoint(parts)
         controller = pool.submit(_controller, job, parts) if with_controller else None
         widths = pool.submit(width_verdicts, robot, chosen, job.work, timeout, progress) if "widths" in parts else None
         if memory is not None:
             verdicts += memory.result()
         if "bits" in parts:
-            failed = {each.function for each in verdicts if each.outcome == "FAILED"}  # bits are then meaningless
-            verdicts += _bits(job, chosen, [each for each in entries if each not in failed], pool)
+            verdicts += _bits(job, chosen, _not_failed(entries, verdicts), pool)
         for part in (controller, widths):
             verdicts += part.result() if part is not None else []
     if json is not None:
         write_verdicts(Path(json), robot.name, sources, tools.versions, verdicts)
     return verdicts
+
+
+def _chosen(
+    robot: GeneratedRobot, functions: Sequence[harness.Function], only: Sequence[str]
+) -> list[harness.Function]:
+    """Return the functions whose names are in ``only``, or all; refuse names that the folder does not have."""
+    names = [each.qualified_name for each in functions]
+    unknown = [each for each in only if each not in names]
+    if unknown:
+        raise StiffgenError(f"{listed(unknown)}: no kernel of {robot.folder}; it has {listed(names, 60)}")
+    return [each for each in functions if not only or each.qualified_name in only]
+
+
+def _not_failed(entries: Sequence[str], verdicts: Sequence[Verdict]) -> list[str]:
+    """Return the functions whose memory proof did not fail: only their bits mean something."""
+    failed = {each.function for each in verdicts if each.outcome == "FAILED"}
+    return [each for each in entries if each not in failed]
 
 
 def _memory(job: _Job, chosen: Sequence[harness.Function], entries: Sequence[str]) -> list[Verdict]:
@@ -205,7 +217,8 @@ def _controller(job: _Job, parts: Sequence[str]) -> list[Verdict]:
     reached = _controller_functions(job.robot, {each for result, _ in results for each in result.reached})
     for function in [*reached, *(each for each in alarms if each not in reached)]:
         found = alarms.get(function, [])
-        outcome: Outcome = "FAILED" if found else "unproved" if trouble else "proved"
+        unless_found: Outcome = "unproved" if trouble else "proved"
+        outcome: Outcome = "FAILED" if found else unless_found
         claims = _MEMORY + (_FRAME if function.startswith(f"{job.robot.name}_") else "")
         verdicts.append(
             Verdict(function, claims, "Frama-C", outcome, seconds / len(reached), "; ".join((found or trouble)[:3]))

@@ -85,7 +85,7 @@ def write_page(
     targets: Path | None = None,
     date: str | None = None,
 ) -> None:
-    """Write the page.
+    """Write the page of evidence as HTML.
 
     Args:
         folder: the robot's folder.
@@ -105,36 +105,41 @@ def write_page(
     robot = open_robot(folder)
     filed = filed_for(robot, proofs) if proofs is not None else None
     machines = targets_for(robot, targets) if targets is not None else ()
-    page = (
-        environment("stiffgen.prove", escaped=True)
-        .get_template("safety.html.j2")
-        .render(
-            policy=POLICY,
-            style=Markup(STYLE),
-            robot=robot,
-            manifest=robot.manifest,
-            versions=dict(robot.manifest["versions"]) | {"checked with numpy": version("numpy")},
-            digests=robot.manifest["files"],
-            postures=postures,
-            seed=seed,
-            urdf=urdf.name if urdf is not None else None,
-            date=date,
-            checks=checks,
-            failed=[check for check in checks if not check.passed],
-            plots=_plots(checks),
-            decades=_BELOW + _ABOVE,
-            below=_BELOW,
-            contracts=_CONTRACTS,
-            filed=filed,
-            tally=_tally(filed.verdicts) if filed else {},
-            rounding=_rounding(robot.manifest.get("rounding"), checks),
-            targets=machines,
-            ranges=", ".join(
-                f"{name} {value:g}" for name, value in robot.manifest.get("rounding", {}).get("ranges", {}).items()
-            ),
-            uncovered=_uncovered(robot, filed, machines, compared=urdf is not None),
-        )
+    template = environment("stiffgen.prove", escaped=True).get_template("safety.html.j2")
+    page = template.render(
+        policy=POLICY,
+        style=Markup(STYLE),
+        robot=robot,
+        manifest=robot.manifest,
+        versions=dict(robot.manifest["versions"]) | {"checked with numpy": version("numpy")},
+        digests=robot.manifest["files"],
+        postures=postures,
+        seed=seed,
+        urdf=urdf.name if urdf is not None else None,
+        date=date,
+        checks=checks,
+        failed=[check for check in checks if not check.passed],
+        plots=_plots(checks),
+        decades=_BELOW + _ABOVE,
+        below=_BELOW,
+        contracts=_CONTRACTS,
+        filed=filed,
+        tally=_tally(filed.verdicts) if filed else {},
+        rounding=_rounding(robot.manifest.get("rounding"), checks),
+        targets=machines,
+        ranges=_ranges(robot),
+        uncovered=_uncovered(robot, filed, machines, compared=urdf is not None),
     )
+    _write(file, page)
+
+
+def _ranges(robot: GeneratedRobot) -> str:
+    """Return the ranges of arguments for which the folder states rounding bounds, as text."""
+    ranges = robot.manifest.get("rounding", {}).get("ranges", {})
+    return ", ".join(f"{name} {value:g}" for name, value in ranges.items())
+
+
+def _write(file: Path, page: str) -> None:
     try:
         file.write_text(page, encoding="utf-8")
     except OSError as error:

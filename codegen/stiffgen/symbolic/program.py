@@ -92,7 +92,9 @@ class Over(Enum):
             yield from ((i, j) for i in range(m) for j in range(m) if self is Over.ALL or self._holds(i, j))
 
     def _holds(self, i: int, j: int) -> bool:
-        return i < j if i != j and self.upper else i > j if i != j else self.diagonal
+        if i == j:
+            return self.diagonal
+        return i < j if self.upper else i > j
 
 
 _FLIPPED = {

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,13 @@ def default_of(field: Field, chain: Chain) -> Array:
     return value
 
 
+def _tried_entries(field: Field, dof: int) -> Sequence[int]:
+    """Return the entries of a field that are tried: one per joint, the last of a 6x6 matrix, or -1 for a number."""
+    if field.shape == ("n",):
+        return range(dof)
+    return [35] if field.shape else [-1]
+
+
 def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
     """Try every field at its bounds and beyond; the error code must name the field."""
     faults = []
@@ -65,8 +73,7 @@ def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
             [least - 1, most + 1] if integer else [np.nextafter(least, -np.inf), np.nextafter(most, np.inf), math.nan]
         )
         beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]
-        places = range(chain.dof) if field.shape == ("n",) else [35] if field.shape else [-1]
-        for place in places:
+        for place in _tried_entries(field, chain.dof):
             for value in (*inside, *beyond):
                 library.call("default_config", library.config)
                 if place < 0:

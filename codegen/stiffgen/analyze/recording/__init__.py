@@ -134,8 +134,9 @@ class Request:
             raise RecordingError(f"--q-columns: {len(self.q)} names, but the robot has {self.dof} joint positions")
         if self.wrench is not None and len(self.wrench) != 6:
             raise RecordingError(f"--wrench-columns: {len(self.wrench)} names, but a wrench has 6 entries")
+        default_time = "time" if "time" in columns else None
         layout = Layout(
-            time=("time" if "time" in columns else None) if self.time is None else self.time or None,
+            time=default_time if self.time is None else self.time or None,
             q=self.q or tuple(f"q_{i}" for i in range(self.dof)),
             wrench=self.wrench or tuple(f"wrench_{i}" for i in range(6)),
         )

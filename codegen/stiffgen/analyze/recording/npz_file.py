@@ -133,7 +133,9 @@ def _chosen(path: Path, request: Request, names: Sequence[str]) -> tuple[tuple[s
     """Return the names of the arrays with time, q and wrench: one two-dimensional array, or one array per column."""
     q = request.q or (("q",) if "q" in names else tuple(f"q_{i}" for i in range(request.dof)))
     wrench = request.wrench or (("wrench",) if "wrench" in names else tuple(f"wrench_{i}" for i in range(6)))
-    time = (("time",) if "time" in names else ()) if request.time is None else (request.time,) * bool(request.time)
+    default_time = "time" if "time" in names else ""
+    time_name = default_time if request.time is None else request.time
+    time = (time_name,) if time_name else ()
     for option, chosen, width in (("--q-columns", q, request.dof), ("--wrench-columns", wrench, 6)):
         if len(chosen) not in (1, width):
             raise RecordingError(f"{option}: name one array (N, {width}), or {width} arrays (N,)")
