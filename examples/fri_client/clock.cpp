@@ -9,7 +9,7 @@ namespace {
 /* Periods that the counter may be ahead of the time stamps: jitter, and stamps that are cut to whole milliseconds. */
 const double SLACK = 3.0;
 
-/* Share of what is left between stamps and grid that is taken away with each message: clocks drift. */
+/* Share of the remaining offset between stamps and grid that each message corrects: clocks drift. */
 const double DRIFT = 1.0 / 64.0;
 /* Periods above which it is no drift. */
 const double LARGEST_DRIFT = 1.5;
@@ -53,14 +53,14 @@ void RobotClock::update(std::uint32_t advance, std::int64_t stamp, double period
         lay(stamp);
     } else if (stamp == 0) {
         periods_ = static_cast<int>(advance);
-        last_ = 0; /* the grid is laid anew with the next stamp */
+        last_ = 0; /* the grid restarts with the next stamp */
     } else {
         const double ahead = ahead_ + advance - passed;
         if (last_ == 0) {
             periods_ = static_cast<int>(advance);
             lay(stamp);
         } else if (passed < -SLACK || ahead < -SLACK) {
-            bad_ = true; /* set back, or forward beyond what the counter says */
+            bad_ = true; /* set back, or forward beyond the counter */
             periods_ = static_cast<int>(advance);
             lay(stamp);
         } else {

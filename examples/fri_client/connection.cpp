@@ -11,7 +11,7 @@ const std::uint32_t REORDER_WINDOW = 100;
 /* A counter further ahead than this, or behind, is no gap of lost messages. */
 const std::uint32_t LARGEST_GAP = 1u << 20;
 
-/* Messages in a row and in order, with counters far from the session's, after which the robot counts anew. */
+/* Consecutive messages in order, with counters far from the session's, after which the counter has restarted. */
 const int ANEW = 10;
 
 /* Most datagrams checked for one answer: a flood must not keep the robot waiting. */

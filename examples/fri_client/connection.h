@@ -30,7 +30,7 @@ struct Traffic {
 /* Facts about the message that the FRI library has now. */
 struct Arrival {
     Message message;
-    std::uint32_t advance; /* steps of the robot's counter since the last message; 0: it counts anew */
+    std::uint32_t advance; /* steps of the robot's counter since the last message; 0: the counter restarted */
     bool refused;          /* a datagram was refused since the last message */
     bool other_version;    /* its fields are not those of this FRI version */
     double age;            /* [s] from the kernel's receipt to the FRI library */

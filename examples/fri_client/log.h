@@ -31,7 +31,7 @@ public:
     /* Write the remaining records and end the thread. */
     void finish();
 
-    /* Whether the file stays: a refused start leaves none behind. */
+    /* Whether to keep the file: a refused start leaves no file behind. */
     void keep(bool keep) { file_.keep(keep); }
 
     /* Return why the log is not complete; empty if it is. */

@@ -34,7 +34,7 @@ public:
     /* Write what has gathered. */
     void flush();
 
-    /* Write what has gathered and close; 0, or errno of the first failure. */
+    /* Write the buffered text and close; return 0, or errno of the first failure. */
     int close();
 
     unsigned long long rows() const { return rows_; } /* on the disk, the header among them */

@@ -97,7 +97,7 @@ void check_files(const Options &options, const Log &log)
     }
 }
 
-/* Write log and summary to their ends; what is missing is said, and no session without a complete log is a success. */
+/* Complete log and summary, and report missing rows; a session without a complete log is not a success. */
 void finish(const Options &options, const WipingClient &client, const Connection &connection, const Records &records,
             Log &log, Ending &ending)
 {

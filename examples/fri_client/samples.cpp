@@ -90,7 +90,7 @@ void WipingClient::observe()
         event(EVENT_QUALITY_DROP, &counters_.quality_drops);
     }
     quality_ = quality;
-    /* A button that the messages had and have no more counts as pressed. */
+    /* A button that disappears from the messages counts as pressed. */
     has_button_ = has_button_ || arrival.message.has_button;
     button_ = has_button_ && (!arrival.message.has_button || robotState().getBooleanIOValue(BUTTON));
     events_ |= button_ ? EVENT_HOLD : 0;
@@ -126,7 +126,7 @@ void WipingClient::watch_samples()
     count_defect(defect);
 }
 
-/* Find what is wrong with the message: whether positions are there and believed, whether torques are there. */
+/* Find the defects of the message: missing or implausible positions, missing torques. */
 Defect WipingClient::find_defect(bool positions, bool believed, bool torques) const
 {
     if (!positions || !torques) {

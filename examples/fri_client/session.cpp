@@ -74,7 +74,7 @@ std::string refused_text(const Connection &connection, const Traffic &then)
     return text + "; the robot speaks " + (FRI_VERSION >= 207 ? "1.x or 2.5" : "2.7") + ": build the client for it";
 }
 
-/* Return what is wrong with most of the messages that are no good samples. */
+/* Return the most frequent defect of the bad messages. */
 std::string defect_text(const Options &options, const WipingClient &client)
 {
     const Counters &counters = client.counters();

@@ -187,7 +187,7 @@ private:
 
     double sample_time_, reported_period_; /* [s]; 0 until the robot has reported it */
     int other_period_;                     /* messages in a row with another period */
-    double since_position_;                /* [s] since the last position that was a sample */
+    double since_position_;                /* [s] since the last valid position */
     double since_followed_;                /* [s] since the last position that the command follows */
     bool valid_;                           /* this message is a sample */
     Defects defects_;

@@ -8,7 +8,7 @@
 namespace KUKA {
 namespace FRI {
 
-/* What a getter or setter throws when it cannot do what it is asked. As in KUKA's library, no std::exception. */
+/* Exception of a getter or setter that cannot do its task. As in KUKA's library, it is no std::exception. */
 class FRIException {
 public:
     explicit FRIException(const char *message)

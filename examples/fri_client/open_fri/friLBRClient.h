@@ -40,7 +40,7 @@ enum ERedundancyStrategy { REDUNDANCY_E1 = 0, REDUNDANCY_NONE = 4 };
 #endif
 
 /*
- * What the last monitoring message said: rad, N m, s.
+ * Content of the last monitoring message: rad, N m, s.
  *
  * Values that it did not have are NaN (arrays) or 0. They are never those of an earlier message.
  */
@@ -104,7 +104,7 @@ private:
 };
 
 /*
- * What the answer will say. It is empty at the start of every callback.
+ * Content of the answer. It is empty at the start of every callback.
  *
  * A setter throws FRIException for values that are not finite, and from 2.7 on when the robot's command mode does not
  * take the quantity. Cartesian poses cannot be commanded with this library.

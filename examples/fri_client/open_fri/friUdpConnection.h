@@ -21,7 +21,7 @@ typedef const char *SendBuffer;
 typedef int BufferSize;
 #endif
 
-/* Where datagrams come from and go to; the client has its own (connection.h). */
+/* Source and destination of datagrams; the client has its own (connection.h). */
 class IConnection {
 public:
     virtual ~IConnection() {}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 /*
- * What the two messages hold, and their way to and from bytes. Part of open_fri; not in KUKA's library.
+ * Content of the two messages, and their conversion to and from bytes. Part of open_fri; not in KUKA's library.
  */
 #ifndef OPEN_FRI_MESSAGES_H
 #define OPEN_FRI_MESSAGES_H
@@ -24,7 +24,7 @@ struct Io {
     double analog;
 };
 
-/* A monitoring message. A field that it did not have is 0, false or NaN, never what an earlier one had. */
+/* A monitoring message. A missing field is 0, false or NaN, never the value of an earlier message. */
 struct Monitoring {
     std::uint32_t sequence, reflected;
     std::uint32_t state, quality, period, multiplier;

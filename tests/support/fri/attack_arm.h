@@ -83,7 +83,7 @@ std::uint64_t take_varint(Part *part)
     return value;
 }
 
-/* What the client sends: fields with a varint, eight bytes, or a length. */
+/* The client's message: fields with a varint, eight bytes, or a length. */
 Part field(Part in, unsigned number, std::uint64_t *value = NULL)
 {
     while (in.size > 0) {

@@ -34,7 +34,7 @@ const std::int64_t EPOCH = 1700000000000000000; /* [ns] Unix time at which it st
 
 enum { IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE };
 
-/* What may be done. The value's meaning is in the comment. */
+/* Kinds of events. The comment has the meaning of the value. */
 const char *const KINDS[] = {
     /* network */
     "drop",     /* share of the robot's messages lost */

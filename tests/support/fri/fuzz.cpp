@@ -188,7 +188,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, size_t size)
     static Settings settings;
     settings.simulated_time = settings.approach_anyway = true;
     const Bytes_ hostile = framed(data, size);
-    /* What the check refuses reaches no client, so that a session is worth its time for one in a few only. */
+    /* Datagrams that the check refuses reach no client: a session is worth its time only for one in a few. */
     if (!check_at_the_edge(hostile) && (size == 0 || data[size - 1] % 16 != 0)) {
         return 0;
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 /*
  * Sessions without sockets. Reads datagrams from stdin, each after its length (uint32, little-endian; 0xffffffff stands
- * for a timeout), steps a client application through them, and prints one line of JSON a step.
+ * for a timeout), steps a client application through them, and prints one line of JSON per step.
  *
  *   harness version
  *   harness probe                     a client that calls every getter and commands position and torque
@@ -26,7 +26,7 @@ using namespace KUKA::FRI;
 
 namespace {
 
-/* Where the lines go: KUKA's library prints to standard output, which is standard error here. */
+/* Output of the lines: KUKA's library prints to standard output, which is redirected to standard error. */
 std::FILE *lines;
 
 void print(const char *name, const double *values, int count)

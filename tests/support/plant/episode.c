@@ -82,7 +82,7 @@ static double spring_energy(const double *q, const command_t *springs, const com
     return springs->scale * energy;
 }
 
-/* Time [s] that the governor, with its default velocity limits, needs for what the command moved. */
+/* Time [s] that the governor, with its default velocity limits, needs for the path of the command. */
 static double travel(const episode_t *e, const sample_t *sample, const sample_t *last)
 {
     const double *const to = sample->pose ? sample->posture : sample->wanted;

@@ -10,16 +10,16 @@
 
 enum { STUCK_HELD = 1, STUCK_ZERO = 2 };
 
-/* What holds from `start` on until the next segment. */
+/* Values from `start` until the next segment. */
 typedef struct {
     int start;                   /* [samples] */
     int config;                  /* which configuration */
-    int skip;                    /* after each call so many are left out, the last torque is held */
+    int skip;                    /* number of calls omitted after each call; the last torque stays */
     int missed;                  /* 1: called without a sample */
     int reset;                   /* 1: faults are acknowledged at the segment's first sample */
     int measure_wrench;          /* 1: the true wrench is measured; 0: zero is given */
     int clamp;                   /* 1: the tip is clamped where it was when this began */
-    int frozen_counter;          /* 1: the sample counter stands */
+    int frozen_counter;          /* 1: the sample counter stands still */
     int q_stuck, dq_stuck;       /* STUCK_, of the joints in the masks */
     int q_mask, dq_mask;         /* bits of joints */
     double wanted[N];            /* [rad] posture whose tip pose is the equilibrium */
@@ -35,7 +35,7 @@ typedef struct {
     double load[6], push[N];
     double hand_target[N], hand_stiffness, hand_damping;
     double wrench_bias[6];       /* [N, N m] added to what is measured */
-    double q_offset[N], dq_offset[N]; /* added to what is measured; NaN for a NaN */
+    double q_offset[N], dq_offset[N]; /* added to the measurement; NaN for a NaN */
 } segment_t;
 
 typedef struct {
@@ -59,17 +59,17 @@ typedef struct {
     double final_speed;          /* [rad/s] largest |v| during the last tenth */
     double ripple;               /* [rad] largest range of a joint during the last tenth */
     double torque;               /* [N m] largest */
-    double torque_step;          /* [1] largest change over what the rate limit allows */
+    double torque_step;          /* [1] largest change relative to the rate limit */
     double effort;               /* [1] largest torque over the effort limit */
     double port;                 /* [J] put out at the robot's port: sum of torque . change of q */
     double port_most;            /* [J] most of it at any time */
     double excess;               /* [J] most of port - engagement x resets at any time */
     double reference_work;       /* [J] positive work of the moving equilibrium, from the springs' energy here */
-    double excess_moving;        /* [J] most of port - reference_work - engagement x resets at any time */
-    double travel;               /* [s] that the default velocity limits of the governor need for what `wanted` moved */
+    double excess_moving;        /* [J] maximum over time of port - reference_work - engagement x resets */
+    double travel;               /* [s] of the governor, at its default velocity limits, for the path of `wanted` */
     double excess_travel;        /* [J] most of port - engagement x (resets + travel, at most the time) at any time */
     double start_energy;         /* [J] of the springs at the first sample */
-    double first_energy;         /* [J] of springs and limit avoidance there, by the law's own account */
+    double first_energy;         /* [J] of springs and limit avoidance there, by the law's account */
     double kinetic;              /* [J] at the end */
     double energy_error;         /* [J] of the integration: change of kinetic energy less all work */
     double reference_speed;      /* [1] largest change of the equilibrium in use, over the velocity limit */

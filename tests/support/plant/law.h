@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What the sensors and the planner say at a sample. */
+/* Values of the sensors and the planner at a sample. */
 typedef struct {
     int valid;                 /* 0: the sample was missed */
     uint32_t counter;          /* of the samples */
@@ -18,12 +18,12 @@ typedef struct {
     double wanted_rate[N];     /* [rad/s] */
     int pose;                  /* 1: the equilibrium is given as that pose, and the posture apart */
     double posture[N];         /* [rad] only then */
-    double wrench[6];          /* [N, N m] measured: what the environment applies, base axes */
+    double wrench[6];          /* [N, N m] measured wrench of the environment on the robot, base axes */
     double translation[9];     /* [N/m] base axes */
     double rotation[9];        /* [N m/rad] axes of the tip at the equilibrium */
 } sample_t;
 
-/* What the episodes read from a step, whatever the law. */
+/* Values of a step that the episodes read, for every law. */
 typedef struct {
     double torque[N];          /* [N m] commanded */
     double reference[N];       /* [rad] equilibrium posture in use */

@@ -47,7 +47,7 @@ typedef struct {
 void plant_mass_matrix(const plant_t *plant, const double *q, double *M);
 void plant_bias(const double *q, const double *v, double *c);
 double plant_kinetic_energy(const plant_t *plant, const motion_t *motion);
-/* What the environment applies to the tip now: load and clamp (6), [N, N m], base axes. */
+/* Present wrench of the environment on the tip: load and clamp (6), [N, N m], base axes. */
 void plant_tip_wrench(const plant_t *plant, const motion_t *motion, const forces_t *forces, double *wrench);
 /* Advance by `duration` seconds. */
 void plant_advance(const plant_t *plant, motion_t *motion, const forces_t *forces, double duration);

@@ -22,7 +22,7 @@ namespace FRI {
 
 namespace {
 
-/* In the place of memory that was never written: finite, and seen at once where it is used. */
+/* Value of memory that was never written: finite, and conspicuous wherever it is used. */
 const double NEVER_WRITTEN = 7.0e77;
 
 /* Seven places that are written round and round; where the next value goes is never set back. */
