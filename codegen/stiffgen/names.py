@@ -70,7 +70,7 @@ _GLOBALS = """
     printf scanf puts gets send recv bind listen accept connect socket kill wait pause alarm brk sbrk swab sync acct
 """
 CPP_NAMES = ("detail", "map", "assign", "row_major", "self_check", "Array", "Input", "Output", "Matrix", "Impedance")
-"""What NAME.hpp's namespace holds beside the functions; tips and potentials are called otherwise."""
+"""Names in the namespace of NAME.hpp other than functions; tips and potentials must not have these names."""
 _HIDDEN = frozenset((_HEADERS + _MODULES).split())
 _PYTHON = {word.lower() for word in (*keyword.kwlist, *keyword.softkwlist)}
 _RESERVED = _HIDDEN | frozenset((_C_AND_CPP + _GLOBALS).split()) | _PYTHON

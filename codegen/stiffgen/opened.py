@@ -25,10 +25,10 @@ from stiffgen.symbolic.potentials import SpringOptions
 
 @dataclass(frozen=True)
 class GeneratedRobot:
-    """A folder that ``stiffgen generate`` wrote; from :func:`open_robot`.
+    """Folder that ``stiffgen generate`` wrote; from :func:`open_robot`.
 
-    ``chain`` and ``springs`` are what it was generated from, ``manifest`` the parsed manifest.json, ``name`` the prefix
-    of its C names, ``scalar`` the type of its numbers.
+    The folder was generated from ``chain`` and ``springs``. ``manifest`` is the parsed manifest.json, ``name`` the
+    prefix of its C names, ``scalar`` the type of its numbers.
     """
 
     folder: Path

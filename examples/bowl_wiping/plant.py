@@ -138,7 +138,7 @@ class Plant:
             self.data.qfrc_applied[:] = torque + self.data.qfrc_bias
             mujoco.mj_step2(self.model, self.data)
         self._steps += 1
-        self._forward(torque)  # so that all that can be asked belongs to the new state
+        self._forward(torque)  # so that all results belong to the new state
 
     def _forward(self, torque: Array) -> None:
         mujoco.mj_fwdPosition(self.model, self.data)

@@ -38,7 +38,7 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 GENERATOR = "stiffgen analyze"
 SUMMARY = "summary.json"
 _MOST_THREADS = 8
-_AHEAD = 2  # partitions per worker that wait behind the current one
+_AHEAD = 2  # partitions per worker that are queued
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ class Analysis:
 
     def _of_turn(self, *products: tuple[int, int]) -> Bound:
         # |c X + s Y|, |c e_X + s e_Y| and |d_1 c X + d_2 s Y| <= unit sqrt(X^2 + Y^2): Cauchy and Schwarz; c and s are
-        # those of one angle, what they are off counts with the sizes of X and Y.
+        # those of one angle, and their errors count with the sizes of X and Y.
         x, y = (self.found[other] for _, other in products)
         size = math.sqrt(x.size * x.size + y.size * y.size) * ENLARGED
         error = math.sqrt(x.error * x.error + y.error * y.error) * ENLARGED

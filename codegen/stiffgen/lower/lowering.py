@@ -147,7 +147,7 @@ class Lowering:
         return steps
 
     def read_parameters(self, program: Program) -> None:
-        """Prepare internal steps: what they are passed was guarded, and columns of joints are rows of vectors."""
+        """Prepare internal steps: callers have guarded the arguments, and columns of joints are rows of vectors."""
         self._note_reads(program)
         for name in self.function.columns:
             self.storages[name].layout = Layout.LANES if self.variant.joint_lanes else Layout.SHAPED

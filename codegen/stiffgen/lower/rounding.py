@@ -2,12 +2,12 @@
 """Certified bounds on the rounding errors of a chain's functions.
 
 The bounds are computed from the lowered form that is printed (:mod:`stiffgen.lower.form`), item by item, by the rules
-of :mod:`stiffgen.lower.analysis`. Three facts keep them close to what happens:
+of :mod:`stiffgen.lower.analysis`. Three facts keep them close to the actual errors:
 
-- c X + s Y with the cosine and the sine of one angle is at most sqrt(X^2 + Y^2), and so is the sum of its errors;
-- entries of rotations are at most 1, however many factors they have, and points of a serial chain are not farther away
-  than the chain is long: the derivation says which quantities are those (:class:`~stiffgen.symbolic.kinematics.Kind`);
-- what is zero whatever the arguments costs nothing.
+- With the cosine c and the sine s of one angle, c X + s Y is at most sqrt(X^2 + Y^2), and so is the sum of its errors.
+- Entries of rotations are at most 1, independent of the number of factors. Points of a serial chain are not farther
+  away than the chain is long. The derivation marks such quantities (:class:`~stiffgen.symbolic.kinematics.Kind`).
+- Entries that are zero for all arguments have no error.
 """
 
 from __future__ import annotations

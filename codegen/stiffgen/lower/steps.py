@@ -351,7 +351,7 @@ def _shared(f: Lowering, step: Shared) -> None:
 
 def _sum(f: Lowering, step: Sum) -> None:
     several = len(step.terms) > 1
-    if several:  # what is not summed was guarded where it was called
+    if several:  # the call has guarded a single term
         f.stored(step.outputs, f.function.inputs)
     outputs = [f.storage(array) for array in step.outputs]
     summed = []

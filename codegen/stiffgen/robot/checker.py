@@ -30,7 +30,7 @@ _WORD = re.compile(r"[^ \t\r\n]+")
 
 
 class Checker:
-    """One walk over the XML: yields the problems and stores what the reader needs."""
+    """Walk over the XML that yields the problems and stores the data for the reader."""
 
     def __init__(self, robot: etree._Element, ignored: Collection[str] = ()) -> None:
         self.robot = robot
@@ -216,7 +216,7 @@ class Checker:
         return bool(_NUMBER.match(offset)) and float(offset) == 0
 
     def _of_type(self, joint: str) -> Affects:
-        """Return what a wrong type affects: a joint with a <mimic> might move, one at zero is where it belongs."""
+        """Return the aspect that a wrong type affects: a joint with a <mimic> might move; one at zero has a pose."""
         if self.joints[joint].find("mimic") is not None:
             return "coupling"
         return "motion" if self._at_zero(joint) else "place"

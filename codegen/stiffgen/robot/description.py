@@ -37,8 +37,10 @@ class Mimic:
 
 @dataclass(frozen=True)
 class JointElement:
-    """Element ``<joint>`` of the file (SI units, radians). ``axis`` is of unit length, or zero on a joint
-    that does not move. Limits that the file leaves out are infinite; of two position limits, one left out is 0.
+    """Element ``<joint>`` of the file (SI units, radians).
+
+    ``axis`` is of unit length, or zero on a joint that does not move. A missing limit is infinite; if only one of the
+    two position limits is missing, it is 0.
     """
 
     name: str
@@ -57,13 +59,16 @@ class JointElement:
 
 @dataclass(frozen=True)
 class Problem:
-    """Fault of the file. ``element`` is "file", "joint NAME" or "link NAME": a problem of the file
-    refuses every chain, one of a joint or link only the chains whose result it can change.
+    """Fault of a URDF file.
 
-    ``affects`` says how: "place" wherever the element is on the chain or rides on it, "motion" (axis, type) where the
-    joint does not stand at zero, "bounds" (position, velocity, effort limit) where it is a coordinate, "coupling"
-    (mimic relation) wherever the joint's mass counts if it moves with a coordinate, "nothing" where a vendor's own
-    element is ignored.
+    ``element`` is "file", "joint NAME" or "link NAME". A problem of the file refuses every chain; a problem of a joint
+    or link refuses only the chains whose result it can change. ``affects`` says which chains these are:
+
+    - "place": the element lies on the chain or moves with it;
+    - "motion" (axis, type): the joint does not stand at zero;
+    - "bounds" (position, velocity, effort limit): the joint is a coordinate;
+    - "coupling" (mimic relation): the joint's mass would count if the joint moved with a coordinate;
+    - "nothing": the element is a vendor's own and is ignored.
     """
 
     element: str

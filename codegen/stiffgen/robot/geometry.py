@@ -21,10 +21,10 @@ import mpmath
 
 _DIGITS = 50
 SNAP = 1e-11
-"""The one threshold [rad]: an angle this near a multiple of pi/2 is that multiple, an axis this near a coordinate plane
-lies in it (and so on a coordinate axis, near two). Anything farther off is taken as it is written."""
+"""Only threshold of geometry [rad]. An angle this near to a multiple of pi/2 counts as this multiple. An axis this near
+to a coordinate plane counts as lying in it; near to two planes it is a coordinate axis. Other values do not change."""
 _NEGLIGIBLE = 1e-15
-"""Fraction of the scale of a number below which it counts as the rest of a cancellation and becomes 0. Rotations and
+"""Fraction of its scale below which a number counts as the remainder of a cancellation and becomes 0. Rotations and
 translations have the scales 1 and 1 m: a length of at most 1e-15 m in a file is 0 in the generated code."""
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]

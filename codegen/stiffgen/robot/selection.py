@@ -13,8 +13,8 @@ from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, Joint
 from stiffgen.robot.geometry import physical_inertia
 
 Carried = dict[str, list[tuple[str, JointElement | None]]]
-"""Links that move rigidly with each moving joint, by joint name: parents first, each with the joint that holds it (None
-for the moving joint itself). A floating base stands first, under an empty name."""
+"""Links that move rigidly with each moving joint, by joint name: parents first, each with its fixed joint (None for the
+moving joint itself). A floating base comes first, under an empty name."""
 
 _DEFAULTS = ChainOptions()
 
@@ -23,10 +23,10 @@ _DEFAULTS = ChainOptions()
 class Selection:
     """Elements of a description that make up a chain.
 
-    ``paths`` are the joints from ``base`` to each of the ``tips``, ``moving`` those of them that move. ``side`` are
-    moving joints off all paths that share a coordinate with a path through ``<mimic>``; there are none if masses are
-    left out. ``masters`` are the joints that are coordinates, ``carried`` the links that ride on each moving joint.
-    ``beside`` are the problems of the file that cannot change this chain; the others refused it.
+    ``paths`` are the joints from ``base`` to each of the ``tips``; ``moving`` are the moving ones among them. ``side``
+    are moving joints off all paths that share a coordinate with a path through ``<mimic>``; without masses there are
+    none. ``masters`` are the joints that are coordinates. ``carried`` are the links that move with each moving joint.
+    ``beside`` are the problems of the file that cannot change this chain; any other problem has refused it.
     """
 
     base: str

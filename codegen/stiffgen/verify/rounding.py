@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Estimate the rounding errors of a kernel's results by a running error analysis of its CasADi function.
 
-Every operation is followed with its value and the size of the error that it carries, in units of the last place: its
-own, and those of its operands times its derivatives by them, as if they were independent. A result whose
-contributions cancel has an error that nothing relative to the result itself could tell from a fault.
+The analysis follows every operation with its value and the size of its error in units of the last place. The error
+combines the operation's own rounding with the errors of its operands times its derivatives with respect to them, as if
+they were independent. If the contributions to a result cancel, a bound relative to the result could not tell rounding
+from a fault.
 """
 
 from __future__ import annotations
@@ -122,12 +123,12 @@ def rounding_errors(
 class Stages:
     """Kernel in stages, in the order of the printed C.
 
-    CasADi would otherwise work out constants of two steps together, and round what C does not.
+    A single CasADi function would combine constants of two steps, and round where C does not.
 
     Attributes:
-        functions: of a vector of all numbers so far (the arguments' entries, row-major, then what the functions before
-            have given) each gives the next ones.
-        results: where among all numbers the results' entries are, row-major; or constants.
+        functions: one function per stage. Its argument is the vector of all numbers so far: the arguments' entries,
+            row-major, then the results of the functions before.
+        results: positions of the results' entries among all numbers, row-major; or constants.
 
     """
 

@@ -2,7 +2,7 @@
 """Differentiate springs' energies, written in another form, along the pose, as references for the kernels.
 
 The kernels have closed forms of gradient and Hessian; here CasADi differentiates the energy along a plain product of
-joint poses by q (torque, joint stiffness) and by a twist of the tip (wrench, covariant Hessian).
+joint poses, with respect to q (torque, joint stiffness) and to a twist of the tip (wrench, covariant Hessian).
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def differentiated(
 ) -> dict[str, ca.SX]:
     """Return the values of the kernels of a spring by differentiation of its energy, by name of the result.
 
-    A user's potential is taken as it is, and differentiated along the pose.
+    A user's potential is differentiated along the pose without changes.
     """
     own = spring.name in {each.name for each in map(stiffgen_spring, KINDS)}
     energy = textbook(spring.name, placement) if own else spring.energy
