@@ -105,7 +105,7 @@ def orbit_table() -> list[tuple[str, list[float]]]:
 def asymmetry(robot: ModuleType) -> tuple[Array, Array]:
     """Return the largest singular values of the conventional stiffness' antisymmetric and symmetric part [N m/rad].
 
-    At every 20th posture of the paper's recorded trajectory, under a moment of 1 N m about each base axis in turn.
+    The configurations are every 20th of the paper's recorded trajectory; moments of 1 N m act about each base axis.
     """
     trajectory = np.loadtxt(ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv", delimiter=",").T[::20]
     K = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])

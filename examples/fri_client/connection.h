@@ -27,7 +27,7 @@ struct Traffic {
     unsigned long long refused() const;
 };
 
-/* Facts about the message that the FRI library has now. */
+/* Facts about the message that the FRI library is processing. */
 struct Arrival {
     Message message;
     std::uint32_t advance; /* steps of the robot's counter since the last message; 0: the counter restarted */

@@ -27,7 +27,7 @@ struct Seen {
     Counters counters;
 };
 
-/* Return the refused datagrams since then, as in "datagram_frame 512, datagram_empty 3". */
+/* Return the datagrams refused since `then`, as in "datagram_frame 512, datagram_empty 3". */
 std::string refused_since(const Traffic &now, const Traffic &then)
 {
     std::string list;

@@ -68,7 +68,7 @@ class Solution:
     iterations: int
     seconds: float
     evaluating: float
-    """[s] of the seconds in the functions and their derivatives."""
+    """Part of these seconds in the functions and their derivatives [s]."""
 
 
 def bowl_task(robot: Any, knots: int) -> Task:

@@ -63,9 +63,10 @@ class HostCuda:
         return int(function(ctypes.c_size_t(count), ctypes.c_size_t(stride), *given, None))
 
     def __call__(self, name: str, *arguments: np.ndarray, spare: int = 0) -> Any:
-        """Vectors in stacks (count, m), varying matrices in stacks or shared, the rest shared.
+        """Call a function on stacks.
 
-        ``spare`` is stride - count; a varying matrix has a stride larger still. Dense results (count, ...).
+        Vectors come in stacks (count, m), varying matrices in stacks or shared, other arguments shared. ``spare`` is
+        stride - count; a varying matrix has an even larger stride. Results are dense (count, ...).
         """
         kernel = self.kernels[name]
         count = len(arguments[0])

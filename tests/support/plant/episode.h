@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * A closed loop of plant, sensors and controller at the sample time, told by segments; everything that is claimed of a
- * controller is measured here, from the plant's exact state and the torque that really acted.
+ * Closed loop of plant, sensors and controller at the sample time, described by segments. Every claim about a controller
+ * is measured here, from the plant's exact state and the torque that really acted.
  */
 #ifndef EPISODE_H
 #define EPISODE_H
