@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Identify frequencies and mode shapes from recorded free motion, by the eigensystem realization algorithm.
 
-Juang and Pappa 1985: the responses y_k to several kicks, side by side, are C A^k B of some linear system. Block Hankel
-matrices of them, one a sample later than the other, have the same factors but for A; a singular value decomposition
-gives A up to a change of state, and its eigenvalues are exp(s t), t the sample time. Nothing of the prediction enters.
+Juang and Pappa (1985): the responses y_k to several kicks, side by side, are C A^k B of a linear system. Two block
+Hankel matrices of the responses, one of them a sample later, are products of the same two factors, the later one with A
+between them. A singular value decomposition gives A up to a change of state. The eigenvalues of A are exp(s t), with t
+the sample time. The method uses nothing of the prediction.
 """
 
 from __future__ import annotations

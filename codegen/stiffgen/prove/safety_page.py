@@ -147,7 +147,7 @@ def _write(file: Path, page: str) -> None:
 
 
 def filed_for(robot: GeneratedRobot, proofs: Path) -> Filed:
-    """Read verdicts on the C sources in the robot's folder, byte for byte.
+    """Read verdicts; their C sources must equal the folder's, byte for byte.
 
     Raises:
         OutputError: the file cannot be read, or is about other bytes.
@@ -161,7 +161,7 @@ def filed_for(robot: GeneratedRobot, proofs: Path) -> Filed:
 
 
 def targets_for(robot: GeneratedRobot, file: Path) -> tuple[Target, ...]:
-    """Read the measurements on other machines of the C sources in the robot's folder, byte for byte.
+    """Read measurements on other machines; their C sources must equal the folder's, byte for byte.
 
     Raises:
         OutputError: the file cannot be read, or is about other bytes.
