@@ -3,13 +3,17 @@
 
     python -m examples.adaptive [--robot FOLDER] [--figure FILE]
 
-A load comes and goes at the tip. Every LEARN seconds a learner asks for another translation stiffness. The careful one
-follows a gradient, that of the deflection it expects and of a price for stiffness; it goes through the kernel's
-vector-Jacobian product. The greedy one asks for little while the load pushes the arm away and for much while it comes
-back, so that the spring gives more than it took. Both talk to the generated controller, which books what a change of
-stiffness costs and lets its tank pay; the greedy one also to a controller whose tank is as good as none.
+A load appears and disappears at the tip. Every LEARN seconds a learner requests another translation stiffness.
 
-The arm is simulated with the folder's own kernels, gravity compensated. Exit code 1 if more work came out of the arm
+- The careful learner follows a gradient: that of the expected deflection and of a cost of stiffness. The gradient
+  uses the kernel's vector-Jacobian product.
+- The greedy learner requests a soft spring while the load pushes the arm away, and a stiff one while the arm comes
+  back, so that the spring returns more energy than it received.
+
+Both use the generated controller, which computes the cost of a change of stiffness and withdraws it from its tank. The
+greedy learner also uses a controller with a practically unlimited tank.
+
+The folder's own kernels simulate the arm, with compensated gravity. The exit code is 1 if the arm put out more work
 than its tank had at the start.
 """
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Compute torque and tangent of a spring at the tip of the iiwa 14, on the paper's bowl-wiping trajectory.
 
-Run by ``make generate``. First the spring, from its energy alone: the torque -dU/dq and the joint stiffness d2U/dq2,
-its exact tangent. Then the paper's formula for a wrench and a task stiffness that are given, corrected and
-conventional. The stiffnesses are the paper's (hybrid frame), the wrench is of the size it reports.
+``make generate`` runs this example. First it computes a spring from its energy alone: the torque -dU/dq, and the
+joint stiffness d2U/dq2, its exact tangent. Then it evaluates the paper's formula, corrected and conventional, for a
+chosen wrench and task stiffness. The stiffnesses are the paper's (hybrid frame); the wrench has the size that the
+paper reports.
 """
 
 import sys

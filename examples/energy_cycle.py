@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""Net work of three laws round closed orbits of the iiwa 14's posture: corrected, conventional, gradient of an energy.
+"""Compute the net work of three laws round closed joint-space orbits: corrected, conventional, gradient of an energy.
 
-The paper's problem statement, quasi-statically: a spring whose torque field is tau = -K dq gives back what it took
-exactly if K is symmetric. Otherwise, round a circle of radius r in the plane of two unit directions u and v,
+This is the paper's problem statement for slow motions. A spring with the torque field tau = -K dq returns the energy
+that it received exactly if K is symmetric. Otherwise, round a circle of radius r in the plane of unit directions u
+and v,
 
     W = integral of tau . dq = integral over the area of the antisymmetric part = 2 pi r^2 u^T A v,   A = (K - K^T)/2.
 
-First with the stiffness held at one posture and wrench: the statement as it is. Then with the stiffness following the
-posture at a wrench that is held, as a controller has it that measures one: the corrected stiffness is then no longer
-conservative either (K varies along the way), but its work grows with r^3, not r^2.
+The example computes three cases on the iiwa 14:
 
-Beside them the gradient law: the torque of a spring at the tip (iiwa14.spring), with the same gains and, at the orbit's
-centre, the same wrench. It is the gradient of an energy in every posture, so no orbit gains or loses anything.
+- The stiffness is constant, that of one configuration and wrench: the problem statement itself.
+- The stiffness follows the configuration at a constant wrench, as in a controller that measures a wrench. The corrected
+  law is then not conservative either, since K varies along the orbit, but its work grows with r^3, not r^2.
+- The torque is that of a spring at the tip (iiwa14.spring) with the same gains and, at the orbit's centre, the same
+  wrench. It is the gradient of an energy at every configuration, so that no orbit gains or loses energy.
 
-Writes energy_cycle.svg with --figure FILE (needs matplotlib: pip install 'stiffgen[examples]').
+With --figure FILE the example writes energy_cycle.svg (needs matplotlib: pip install 'stiffgen[examples]').
 """
 
 from __future__ import annotations

@@ -27,10 +27,10 @@ MOMENT_BAR = 5.0
 
 
 def closed_form(robot: ModuleType, q: Array, wrench: Array) -> Array:
-    """Antisymmetric part of the conventional joint stiffness: J_r^T [m]x J_r / 2, J_r the angular Jacobian.
+    """Return the antisymmetric part of the conventional joint stiffness, J_r^T [m]x J_r / 2.
 
-    The corrected stiffness is symmetric and differs from the conventional one by J^T (Gamma F) J, and in hybrid form
-    Gamma F = [[0, 0], [0, [m]x^T / 2]] is antisymmetric itself.
+    J_r is the angular part of the Jacobian. The corrected stiffness is symmetric and differs from the conventional one
+    by J^T (Gamma F) J. In hybrid form Gamma F = [[0, 0], [0, [m]x^T / 2]] is antisymmetric itself.
 
     Args:
         robot: generated module of the arm with its tool.

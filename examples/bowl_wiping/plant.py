@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: MIT
 """Simulate the LBR iiwa 14 with its wiping tool and the bowl: MuJoCo behind a torque interface.
 
-The arm comes from urdf/iiwa14.urdf through MuJoCo's own URDF reader. So its kinematics and masses are independent of
-stiffgen's, and the tests hold the one against the other.
+The arm comes from urdf/iiwa14.urdf through MuJoCo's own URDF reader. Its kinematics and masses are therefore
+independent of stiffgen's, and the tests compare the two.
 
-What the plant does as KUKA's controller does: it adds the torques that cancel gravity and Coriolis effects of the arm
-with its tool, so that a zero command lets the arm float.
+Like KUKA's controller, the plant adds the torques that cancel gravity and Coriolis effects of the arm with its tool. A
+zero command lets the arm float.
 
-What the paper does not give and is chosen here:
+The paper does not state the following data, which are our choice:
 
 * the tool's shape (tool.py);
-* the bowl's shape, place and friction, chosen so that the zero-force trajectory presses the plate on it;
-* the motors' inertia as it appears at the joints. A URDF has none, and with the links' inertia alone the paper's
-  damping cannot run at 5 ms: the wrist's light directions would need a sample time 30 times shorter.
+* the bowl's shape, place and friction, such that the zero-force trajectory presses the plate on the bowl;
+* the motors' inertia at the joints. A URDF has none, and with the links' inertia alone the paper's damping cannot run
+  at 5 ms: the wrist's light directions would need a sample time 30 times shorter.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""The experiment's wiping tool, and the arm with it: ``python -m examples.bowl_wiping.tool`` generates the robot.
+"""Describe the experiment's wiping tool; ``python -m examples.bowl_wiping.tool`` generates the arm with the tool.
 
-The paper has the tool's mass and the length to its tip. The shape is chosen here; centre of mass and inertia follow.
-What is simulated (plant.py) and what is generated take their figures from this module alone.
+The paper states the tool's mass and the length to its tip. The shape is our choice; centre of mass and inertia follow.
+Simulation (plant.py) and generator read the tool's data from this module.
 """
 
 from __future__ import annotations

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: MIT
 """Simulate a noisy recording of pushes against an arm with unknown task stiffness and tool.
 
-The arm holds still under a load (the wrench F) and is pushed a little further by dF. Its joints give way by dq:
+The arm is at rest under a load (the wrench F), and a push dF is added. Its joints deflect by dq:
 
     (Kq(q, r, F, K) + Kp) dq = J(q, r)^T dF
 
-K (6, 6) is the symmetric task stiffness in base axes, r (3,) the tool's place in the flange [m], Kp the known stiffness
-that holds the posture. Recorded are q, F, dF and dq. Every channel of F, dF and dq has noise of the stated part of its
-root mean square.
+K (6, 6) is the symmetric task stiffness in base axes, r (3,) the position of the tool relative to the flange [m], Kp
+the known stiffness of the posture spring. The recording contains q, F, dF and dq. Every channel of F, dF and dq has
+noise in proportion to its root mean square.
 
-What is found is the most likely K and r. At the truth the torque that is left over,
+The search finds the most likely K and r. At the true values the residual torque,
 
     t = (Kq + Kp) dq - J^T dF,
 
-is noise alone. Its covariance is S = (Kq + Kp) Vq (Kq + Kp) + J^T Vf J + Sl: Vq and Vf are the variances of the noise
-on dq and dF, Sl is what the noise on F adds through Kq. The loss is the mean of t^T S^-1 t / 2 + log(det S) / 2. Plain
-squares of t would take the noise on dq for motion, and find too little stiffness.
+is noise alone. Its covariance is S = (Kq + Kp) Vq (Kq + Kp) + J^T Vf J + Sl. Vq and Vf are the variances of the noise
+on dq and dF; Sl is the contribution of the noise on F through Kq. The loss is the mean of t^T S^-1 t / 2 +
+log(det S) / 2. Ordinary least squares of t would treat the noise on dq as motion and give too low a stiffness.
 """
 
 from __future__ import annotations

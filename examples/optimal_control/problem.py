@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: MIT
 """State the optimal control problem: configurations and task stiffnesses for a desired joint stiffness.
 
-At every knot k of the trajectory the arm may choose its posture q_k (the tool's pose leaves it one freedom, the
-elbow's) and a task stiffness K_k (6, 6). Its joint stiffness under the load F_k is
+At every knot k of the trajectory the unknowns are the joint positions q_k and a task stiffness K_k (6, 6). The tool's
+pose leaves q_k one degree of freedom, the elbow's. The joint stiffness under the load F_k is
 
     S_k = Kq(q_k, F_k, K_k) + Kp,    Kp = POSTURE_STIFFNESS I.
 
-Minimised is the distance to the wanted joint stiffness W, every entry measured by the joints that it belongs to,
+The cost is the distance to the desired joint stiffness W, every entry relative to the diagonal entries of its joints,
 
-    sum_k sum_ij (S_k - W)_ij^2 / (W_ii W_jj)  +  what changes of posture and of stiffness from knot to knot cost,
+    sum_k sum_ij (S_k - W)_ij^2 / (W_ii W_jj)  +  cost of changes of q and K from knot to knot.
 
-subject to: the tool is where the trajectory has it; S_k - LEAST I is positive definite, which C_k C_k^T = S_k - LEAST I
-with a lower triangular C_k says; K_k = D (L_k L_k^T + FLOOR I) D is positive definite by construction (L_k lower
-triangular, D the usual size of a stiffness), and its diagonal stays below a limit; joints stay within their limits.
+The constraints are:
+
+- The tool has the pose of the trajectory.
+- S_k - LEAST I is positive definite: C_k C_k^T = S_k - LEAST I with a lower triangular C_k.
+- K_k = D (L_k L_k^T + FLOOR I) D is positive definite by construction (L_k lower triangular, D the usual size of a
+  stiffness), and its diagonal stays below a limit.
+- Joints stay within their limits.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Compute the law of a potential on a robot whose base has no motor: joint torques and required contact forces.
 
-The potential U of springs at several tips has a gradient of 6 + n entries. The last n, with a minus, are torques: the
-motors play them. The first six, with a minus, are a wrench on the base, which no motor plays. Only contacts can supply
-it: forces f of the ground on the standing feet with
+The potential U of springs at several tips has a gradient of 6 + n entries. The last n entries of -dU are joint torques,
+which the motors apply. The first six are a wrench on the base, which no motor can apply. The contacts must supply this
+wrench by forces f of the ground on the standing feet, with
 
-    sum over the standing feet of (J^T f) on the base  =  -dU/d(base) + what gravity compensation asks there
+    sum over the standing feet of (J^T f) on the base  =  -dU/d(base) + gradient of gravity's energy on the base
 
-and the legs press on the ground so that it pushes back with f: torques -J^T f more. Where a foot stands still it does.
+The legs add the torques -J^T f, so that the ground pushes back with f, provided that the feet do not move.
 
-A spring between a tip and the base asks nothing of the contacts: what pulls the tip pushes the base.
+A spring between a tip and the base needs no contact forces, because it pulls the tip and pushes the base.
 """
 
 from __future__ import annotations

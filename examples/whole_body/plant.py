@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Simulate the quadruped on its contact springs; MuJoCo reads the URDF, independent of stiffgen.
 
-The contacts are springs, not MuJoCo's soft constraints: a force K (p0 - p) on every foot, taken from its place in
-MuJoCo's own kinematics. So the ground is exactly what the prediction says it is, and only the prediction is tested.
-A wall in front of a foot, where there is one, pushes back in proportion to the depth, and never pulls.
+The contacts are springs, not MuJoCo's soft constraints: a force K (p0 - p) on every foot, with the foot's position from
+MuJoCo's own kinematics. The ground is therefore exactly as the prediction assumes, and only the prediction is tested.
+A wall in front of a foot, if there is one, pushes back in proportion to the depth, and never pulls.
 """
 
 from __future__ import annotations

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Analyse the stability of a stance on the generated kernels alone: configuration of rest, and modes.
 
-What is elastic, as energies of the configuration (base_pose, q):
+The energies are functions of the configuration (base_pose, q):
 
     contacts   a spring between every foot and the ground; a point contact has no rotational stiffness
-    legs       a spring between every foot and the base: the law that the motors play
+    legs       a spring between every foot and the base, which the motors apply
     gravity    of all masses
     load       a constant force on the base link's origin, as of a long rope
 
-Their gradients add up, and so do their Hessians along the coordinates of docs/whole_body.md: Kq. At rest the gradient
-is zero; Kq v = lambda M v are the modes, sqrt(lambda) their angular frequencies, lambda < 0 a direction that falls.
+Their gradients add up, and so do their Hessians along the coordinates of docs/whole_body.md; the sum of the Hessians
+is Kq. At rest the gradient is zero. The modes solve Kq v = lambda M v with the angular frequency sqrt(lambda). If
+lambda < 0, the robot falls in the direction v.
 """
 
 from __future__ import annotations
