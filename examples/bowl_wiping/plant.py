@@ -147,10 +147,10 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
 
     def wrench(self) -> Array:
-        """(force [N], moment [N m]) of the environment on the robot at the tip, base axes.
+        """Wrench (force [N], moment [N m]) of the environment on the robot at the tip, base axes.
 
-        From the force/torque sensor between flange and tool. What the tool's weight and inertia contribute is taken
-        out, with the tool's true acceleration, and the moment is shifted from the sensor to the tip.
+        The force/torque sensor between flange and tool measures it. The method subtracts the tool's weight and inertia,
+        computed with the tool's true acceleration, and shifts the moment from the sensor to the tip.
         """
         data = self.data
         to_base = data.site_xmat[self._sensor].reshape(3, 3)

@@ -44,7 +44,7 @@ void RobotClock::update(std::uint32_t advance, std::int64_t stamp, double period
         lay(stamp);
         return;
     }
-    /* Periods by the time stamps; none if they cannot say. */
+    /* Periods according to the time stamps; -1 if these are not usable. */
     const double passed = stamp != 0 && last_ != 0 ? 1e-9 * static_cast<double>(stamp - last_) / period : -1.0;
     if (advance == 0) {
         const bool gap = passed >= 0.5 && passed * period <= LARGEST_GAP;

@@ -19,7 +19,7 @@ struct Traffic {
     unsigned long long overtaken;           /* sound messages not answered, because a newer one was there */
     unsigned long long timeouts;            /* silences after the first message */
     unsigned long long lost_messages;       /* gaps in the robot's counter */
-    unsigned long long lost_answers;        /* answers that the robot never reflected, but a later one */
+    unsigned long long lost_answers;        /* answers that the robot skipped: it reflected a later one */
     unsigned long long unseen_answers;      /* messages that do not reflect our last answer yet */
     unsigned long long send_failures;
     unsigned long long other_version; /* messages with the fields of another version of the same framing */

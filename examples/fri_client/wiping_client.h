@@ -21,7 +21,7 @@
 
 #include <friLBRClient.h>
 
-/* Messages in a row that are at odds with the session, after which the client acts. */
+/* Consecutive messages that contradict the session, after which the client acts. */
 enum { PATIENCE = 10 };
 
 /* Settings from the command line. */

@@ -404,7 +404,7 @@ class Protocol:
         Raises
         ------
         MessageError
-            It is none.
+            The datagram is no monitoring message.
 
         """
         return self._parse(self.monitoring_class, MONITORING_IDENTIFIER, datagram)
@@ -431,7 +431,7 @@ class Protocol:
         Raises
         ------
         MessageError
-            It is none, or holds joint values that are not seven.
+            The datagram is no command, or does not have seven joint values.
 
         """
         message = self._parse(self.command_class, COMMAND_IDENTIFIER, datagram)

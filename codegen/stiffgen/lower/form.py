@@ -291,7 +291,7 @@ class Pointer:
 
 @dataclass(frozen=True)
 class Stride:
-    """Numbers from one row of vectors over joints to the next (or, not ``allocated``, numbers used in it)."""
+    """Length of a row of vectors over joints: numbers allocated, or, without ``allocated``, numbers used."""
 
     allocated: bool = True
 

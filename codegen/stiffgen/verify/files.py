@@ -31,8 +31,8 @@ LIMITS = ("lower", "upper", "velocity", "effort")
 def check_files(robot: GeneratedRobot) -> list[Check]:
     """Compare every file of the folder with the digests in the manifest, before any of them is run.
 
-    Files that the manifest does not list are faults. Compiled modules and Python's caches are exempt: the module of
-    kernels is what the comparisons of values run, and :func:`load_module` reads no cache.
+    Files that the manifest does not list are faults. Compiled modules and Python's caches are exempt: the
+    comparisons of values run the module of kernels, and :func:`load_module` reads no cache.
     """
     faults = []
     for file, digest in robot.manifest["files"].items():

@@ -32,7 +32,7 @@ typedef struct {
     double joint[N];           /* [N m/rad] posture stiffness */
     double feed[N];            /* [N m] damping times the velocity of the reference, in the torque */
     double scale;              /* [1] of the elastic energy: below 1 while it is released */
-    double energy;             /* [J] elastic and of the limits, by the law's own account */
+    double energy;             /* [J] elastic and of the limits, by the law's account */
     double tank, deficit;      /* [J] */
     uint32_t status;
     int faulted;               /* not under control: fallback or latched */

@@ -25,7 +25,7 @@ namespace {
 /* Value of memory that was never written: finite, and conspicuous wherever it is used. */
 const double NEVER_WRITTEN = 7.0e77;
 
-/* Seven places that are written round and round; where the next value goes is never set back. */
+/* Seven places, written cyclically; the place of the next value is never reset. */
 struct Ring {
     double value[7];
     int next;
