@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Run the bowl-wiping experiment, paper's law corrected and conventional and the potential law.
+"""Run the bowl-wiping experiment: the paper's law, corrected and conventional, and the potential law.
 
 ``python -m examples.bowl_wiping`` in the repository's root, or ``make experiment``.
 """

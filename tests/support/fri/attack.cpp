@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 /*
- * Sessions of the client with a hostile robot, in one process and in a time of their own: a virtual clock, network and
- * arm. Reads schedules from stdin, one a line, and prints what each came to as a line of JSON.
+ * Sessions of the client with a hostile robot, in one process, with a virtual clock, network and
+ * arm. Reads schedules from stdin, one per line, and prints the result of each as a line of JSON.
  *
  *   attack TRAJECTORY PERIOD_MS
  *
