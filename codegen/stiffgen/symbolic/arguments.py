@@ -4,25 +4,39 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.program import Array
 
 Extent = int | str
-"""Extent: a number, "n", the number of velocity coordinates, "q", of joint positions (fewer on a floating base), or
-"triangle", of the entries that the upper triangle of n rows has."""
+"""Extent of an array: an integer, or one of three names.
+
+"n": number of velocity coordinates; "q": number of joint positions (fewer on a floating base); "triangle": number of
+entries in the upper triangle of an n x n matrix.
+"""
 
 
 @dataclass(frozen=True)
 class Argument:
     """Argument or result of a kernel: name, row-major shape (a number has none), unit and meaning.
 
-    ``symmetric`` says of a result that it is a symmetric matrix, to the last bit. ``symbol`` is the letter that
-    formulas have for an argument, ``plural`` its name where it holds one value per tip. ``of_configuration`` marks the
-    part of the configuration that all tips share. CUDA takes one vector per configuration, and one matrix if the
-    matrix is ``varying``; an ``own`` argument (a cotangent, vectors of all tips) always has one per configuration. Of a
-    symmetric matrix with ``triangle`` only the upper triangle is read.
+    Attributes:
+        name: name in C and Python.
+        shape: extents; empty for a number.
+        unit: SI unit.
+        meaning: phrase for headers and docstrings.
+        floating_meaning: meaning for a robot with a floating base; empty where ``meaning`` holds for both.
+        symmetric: whether a result is a symmetric matrix, to the last bit.
+        symbol: letter of the argument in formulas.
+        plural: name of the argument where it holds one value per tip.
+        own: whether CUDA takes one per configuration (a cotangent, vectors of all tips). CUDA always takes one vector
+            per configuration; a matrix is shared by all configurations unless it is ``varying``.
+        of_configuration: whether the argument belongs to the configuration and is shared by all tips.
+        varying: whether CUDA takes one matrix per configuration.
+        triangle: whether a kernel reads only the upper triangle of a symmetric matrix.
+
     """
 
     name: str
@@ -36,20 +50,32 @@ class Argument:
     of_configuration: bool = False
     varying: bool = False
     triangle: bool = False
+    floating_meaning: str = ""
+
+    @classmethod
+    def referred(cls, name: str, shape: tuple[Extent, ...], unit: str, meaning: str, **options: Any) -> Argument:
+        """Return an argument whose ``meaning`` has "{reference}" for "base" or, on a floating base, "world"."""
+        fixed, floating = (meaning.format(reference=reference) for reference in ("base", "world"))
+        return cls(name, shape, unit, fixed, floating_meaning=floating, **options)
+
+    def on_floating_base(self) -> Argument:
+        """Return the argument with its meaning for a floating base."""
+        return replace(self, meaning=self.floating_meaning or self.meaning, floating_meaning="")
 
     def of_all_tips(self, names: list[str]) -> Argument:
-        """Return the argument that holds one block of this a tip, in the order of ``names``."""
-        order = "one a tip, in the order " + ", ".join(names)
+        """Return the argument that holds one value of this per tip, in the order of ``names``."""
+        order = "one per tip, in the order " + ", ".join(names)
         return replace(
             self,
             name=self.plural,
             shape=(len(names), *self.shape),
             meaning=f"{order}: {self.meaning}",
-            own=self.own or len(self.shape) == 1,  # as a vector is each configuration's
+            floating_meaning=self.floating_meaning and f"{order}: {self.floating_meaning}",
+            own=self.own or len(self.shape) == 1,  # CUDA takes one vector per configuration
         )
 
     def packed(self) -> Argument:
-        """Return the result as packed batches and CUDA store it: of a symmetric matrix the upper triangle by rows."""
+        """Return the result as packed batches and CUDA store it: a symmetric matrix as its upper triangle, by rows."""
         if not self.symmetric:
             return self
         rows = self.shape[0]
@@ -73,25 +99,29 @@ TOOL_POSE = Argument(
     "tool_pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tool in the tip's frame; R must be a rotation",
     symbol="T", plural="tool_poses",
 )  # fmt: skip
-VELOCITY = Argument("velocity", ("n",), "rad/s or m/s", "rates of the joint positions", symbol="dq")
-GRAVITY = Argument(
-    "gravity", (3,), "m/s^2", "acceleration of free fall in base axes, (0, 0, -9.81) where z points up", symbol="g"
+VELOCITY = Argument(
+    "velocity", ("n",), "rad/s or m/s", "rates of the joint positions", symbol="dq",
+    floating_meaning="twist of the base link (linear, angular) in its own axes, then rates of the joints",
+)  # fmt: skip
+GRAVITY = Argument.referred(
+    "gravity", (3,), "m/s^2", "acceleration of free fall in {reference} axes, (0, 0, -9.81) where z points up",
+    symbol="g",
 )  # fmt: skip
 _WRENCH_FRAME = {
     "body": "in tip axes, moment about the tip's origin",
-    "spatial": "in base axes, moment about the base's origin",
-    "hybrid": "in base axes, moment about the tip's origin",
+    "spatial": "in {reference} axes, moment about the {reference}'s origin",
+    "hybrid": "in {reference} axes, moment about the tip's origin",
 }
 _STIFFNESS_FRAME = {
     "body": "tip axes at the tip's origin",
-    "spatial": "base axes at the base's origin",
-    "hybrid": "base axes at the tip's origin",
+    "spatial": "{reference} axes at the {reference}'s origin",
+    "hybrid": "{reference} axes at the tip's origin",
 }
 
 
 def wrench(representation: Representation) -> Argument:
     """Return the wrench on the tip."""
-    return Argument(
+    return Argument.referred(
         "wrench",
         (6,),
         "N, N m",
@@ -102,9 +132,9 @@ def wrench(representation: Representation) -> Argument:
 
 
 def task_stiffness(representation: Representation, *, triangle: bool) -> Argument:
-    """Return the task stiffness, of which all entries are read or the upper ``triangle``."""
+    """Return the task stiffness; the kernel reads its upper ``triangle``, or all entries."""
     reading = "symmetric, only the upper triangle is read" if triangle else "all 36 entries are read"
-    return Argument(
+    return Argument.referred(
         "task_stiffness",
         (6, 6),
         "N/m, N, N m",
@@ -115,29 +145,9 @@ def task_stiffness(representation: Representation, *, triangle: bool) -> Argumen
     )
 
 
-POSE = Argument("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the base frame")
+POSE = Argument.referred("pose", (4, 4), "m", "homogeneous pose [R p; 0 1] of the tip in the {reference} frame")
 
 
 def configuration_arguments(*, runtime_tool: bool, floating: bool = False) -> tuple[Argument, ...]:
-    """Return the configuration arguments: q, before it the base pose, after it the tool pose at run time."""
+    """Return the configuration arguments: base pose (floating base), q, and tool pose (tool at run time)."""
     return (*((BASE_POSE,) if floating else ()), Q, *((TOOL_POSE,) if runtime_tool else ()))
-
-
-_IN_THE_WORLD = (
-    ("in base axes", "in world axes"),
-    ("base axes at the", "world axes at the"),
-    ("the base's origin", "the world's origin"),
-    ("the base's height", "the world's origin's height"),
-    ("in the base frame", "in the world"),
-    (
-        "rates of the joint positions",
-        "twist of the base link (linear, angular) in its own axes, then rates of the joints",
-    ),
-)
-
-
-def in_the_world(text: str) -> str:
-    """Rewrite the text of a fixed base for a floating one: the world takes the place of the base."""
-    for standing, floating in _IN_THE_WORLD:
-        text = text.replace(standing, floating)
-    return text

@@ -13,7 +13,7 @@ from stiffgen.symbolic.program import Program
 
 @dataclass(frozen=True)
 class Batch:
-    """C function for many configurations in one call: suffix of its name, and its results."""
+    """C function for many configurations in one call: suffix of the name, and results."""
 
     suffix: str
     results: tuple[Argument, ...]
@@ -27,9 +27,17 @@ PACKED = "_packed"
 class Kernel:
     """Function of every generated robot.
 
-    ``group`` is the namespace: a representation, a spring, or None for what belongs to neither; ``tip`` is None for
-    what belongs to no single tip of several (and for the functions of an only tip). ``equation`` names what the kernel
-    evaluates and its source; ``note`` says what a caller must know beyond shapes and units.
+    Attributes:
+        name: name within the group.
+        group: namespace, a representation or a spring; None for kernels of neither.
+        arguments: inputs, in the order of the C function.
+        results: outputs, in the order of the C function.
+        summary: first sentence of the documentation.
+        equation: formula that the kernel evaluates, with its source.
+        program: steps of the kernel for one chain.
+        note: information that a caller needs beyond shapes and units.
+        tip: tip of the function; None for a robot with one tip, and for functions that concern several tips.
+
     """
 
     name: str
@@ -42,16 +50,18 @@ class Kernel:
     note: str = ""
     tip: Tip | None = None
     batch: bool = False
-    """Whether C also has it for many configurations in one call: :attr:`batches`."""
+    """Whether C also has a function for many configurations in one call: :attr:`batches`."""
     part_of: str = ""
-    """Name of a kernel of the group with the same arguments that computes these results beside others at hardly more
-    cost: one vector-Jacobian product serves both."""
+    """Name of a larger kernel of the group with the same arguments, whose results include this kernel's.
+
+    The larger kernel costs hardly more, so that one vector-Jacobian product serves both.
+    """
     product_of: str = ""
     """Name of the kernel of the group whose vector-Jacobian product this is, with its arguments and cotangents."""
     by_tips: Callable[[Chain], Program] | None = None
-    """Program of a total as a sum over the tips, which is differentiated tip by tip; ``program`` takes one pass."""
+    """Program of a total as a sum over the tips, differentiated tip by tip; ``program`` needs one pass."""
     of_masses: bool = False
-    """Whether the kernel needs all moving joints, also side joints, which move masses and no tip."""
+    """Whether the kernel needs all moving joints, including side joints, which move masses but no tip."""
 
     @property
     def qualified_name(self) -> str:
@@ -61,12 +71,12 @@ class Kernel:
 
     @property
     def path(self) -> tuple[str, ...]:
-        """Tip and group, as far as it has them: the namespaces that hold the function in Python."""
+        """Namespaces that hold the function in Python: tip and group, where the kernel has them."""
         return tuple(filter(None, (self.tip.name if self.tip else None, self.group)))
 
     @property
     def choices(self) -> tuple[str, str]:
-        """Words that choose the kernel: its group ("dynamics" where it has none), and group and name."""
+        """Words of --kernels that select the kernel: GROUP ("dynamics" without a group) and GROUP.NAME."""
         return self.group or "dynamics", ".".join(filter(None, (self.group, self.name.removesuffix("_total"))))
 
     @property
@@ -77,38 +87,38 @@ class Kernel:
 
     @property
     def packed(self) -> Batch | None:
-        """NAME_..._packed_batch, where there is a batch and a result is symmetric."""
+        """Batch NAME_..._packed_batch; None without a batch or a symmetric result."""
         if not self.batch or not any(result.symmetric for result in self.results):
             return None
         return Batch(f"{PACKED}_batch", tuple(result.packed() for result in self.results))
 
     @property
     def batches(self) -> tuple[Batch, ...]:
-        """NAME_..._batch and :attr:`packed`, as far as there are any."""
+        """Batches of the kernel: NAME_..._batch and :attr:`packed`, where they exist."""
         if not self.batch:
             return ()
         return Batch("_batch", self.results), *((self.packed,) if self.packed else ())
 
     def scope(self, chain: Chain) -> Chain:
-        """Return the chain that the program is about: the branch to the tip, the paths to all tips, or the whole."""
+        """Return the part of the chain that the program needs: branch to the tip, paths to all tips, or all joints."""
         if self.of_masses:
             return chain
         return chain.branch(self.tip) if self.tip else chain.without_side_joints()
 
     def scope_name(self, chain: Chain) -> str:
-        """Return the tip's name, "tree" for a whole that has side joints, else ""."""
+        """Return the name of the scope: the tip's name, "tree" for all joints with side joints, else ""."""
         if self.of_masses and len(chain.without_side_joints().joints) < len(chain.joints):
             return "tree"
         return self.tip.name if self.tip else ""
 
     def steps(self, chain: Chain) -> Program:
-        """Return the program for a chain, to be run on its :meth:`scope`."""
+        """Return the program for a chain; it runs on the chain's :meth:`scope`."""
         return self.program(self.scope(chain))
 
     def signature(self, chain: Chain) -> str:
         """Return the shapes as a signature of a NumPy generalised ufunc, "(7),(6)->(7,7)"."""
-        given, results = (
+        inputs, outputs = (
             ",".join("(" + ",".join(map(str, argument.array(chain).shape)) + ")" for argument in arrays)
             for arrays in (self.arguments, self.results)
         )
-        return f"{given}->{results}"
+        return f"{inputs}->{outputs}"

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""The Kernel table: the only list of what is computed. Every output of stiffgen is made from it.
+"""Kernel table: the only list of generated functions, from which stiffgen makes every output.
 
-Adding a kernel is one record: name, arguments with shapes and units, result, one-line meaning, equation, and the
-program that computes it. Header, source, Python module, stubs, documentation tables, ``casadi.Function`` objects,
-benchmarks and the parametrised tests follow.
+A new kernel is one record: name, arguments with shapes and units, results, summary, equation and program. Header,
+source, Python module, stubs, documentation tables, ``casadi.Function`` objects, benchmarks and the parametrised tests
+follow from the record.
 """
 
 from __future__ import annotations
@@ -41,22 +41,27 @@ _Steps = Callable[[Chain], Program]
 
 _TWIST_FRAME = {
     "body": "velocity of the tip's origin and angular velocity, both in tip axes (Pinocchio: LOCAL)",
-    "spatial": "velocity of the point passing the base's origin and angular velocity, both in base axes "
+    "spatial": "velocity of the point passing the {reference}'s origin and angular velocity, both in {reference} axes "
     "(Pinocchio: WORLD)",
-    "hybrid": "velocity of the tip's origin and angular velocity, both in base axes (Pinocchio: LOCAL_WORLD_ALIGNED)",
+    "hybrid": "velocity of the tip's origin and angular velocity, both in {reference} axes "
+    "(Pinocchio: LOCAL_WORLD_ALIGNED)",
 }
 _SPATIAL_NOTE = (
-    "The spatial connection is not the body and hybrid one: the same task stiffness and wrench, moved to the base's "
-    "origin, give another joint stiffness."
+    "The spatial connection differs from the body and hybrid one: the same task stiffness and wrench, moved to the "
+    "{reference}'s origin, give a different joint stiffness."
 )
 
 
-def _representation_kernels(rep: Representation, given: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+def _representation_kernels(
+    rep: Representation, configuration: tuple[Argument, ...], reference: str
+) -> tuple[Kernel, ...]:
     wrench = arguments.wrench(rep)
     upper = arguments.task_stiffness(rep, triangle=True)
     full = arguments.task_stiffness(rep, triangle=False)
-    spatial = _SPATIAL_NOTE if rep == "spatial" else ""
-    jacobian = Argument("jacobian", (6, "n"), "m, rad per rad or m", f"column i: twist of joint i, {_TWIST_FRAME[rep]}")
+    spatial = _SPATIAL_NOTE.format(reference=reference) if rep == "spatial" else ""
+    jacobian = Argument.referred(
+        "jacobian", (6, "n"), "m, rad per rad or m", f"column i: twist of joint i, {_TWIST_FRAME[rep]}"
+    )
     derivative = Argument(
         "jacobian_transpose_derivative", ("n", "n", 6), "per rad or m",
         "block i is dJ^T/dq_i: entry [i, b, k] = dJ[k, b]/dq_i",
@@ -69,21 +74,21 @@ def _representation_kernels(rep: Representation, given: tuple[Argument, ...]) ->
     uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
     return (
         Kernel(
-            "jacobian", rep, given, (jacobian,),
+            "jacobian", rep, configuration, (jacobian,),
             f"Jacobian in {rep} representation.",
             "xi = J dq/dt, twist linear first",
             partial(programs.jacobian, representation=rep, result=jacobian),
             batch=True,
         ),
         Kernel(
-            "jacobian_transpose_derivative", rep, given, (derivative,),
+            "jacobian_transpose_derivative", rep, configuration, (derivative,),
             "Derivative of the transposed Jacobian with respect to each joint position.",
-            "dJ^T/dq, closed form through Lie brackets",
+            "dJ^T/dq, in closed form from Lie brackets",
             partial(programs.jacobian_derivative, representation=rep, result=derivative),
         ),
         Kernel(
-            "kinematic_stiffness", rep, (*given, wrench), (kinematic,),
-            "Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.",
+            "kinematic_stiffness", rep, (*configuration, wrench), (kinematic,),
+            "Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.",
             "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)",
             partial(programs.kinematic_stiffness, representation=rep, result=kinematic, wrench=wrench),
         ),
@@ -95,15 +100,15 @@ def _representation_kernels(rep: Representation, given: tuple[Argument, ...]) ->
             spatial,
         ),
         Kernel(
-            "joint_stiffness", rep, (*given, wrench, upper), (joint,),
-            "Symmetric joint stiffness with the connection's correction.",
+            "joint_stiffness", rep, (*configuration, wrench, upper), (joint,),
+            "Symmetric joint stiffness with the correction by the connection.",
             "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)",
             partial(programs.joint_stiffness, representation=rep, result=joint, wrench=wrench, task_stiffness=upper),
             spatial,
             batch=True,
         ),
         Kernel(
-            "joint_stiffness_uncorrected", rep, (*given, wrench, full), (uncorrected,),
+            "joint_stiffness_uncorrected", rep, (*configuration, wrench, full), (uncorrected,),
             "Conventional joint stiffness, without the correction; for comparison.",
             "dJ^T/dq . F + J^T K J",
             partial(programs.joint_stiffness_uncorrected, representation=rep, result=uncorrected, wrench=wrench,
@@ -119,23 +124,23 @@ _MASS = Argument(
 
 
 _ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibrium")
-_SPRING_WRENCH = Argument(
+_SPRING_WRENCH = Argument.referred(
     "wrench", (6,), "N, N m",
-    "F = dU, the (force, moment) that holds the robot against the spring, in base axes, moment about the tip's origin",
+    "F = dU, (force, moment) that balances the spring at the tip, in {reference} axes, moment about the tip's origin",
 )  # fmt: skip
-_SPRING_TASK_STIFFNESS = Argument(
+_SPRING_TASK_STIFFNESS = Argument.referred(
     "task_stiffness", (6, 6), "N/m, N, N m",
-    "covariant Hessian of U on twists (linear, angular), base axes at the tip's origin; bitwise symmetric",
+    "covariant Hessian of U on twists (linear, angular), {reference} axes at the tip's origin; bitwise symmetric",
     symmetric=True,
 )  # fmt: skip
-_SPRING_TORQUE = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the spring puts on the joints")
+_SPRING_TORQUE = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the spring exerts on the joints")
 _SPRING_JOINT_STIFFNESS = Argument(
     "joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2 = -d torque/dq, bitwise symmetric", symmetric=True
 )
 
 
-def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel, ...]:
-    """Return the kernels that follow from one energy; torque and tangent also in one call."""
+def _spring_kernels(spring: Spring, configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels that follow from one energy; one of them returns torque and tangent in one call."""
     energy, torque, joint = _ENERGY, _SPRING_TORQUE, _SPRING_JOINT_STIFFNESS
     terms, joint_terms = programs.spring_terms, programs.spring_joint_terms
     hessian = "Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian"
@@ -143,7 +148,7 @@ def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel
     def kernel(
         name: str, results: tuple[Argument, ...], summary: str, equation: str, program: _Steps, part_of: str = ""
     ) -> Kernel:
-        arguments = (*given, *spring.parameters)
+        arguments = (*configuration, *spring.parameters)
         return Kernel(
             name,
             spring.name,
@@ -194,11 +199,12 @@ def _spring_kernels(spring: Spring, given: tuple[Argument, ...]) -> tuple[Kernel
 def _tip_kernels(
     tip: Tip | None, springs: tuple[Spring, ...], *, runtime_tool: bool, floating: bool = False
 ) -> tuple[Kernel, ...]:
-    given = configuration_arguments(runtime_tool=runtime_tool, floating=floating)
+    configuration = configuration_arguments(runtime_tool=runtime_tool, floating=floating)
+    reference = "world" if floating else "base"
     seen_from_tip = configuration_arguments(runtime_tool=runtime_tool)
     pose = Kernel(
-        "forward_kinematics", None, given, (POSE,),
-        "Pose of the tip in the base frame.",
+        "forward_kinematics", None, configuration, (POSE,),
+        f"Pose of the tip in the {reference} frame.",
         "product of joint poses",
         programs.forward_kinematics,
     )  # fmt: skip
@@ -207,35 +213,35 @@ def _tip_kernels(
         *(
             kernel
             for rep in REPRESENTATIONS
-            for kernel in _representation_kernels(rep, seen_from_tip if rep == "body" else given)
+            for kernel in _representation_kernels(rep, seen_from_tip if rep == "body" else configuration, reference)
         ),
-        *(kernel for spring in springs for kernel in _spring_kernels(spring, given)),
+        *(kernel for spring in springs for kernel in _spring_kernels(spring, configuration)),
     )
-    note = "With a tool pose, 'tip' is the tool's frame." if runtime_tool else ""
+    note = "'Tip' means the frame of the tool at tool_pose." if runtime_tool else ""
     return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
 
 
-def _total_program(chain: Chain, of: Kernel, given: tuple[Argument, ...], results: tuple[Argument, ...]) -> Program:
+def _total_program(chain: Chain, of: Kernel, inputs: tuple[Argument, ...], results: tuple[Argument, ...]) -> Program:
     """Return the sum of a kernel's results over the tips.
 
-    Each argument but the configuration's holds one value per tip.
+    Every argument outside the configuration holds one value per tip.
     """
-    arrays = [(argument.array(chain), argument.of_configuration) for argument in given]
+    arrays = [(argument.array(chain), argument.of_configuration) for argument in inputs]
     terms = []
     for index, tip in enumerate(chain.tips):
         kernel = replace(of, tip=tip)
-        own = [argument.array(chain) for argument in kernel.arguments]
-        parts = (ArgumentSlice(array, None if shared else index) for array, shared in arrays)
-        scope = kernel.scope(chain)
-        terms.append(Term(kernel.qualified_name, scope, kernel.steps(chain), tuple(zip(own, parts, strict=True))))
-    targets = tuple(result.array(chain) for result in results)
-    return (Sum(targets, tuple(result.name for result in of.results), tuple(terms)),)
+        parameters = [argument.array(chain) for argument in kernel.arguments]
+        slices = (ArgumentSlice(array, None if shared else index) for array, shared in arrays)
+        pairs = tuple(zip(parameters, slices, strict=True))
+        terms.append(Term(kernel.qualified_name, kernel.scope(chain), kernel.steps(chain), pairs))
+    outputs = tuple(result.array(chain) for result in results)
+    return (Sum(outputs, tuple(result.name for result in of.results), tuple(terms)),)
 
 
 def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | None = None) -> Kernel:
-    """Return the kernel that sums the results of ``of``, a representation's or a ``spring``'s, over the tips."""
+    """Return the kernel that sums the results of a kernel over the tips; ``spring`` is the kernel's, if any."""
     names = [tip.name for tip in chain.tips]
-    given = tuple(each if each.of_configuration else each.of_all_tips(names) for each in of.arguments)
+    inputs = tuple(each if each.of_configuration else each.of_all_tips(names) for each in of.arguments)
     results = tuple(
         replace(
             result,
@@ -244,27 +250,27 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | N
         )
         for result in of.results
     )
-    by_tips = partial(_total_program, of=of, given=given, results=results)
+    by_tips = partial(_total_program, of=of, inputs=inputs, results=results)
     one_pass: Callable[[Chain], Program]
     if spring:
         parts = {result.name: total for result, total in zip(of.results, results, strict=True)}
-        one_pass = partial(programs.spring_total, spring=spring, given=given, results=parts)
+        one_pass = partial(programs.spring_total, spring=spring, inputs=inputs, results=parts)
     else:
         representation = next(each for each in REPRESENTATIONS if each == of.group)
         (result,) = results
-        one_pass = partial(programs.joint_stiffness_total, representation=representation, result=result, given=given)
+        one_pass = partial(programs.joint_stiffness_total, representation=representation, result=result, inputs=inputs)
     equation = f"sum over the tips of {of.equation}"
     return Kernel(
-        f"{of.name}_total", of.group, given, results, summary, equation, one_pass, note, batch=True, by_tips=by_tips
+        f"{of.name}_total", of.group, inputs, results, summary, equation, one_pass, note, batch=True, by_tips=by_tips
     )
 
 
 def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...]:
     contacts = (
-        "Symmetric joint stiffness of contacts at all tips together.",
-        "A tip without contact: wrench and task stiffness zero.",
+        "Symmetric joint stiffness of the contacts at all tips, added up.",
+        "For a tip without contact, pass zero wrench and task stiffness.",
     )
-    of_springs = ("{summary} Springs at all tips together.", "A tip without a spring: its stiffnesses zero.")
+    of_springs = ("{summary} Sum over the springs at all tips.", "For a tip without a spring, pass zero stiffnesses.")
     totals = []
     for kernel in _tip_kernels(None, springs, runtime_tool=chain.runtime_tool, floating=chain.floating):
         if kernel.group in REPRESENTATIONS:
@@ -281,45 +287,46 @@ _MASS_MATRIX = Kernel(
     "Joint-space mass matrix.",
     "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
     partial(programs.mass_matrix, result=_MASS),
-    "Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate of q "
-    "follow it. Rotor inertias are not in a URDF.",
+    "Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of q. Rotor "
+    "inertias are not included, since a URDF does not hold them.",
     batch=True,
     of_masses=True,
 )  # fmt: skip
 
 
 _BIAS = Argument(
-    "bias_forces", ("n",), "N m or N", "C(q, dq) dq + dU/dq; add M ddq and it is the torque that the motion takes"
+    "bias_forces", ("n",), "N m or N", "C(q, dq) dq + dU/dq; the sum with M ddq is the joint torque of the motion"
 )
-_GRAVITY_ENERGY = Argument(
-    "energy", (), "J", "potential energy U, 0 where the centre of mass of all moving links lies at the base's height"
+_GRAVITY_ENERGY = Argument.referred(
+    "energy", (), "J",
+    "potential energy U, 0 where the centre of mass of all moving links is level with the {reference}'s origin",
 )  # fmt: skip
-_GRAVITY_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq: torque that holds the robot against gravity")
+_GRAVITY_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq: torque that balances gravity")
 _GRAVITY_STIFFNESS = Argument("joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2, bitwise symmetric", symmetric=True)
 
 
 def _gravity_kernel(
-    given: tuple[Argument, ...], result: Argument, summary: str, equation: str, program: Callable[..., Program]
+    inputs: tuple[Argument, ...], result: Argument, summary: str, equation: str, program: Callable[..., Program]
 ) -> Kernel:
-    made = partial(program, result=result)
     return Kernel(
-        result.name, "gravity", given, (result,), summary, equation, made, _MASS_MATRIX.note, batch=True, of_masses=True
-    )
+        result.name, "gravity", inputs, (result,), summary, equation, partial(program, result=result),
+        _MASS_MATRIX.note, batch=True, of_masses=True,
+    )  # fmt: skip
 
 
 def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
     """Return the kernels of a robot's dynamics."""
-    where = configuration_arguments(runtime_tool=False, floating=floating)
-    falling = (*where, arguments.GRAVITY)
-    base = "; on the base less Gamma dU/dq of its twist" if floating else ""
+    configuration = configuration_arguments(runtime_tool=False, floating=floating)
+    falling = (*configuration, arguments.GRAVITY)
+    base = "; minus Gamma dU/dq in the rows and columns of the base's twist" if floating else ""
     return (
         _MASS_MATRIX,
         Kernel(
-            "bias_forces", None, (*where, arguments.VELOCITY, arguments.GRAVITY), (_BIAS,),
-            "Bias forces: Coriolis, centrifugal and gravity's.",
+            "bias_forces", None, (*configuration, arguments.VELOCITY, arguments.GRAVITY), (_BIAS,),
+            "Bias forces: Coriolis, centrifugal and gravity forces.",
             "C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)",
             partial(programs.bias_forces, result=_BIAS),
-            f"With gravity zero: Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
+            f"Zero gravity gives the Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
             batch=True,
             of_masses=True,
         ),
@@ -340,16 +347,16 @@ def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
 
 def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
     energy = Argument("energy", (), "J", "energy U of the potential")
-    torque = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the potential puts on the joints")
+    torque = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the potential exerts on the joints")
     joint = Argument(
         "joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2 = -d torque/dq, diagonal", symmetric=True
     )  # fmt: skip
 
     def kernel(result: Argument, summary: str, equation: str, part: JointPart) -> Kernel:
         program = partial(programs.joint_potential, potential=potential, part=part, result=result)
-        given = (arguments.Q, *potential.parameters)
+        inputs = (arguments.Q, *potential.parameters)
         return Kernel(
-            part, potential.name, given, (result,), f"{summary} {potential.title}.", equation, program,
+            part, potential.name, inputs, (result,), f"{summary} {potential.title}.", equation, program,
             potential.domain, batch=True,
         )  # fmt: skip
 
@@ -371,50 +378,50 @@ def _serial(
 
 
 KERNELS: tuple[Kernel, ...] = _serial()
-"""The kernels of a chain with one tip, in the order in which they are printed."""
+"""Kernels of a chain with one tip, in the order of printing."""
 
 RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | {PACKED.lstrip("_")}
-"""Names in a robot's module that no tip and no potential may have."""
+"""Names in a robot's module that are forbidden for tips and potentials."""
 
 _ARGUMENT_NAMES = frozenset(
     argument.name
     for kernel in KERNELS
     for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
 )
-_TAKEN = RESERVED_NAMES | _ARGUMENT_NAMES | {kernel.name for kernel in KERNELS} | {"impedance", *CPP_NAMES}
-"""Names that no potential and no parameter of one may have."""
+_FORBIDDEN_NAMES = RESERVED_NAMES | _ARGUMENT_NAMES | {kernel.name for kernel in KERNELS} | {"impedance", *CPP_NAMES}
+"""Names that are forbidden for potentials and their parameters."""
 
 
-def _refuse_taken_names(springs: tuple[Spring, ...]) -> None:
+def _check_names(springs: tuple[Spring, ...]) -> None:
     """Raise PotentialError if a user's potential, or a parameter of it, has a name of the kernel table."""
     for spring in springs:
-        if spring.name in _TAKEN:
+        if spring.name in _FORBIDDEN_NAMES:
             raise PotentialError(
                 f"potential {spring.name}: the name is taken by stiffgen's own functions; give it another"
             )
         for parameter in spring.parameters:
-            if parameter.name in _TAKEN:
+            if parameter.name in _FORBIDDEN_NAMES:
                 raise PotentialError(
                     f"potential {spring.name}: a parameter cannot be called '{parameter.name}'; give it another name"
                 )
 
 
 MAX_BATCH_JOINTS = 24
-"""Chains with more moving joints have no batch functions, which would double a C source of nearly a megabyte."""
+"""Largest number of moving joints with batch functions, which would double a C source of nearly a megabyte."""
 
 
 def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[Kernel, ...]:
     """Return the kernels of a chain in the order of printing; ``options`` adds springs to the default.
 
-    The mass matrix is left out where the chain's masses were. With several tips, each has its own pose and
-    representation kernels, and the joint stiffness of all contacts together is added.
+    A chain without masses has no kernels of dynamics. With several tips, each tip has its own kernels, and totals add
+    up the joint stiffnesses of all contacts and the springs at all tips.
     """
     options = options or SpringOptions()
     springs = options.springs()
-    _refuse_taken_names(springs[len(springs) - len(options.potentials) :])
-    kernels = _chosen(_all_kernels(chain, springs), options.groups)
+    _check_names(springs[len(springs) - len(options.potentials) :])
+    kernels = _select(_all_kernels(chain, springs), options.groups)
     if chain.floating:
-        kernels = tuple(map(_in_the_world, kernels))
+        kernels = tuple(map(_on_floating_base, kernels))
     if options.derivatives:
         kernels = (*kernels, *products(kernels))
     if options.batches and len(chain.joints) <= MAX_BATCH_JOINTS:
@@ -422,8 +429,8 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     return tuple(replace(kernel, batch=False) for kernel in kernels)
 
 
-def _chosen(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kernel, ...]:
-    """Return the kernels of some groups, all for no groups; the poses of the tips are always among them.
+def _select(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of some groups, always with the tips' poses; without groups return all kernels.
 
     Raises:
         ChainError: the robot has no such group or function.
@@ -443,18 +450,12 @@ def _chosen(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kerne
     )
 
 
-def _in_the_world(kernel: Kernel) -> Kernel:
-    """Return a kernel with the texts for a floating base."""
-
-    def told(several: tuple[Argument, ...]) -> tuple[Argument, ...]:
-        return tuple(replace(each, meaning=arguments.in_the_world(each.meaning)) for each in several)
-
+def _on_floating_base(kernel: Kernel) -> Kernel:
+    """Return a kernel whose arguments and results have their meanings for a floating base."""
     return replace(
         kernel,
-        arguments=told(kernel.arguments),
-        results=told(kernel.results),
-        summary=arguments.in_the_world(kernel.summary),
-        note=arguments.in_the_world(kernel.note),
+        arguments=tuple(argument.on_floating_base() for argument in kernel.arguments),
+        results=tuple(result.on_floating_base() for result in kernel.results),
     )
 
 

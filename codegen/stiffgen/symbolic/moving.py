@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Moving a wrench and a task stiffness between representations, so that the same spring results.
+"""Conversion of a wrench and a task stiffness between representations, for one and the same spring.
 
-The joint stiffness Kq = dJ^T/dq . F + J^T (K + Gamma F) J belongs to a representation: the Jacobian, F, K and Gamma
-must be of the same one. (F, K) of one and the same spring are, with the tip's pose (p, R) and [a] the cross-product
-matrix of a,
+In the joint stiffness Kq = dJ^T/dq . F + J^T (K + Gamma F) J, the Jacobian, F, K and Gamma must have the same
+representation. With the tip's pose (p, R) and [a] the cross-product matrix of a, the wrench and stiffness of one spring
+convert as
 
     body and hybrid       F_h = T F_b        K_h = T K_b T^T               T = blkdiag(R, R)
     hybrid and spatial    F_s = X^-T F_h     K_s = X^-T K_h X^-1 + N       X = [[I, [p]], [0, I]]
                                              N = blkdiag(0, ([f][p] + [p][f])/2)
 
-Body and hybrid share their connection, so K moves as a tensor. The spatial connection is another one: the covariant
-Hessian of the same energy differs by N, which depends on the point p and vanishes with the force f alone. With it the
-joint stiffness is the same in all three representations.
+Body and hybrid representation share one connection, so that K converts as a tensor. The spatial connection differs: the
+covariant Hessian of the same energy has the additional term N, which depends on the point p and is zero for zero force
+f. With N, the joint stiffness is the same in all three representations.
 
-In the paper's spatial form (Lachner, Nah, Hogan 2025) K moves as a tensor, without N: ``as_tensor``. The joint
-stiffness that comes out is symmetric, but it is that of another spring; the difference is J_s^T N J_s.
+In the paper's spatial form (Lachner, Nah, Hogan 2025) K converts as a tensor, without N (``as_tensor``). The resulting
+joint stiffness is symmetric but belongs to a different spring; the difference is J_s^T N J_s.
 """
 
 from __future__ import annotations
@@ -38,33 +38,33 @@ def move_stiffness(
     *,
     as_tensor: bool = False,
 ) -> tuple[Array, Array]:
-    """Return the wrench and task stiffness, in another representation, of the same spring.
+    """Return wrench and task stiffness of the same spring in another representation.
 
     Leading dimensions broadcast.
 
     Args:
-        pose: (4, 4), the tip in the base frame [m].
+        pose: (4, 4), pose of the tip in the base frame [m].
         wrench: (6,), (force, moment) that the environment applies to the robot [N, N m], in ``source``.
         task_stiffness: (6, 6), symmetric, on twists (linear, angular) [N/m, N, N m], in ``source``.
-        source: representation that they are given in: "body", "spatial" or "hybrid".
-        target: representation that is wanted.
-        as_tensor: leave the point-dependent term of the spatial representation out, as the paper does: the joint
-            stiffness is then another one.
+        source: representation of the arguments: "body", "spatial" or "hybrid".
+        target: representation of the result.
+        as_tensor: omit the point-dependent term of the spatial representation, as the paper does; the joint stiffness
+            then differs.
 
     Returns:
         Wrench (6,) and task stiffness (6, 6) in ``target``.
 
     Raises:
-        ValueError: an unknown representation, or an argument that has not the shape above.
+        ValueError: a representation is unknown, or the shape of an argument is wrong.
 
     """
     for name in (source, target):
         if name not in REPRESENTATIONS:
             raise ValueError(f"no representation '{name}'; it must be one of {', '.join(REPRESENTATIONS)}")
     H, F, K = (np.asarray(each, dtype=float) for each in (pose, wrench, task_stiffness))
-    for what, array, shape in (("pose", H, (4, 4)), ("wrench", F, (6,)), ("task_stiffness", K, (6, 6))):
+    for name, array, shape in (("pose", H, (4, 4)), ("wrench", F, (6,)), ("task_stiffness", K, (6, 6))):
         if array.shape[array.ndim - len(shape) :] != shape:
-            raise ValueError(f"{what} must have the shape {shape}, not {array.shape}")
+            raise ValueError(f"{name} must have the shape {shape}, not {array.shape}")
     lead = np.broadcast_shapes(H.shape[:-2], F.shape[:-1], K.shape[:-2])
     F, K = np.broadcast_to(F, (*lead, 6)), np.broadcast_to(K, (*lead, 6, 6))
     rotation, point = H[..., :3, :3], H[..., :3, 3]
@@ -87,25 +87,25 @@ def _blocks(upper_left: Any, lower_left: Any, lower_right: Any) -> Array:
     return matrix
 
 
-def _moved(by: Array, F: Array, K: Array) -> tuple[Array, Array]:
-    return np.einsum("...ij,...j->...i", by, F), by @ K @ np.swapaxes(by, -1, -2)
+def _transformed(matrix: Array, F: Array, K: Array) -> tuple[Array, Array]:
+    return np.einsum("...ij,...j->...i", matrix, F), matrix @ K @ np.swapaxes(matrix, -1, -2)
 
 
 def _point_term(point: Array, force: Array) -> Array:
     f, p = _cross(force), _cross(point)
-    none = np.zeros((3, 3))
-    return _blocks(none, none, (f @ p + p @ f) / 2)
+    zero = np.zeros((3, 3))
+    return _blocks(zero, zero, (f @ p + p @ f) / 2)
 
 
 def _to_hybrid(
     rotation: Array, point: Array, F: Array, K: Array, source: Representation, *, as_tensor: bool
 ) -> tuple[Array, Array]:
     if source == "body":
-        return _moved(_blocks(rotation, np.zeros((3, 3)), rotation), F, K)
+        return _transformed(_blocks(rotation, np.zeros((3, 3)), rotation), F, K)
     if source == "spatial":
         if not as_tensor:
             K = K - _point_term(point, F[..., :3])
-        return _moved(_blocks(np.eye(3), -_cross(point), np.eye(3)), F, K)
+        return _transformed(_blocks(np.eye(3), -_cross(point), np.eye(3)), F, K)
     return F, K
 
 
@@ -113,9 +113,9 @@ def _from_hybrid(
     rotation: Array, point: Array, F: Array, K: Array, target: Representation, *, as_tensor: bool
 ) -> tuple[Array, Array]:
     if target == "body":
-        back = np.swapaxes(rotation, -1, -2)
-        return _moved(_blocks(back, np.zeros((3, 3)), back), F, K)
+        inverse = np.swapaxes(rotation, -1, -2)
+        return _transformed(_blocks(inverse, np.zeros((3, 3)), inverse), F, K)
     if target == "spatial":
-        F, K = _moved(_blocks(np.eye(3), _cross(point), np.eye(3)), F, K)
+        F, K = _transformed(_blocks(np.eye(3), _cross(point), np.eye(3)), F, K)
         return F, K if as_tensor else K + _point_term(point, F[..., :3])
     return F, K

@@ -222,15 +222,18 @@ def joint_stiffness(
 
 
 def joint_stiffness_total(
-    chain: Chain, representation: Representation, result: Argument, given: tuple[Argument, ...]
+    chain: Chain, representation: Representation, result: Argument, inputs: tuple[Argument, ...]
 ) -> Program:
-    """Return the sum of the tips' joint stiffnesses, one triangle, mirrored; ``given``: the kernel's arguments."""
+    """Return the program of the tips' joint stiffnesses, added up: one triangle, mirrored.
+
+    ``inputs`` are the arguments of the kernel.
+    """
 
     def steps(output: Array) -> Program:
         S, u = (Array(name, (6, len(chain.joints))) for name in ("S", "u"))
         expressions = partial(contacts.columns_and_covectors, representation=representation)
-        arguments = tuple(argument.array(chain) for argument in given)
-        heading = "columns S of the joints at one point, and the covectors u of everything beyond them"
+        arguments = tuple(argument.array(chain) for argument in inputs)
+        heading = "columns S of the joints at one point; covectors u of the loads beyond each joint"
         block = StraightLine((S, u), expressions, arguments, heading=heading, columns=2)
         return block, *_pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot)
 
@@ -240,19 +243,20 @@ def joint_stiffness_total(
 def spring_total(
     chain: Chain,
     spring: Spring,
-    given: tuple[Argument, ...],
+    inputs: tuple[Argument, ...],
     results: Mapping[str, Argument],
 ) -> Program:
-    """Return what is asked for of springs at all tips, from one pass over the tree.
+    """Return the program of the springs at all tips, in one pass over the tree.
 
-    ``given`` are the arguments, ``results`` some of "energy", "torque" and "joint_stiffness" by these names.
+    ``inputs`` are the arguments of the kernel; ``results`` holds results under the names "energy", "torque" and
+    "joint_stiffness", or some of them.
     """
     energy, torque, joint_stiffness = (results.get(name) for name in ("energy", "torque", "joint_stiffness"))
     m, parts, outputs, words = len(chain.joints), "", list[Array](), list[str]()
     S, u = Array("S", (6, m)), Array("u", (6, m))
     if joint_stiffness:
         parts, outputs = "S", [S, u]
-        words.append("columns S of the joints at one point, and the covectors u of everything beyond them")
+        words.append("columns S of the joints at one point; covectors u of the loads beyond each joint")
     if energy:
         parts, outputs = parts + "U", [*outputs, energy.array(chain)]
         words.append("energy U")
@@ -260,9 +264,9 @@ def spring_total(
     if torque:
         of_joints = Array(f"{torque.name}_of_joints", (m,)) if chain.coupled else torque.array(chain)
         parts, outputs = parts + "T", [*outputs, of_joints]
-        words.append("torques -S_j . W_j of the joints, W_j the wrenches beyond")
+        words.append("torques -S_j . W_j of the joints, W_j the sum of the wrenches beyond joint j")
     expressions = partial(contacts.spring_terms, spring=spring, parts=parts)
-    arguments = tuple(argument.array(chain) for argument in given)
+    arguments = tuple(argument.array(chain) for argument in inputs)
     program: Program = (
         StraightLine(
             tuple(outputs), expressions, arguments, heading="; ".join(words), columns=2 if joint_stiffness else 0
