@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""A file becomes a chain."""
+"""Derivation of a chain from a URDF file."""

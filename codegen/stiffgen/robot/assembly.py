@@ -14,7 +14,7 @@ from stiffgen.robot.selection import Selection
 
 
 def assemble(description: Description, options: ChainOptions, selection: Selection, reserved: Container[str]) -> Chain:
-    """Return the chain of a selection; no tip gets a name of ``reserved``."""
+    """Return the chain of a selection; tips receive names that are not ``reserved``."""
     tree = _Tree(description, selection)
     slides = tree.slide_origins()
     tool = options.tool
@@ -26,14 +26,14 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
     joints = [_joint(selection, tree, index, each) for index, each in enumerate(inertias[selection.floating :])]
     if selection.floating:
         joints = [*_base_joints(selection.base, inertias[0]), *map(_on_base, joints)]
-    on_moving_part = [link for links in selection.carried.values() for link, _ in links]
+    moving_links = [link for links in selection.carried.values() for link, _ in links]
     return Chain(
         robot=description.robot,
         base=selection.base,
         tips=_tips(selection, tree, tool, reserved),
         joints=tuple(joints),
         coordinates=tuple(_coordinate(description.joints[name]) for name in selection.masters),
-        massless=tuple(link for link in on_moving_part if description.inertials[link] is None),
+        massless=tuple(link for link in moving_links if description.inertials[link] is None),
         source=description.file,
         digest=description.digest,
         masses=options.masses,
@@ -47,8 +47,8 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
 
 def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Container[str]) -> tuple[Tip, ...]:
     first = BASE_JOINTS if selection.floating else 0
-    mounted = Pose.identity() if tool is None else Pose.from_xyz_rpy(tool.xyz, tool.rpy)
-    frames = [(pose @ mounted).rounded() for pose in tree.tip_poses]
+    tool_pose = Pose.identity() if tool is None else Pose.from_xyz_rpy(tool.xyz, tool.rpy)
+    frames = [(pose @ tool_pose).rounded() for pose in tree.tip_poses]
     names = _tip_names(selection.tips, reserved)
     return tuple(
         Tip(link, name, joint + first, *frame)
@@ -57,7 +57,7 @@ def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Contai
 
 
 def _tip_names(tips: Sequence[str], reserved: Container[str]) -> list[str]:
-    """Return identifiers of several tips, numbered where two links give the same one or a reserved name."""
+    """Return identifiers of the tips, numbered where two are equal or one is reserved; an only tip has none."""
     if len(tips) == 1:
         return [""]
     names: list[str] = []
@@ -71,7 +71,7 @@ def _tip_names(tips: Sequence[str], reserved: Container[str]) -> list[str]:
 
 
 def _base_joints(base: str, inertia: Inertia) -> list[Joint]:
-    """Return the six joints of a floating base, the last of which carries what rides on the base link."""
+    """Return the six joints of a floating base; the last one carries the base link and all links fixed to it."""
     joints = []
     for index in range(BASE_JOINTS):
         x, y, z = (float(k == index % 3) for k in range(3))
@@ -92,7 +92,7 @@ def _base_joints(base: str, inertia: Inertia) -> list[Joint]:
 
 
 def _on_base(joint: Joint) -> Joint:
-    """Return a joint renumbered behind those of a floating base."""
+    """Return a joint with its indices shifted by the six joints of a floating base."""
     return replace(joint, parent=joint.parent + BASE_JOINTS, coordinate=joint.coordinate + BASE_JOINTS)
 
 
@@ -132,7 +132,7 @@ def _coordinate(element: JointElement) -> Coordinate:
 
 
 class _Tree:
-    """Parents and poses of the moving joints, those on the paths first, and frames of the tips."""
+    """Parents and poses of the moving joints, and frames of the tips; the joints on the paths come first."""
 
     def __init__(self, description: Description, selection: Selection) -> None:
         self.moving = moving = (*selection.moving, *selection.side)
@@ -154,7 +154,7 @@ class _Tree:
             self._follow(selection, path_to[::-1])
 
     def _follow(self, selection: Selection, path: Sequence[JointElement]) -> tuple[int, Pose]:
-        """Note parents and poses of the joints of a path; return its last moving joint and its end's pose there."""
+        """Store parents and poses of the joints of a path; return its last moving joint and the pose of its end there."""
         parent, pose = -1, Pose.identity()
         for element in path:
             index = self._index_of.get(element.name)
@@ -167,14 +167,14 @@ class _Tree:
         return parent, pose
 
     def slide_origins(self) -> list[Pose]:
-        """Move each joint's origin along its axis as far as the next one's offset reaches in that direction.
+        """Slide each joint's origin along its axis, by the component of the next joint's offset along the axis.
 
-        Nothing moves physically: a turn about an axis (or a slide along it) commutes with a shift along it. Offsets
-        that only place a frame on its axis vanish, as in the arms whose shoulder, elbow and wrist axes meet. Where a
-        tree branches, the first branch to a tip decides.
+        The motion of the links does not change, since a rotation about an axis (or a translation along it) commutes
+        with a shift along the axis. Offsets between origins on one axis vanish, as in arms whose shoulder, elbow or
+        wrist axes intersect. Where a tree branches, the first branch to a tip decides.
 
         Returns:
-            For each joint its new frame in the old one.
+            For each joint, the pose of its new frame in the old frame.
 
         """
         slides = [Pose.identity()] * len(self.moving)
@@ -184,7 +184,7 @@ class _Tree:
             following = [self.poses[child] for child in children if child < self.on_paths]
             following += [self.tip_poses[tip] for tip in tips]
             if not following:
-                continue  # a side joint
+                continue  # side joint
             slide = slides[index] = Pose.translated(_slide(self.moving[index], following[0].translation))
             self.poses[index] = self.poses[index] @ slide
             for child in children:
@@ -195,12 +195,12 @@ class _Tree:
 
 
 def _slide(element: JointElement, offset: Sequence[Real]) -> Sequence[Real]:
-    """Return the part of an offset along a joint's axis; a sliding joint lets all of it pass."""
+    """Return the component of an offset along a joint's axis; for a prismatic joint, the whole offset."""
     if element.type == "prismatic":
         return offset
     axis = tuple(mpf(v) for v in element.axis)
-    along = sum(a * o for a, o in zip(axis, offset, strict=True)) / sum(a * a for a in axis)
-    return tuple(along * a for a in axis)
+    component = sum(a * o for a, o in zip(axis, offset, strict=True)) / sum(a * a for a in axis)
+    return tuple(component * a for a in axis)
 
 
 def _tool_inertia(tool: Tool, tip_link: Pose) -> Inertia:
@@ -208,9 +208,9 @@ def _tool_inertia(tool: Tool, tip_link: Pose) -> Inertia:
 
 
 def _inertias(description: Description, selection: Selection, slides: list[Pose]) -> list[Inertia]:
-    """Return the inertia of everything that each joint carries; ``slides`` are its frames in the URDF's joint frames.
+    """Return the inertia of all links that each joint carries, with a floating base first.
 
-    A floating base stands first.
+    ``slides`` are the poses of the joints' frames in the joint frames of the URDF.
     """
     if not selection.carried:
         return [Inertia.zero() for _ in slides]
@@ -219,8 +219,8 @@ def _inertias(description: Description, selection: Selection, slides: list[Pose]
         total = Inertia.zero()
         frames: dict[str, Pose] = {}
         for link, above in links:
-            before = slide.inverse() if above is None else frames[above.parent]
-            frame = frames[link] = before if above is None else before @ selection.couplings.pose_at_rest(above)
+            parent = slide.inverse() if above is None else frames[above.parent]
+            frame = frames[link] = parent if above is None else parent @ selection.couplings.pose_at_rest(above)
             inertial = description.inertials[link]
             if inertial is not None:
                 at_com = frame @ Pose.from_xyz_rpy(inertial.com, inertial.rpy)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Chain record: the moving joints between a base and its tips, ready for the symbolic modules.
+"""Chain record: the moving joints between a base and its tips, as input of the symbolic modules.
 
-Fixed joints, mimic relations and masses are folded in; users of a chain see no XML, no files and no trees of links.
+A chain contains the effect of fixed joints, mimic relations and masses. Its users need no XML, files or trees of links.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from stiffgen.robot.geometry import Matrix, Vector
 
 MAX_MOVING_JOINTS = 128
 BASE_JOINTS = 6
-"""Number of joints of a floating base: three slide along the base link's axes, three turn about them."""
+"""Number of joints of a floating base: three slide along the base link's axes, three rotate about them."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """Inertia of everything that moves rigidly with one joint, in the joint's frame.
+    """Inertia of all links that move rigidly with one joint, in the joint's frame.
 
     Mass [kg], first moment m*c [kg m], inertia tensor about the frame's origin (ixx, ixy, ixz, iyy, iyz, izz)
     [kg m^2].
@@ -33,12 +33,22 @@ class Body:
 class Joint:
     """Moving joint of a chain.
 
-    ``rotation`` and ``translation`` [m] are the pose of the joint's frame (at zero position) in the frame of the moving
-    joint before it, or in the base link; fixed joints between the two are folded in. The frame has the axes of the
-    URDF's joint frame, but its origin is slid to another point of the joint's axis. ``axis`` is the unit axis in the
-    joint's frame. ``parent`` is the index of the moving joint before it, -1 for none. The joint stands at
-    ``multiplier`` times its entry of q, plus ``offset`` (1 and 0 unless it mimics). ``coordinate`` is its index among
-    the velocity coordinates: the index in q, plus six on a floating base.
+    The joint's frame has the axes of the URDF's joint frame, but its origin may be another point of the joint's axis.
+
+    Attributes:
+        name: name of the joint.
+        type: type of the joint in the URDF.
+        child: child link.
+        rotation: rotation of the joint's frame at zero position, in the parent joint's frame or the base link. Fixed
+            joints between the two are included.
+        translation: origin of the joint's frame at zero position, in the same frame [m].
+        axis: unit axis in the joint's frame.
+        body: inertia of all links that move with the joint.
+        parent: index of the parent joint (the moving joint before this one), -1 for none.
+        coordinate: index among the velocity coordinates: the index in q, plus six on a floating base.
+        multiplier: factor of the entry of q in the joint's position; 1 unless the joint mimics.
+        offset: constant part of the joint's position [rad or m]; 0 unless the joint mimics.
+
     """
 
     name: str
@@ -55,13 +65,13 @@ class Joint:
 
     @property
     def prismatic(self) -> bool:
-        """Whether the joint slides along its axis; otherwise it turns about it."""
+        """Whether the joint slides along its axis; otherwise the joint rotates about its axis."""
         return self.type == "prismatic"
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Entry of q: a joint's name, type and limits (rad or m, rad/s or m/s, N m or N; infinite if unset)."""
+    """Entry of q: name, type and limits of a joint (rad or m, rad/s or m/s, N m or N; infinite if unset)."""
 
     name: str
     type: str
@@ -75,7 +85,7 @@ class Coordinate:
 class Tip:
     """Frame of a tip link, or of the tool mounted on it, in the frame of joint number ``joint`` [m].
 
-    ``name`` is the identifier of the tip's functions; the only tip of a chain has an empty name.
+    ``name`` is the prefix of the tip's functions; it is empty for a chain with one tip.
     """
 
     link: str
@@ -87,7 +97,7 @@ class Tip:
 
 @dataclass(frozen=True)
 class Tool:
-    """Tool mounted on the tip link: its frame and its inertia.
+    """Tool mounted on the tip link: frame and inertia.
 
     Args:
         xyz: position of the tool frame in the tip link's frame [m].
@@ -107,7 +117,7 @@ class Tool:
 
 @dataclass(frozen=True)
 class ChainOptions:
-    """Options that select a chain in a description; :func:`stiffgen.load_chain` documents each."""
+    """Options that select a chain in a description, documented in :func:`stiffgen.load_chain`."""
 
     tip: str | Sequence[str] | None = None
     base: str | None = None
@@ -123,19 +133,30 @@ class ChainOptions:
 class Chain:
     """Kinematic chain from link ``base`` to a tip, or tree from ``base`` to several tips.
 
-    ``joints`` are the moving joints, each after its parent: first those on the paths to the tips, then side joints.
-    A side joint is off all paths and shares a coordinate with a path through ``<mimic>`` (the other finger of a
-    gripper): it moves masses and no tip. ``coordinates`` are the entries of q (fewer than joints where joints mimic).
-    ``massless`` names the links on the moving part that have no ``<inertial>``, ``ignored`` the unknown elements of the
-    file that were not to refuse it. If ``masses`` is False, all masses were
-    left out on request: every body is zero, and there are no side joints. With ``runtime_tool`` the kernels take the
-    tool's pose in the tip's frame as an argument. ``tool`` and ``locked`` (joint name, position) record the options;
-    their effect is contained in the other fields. ``source`` is the URDF's file name without its folder, ``digest`` the
-    SHA-256 of its bytes.
+    A side joint is on no path to a tip but shares a coordinate with a path through ``<mimic>`` (the second finger of a
+    gripper): it moves masses but no tip.
 
-    If ``floating``, the base is free and its pose an argument. The first six joints are then the base's own: their unit
-    rates are its body twist (linear first, in the base link's axes), their positions are always zero, and the last one
-    carries the base link. Their velocity coordinates come first, then those of ``coordinates``.
+    A floating base has six joints. Their unit rates form its body twist (linear first, in the base link's axes), their
+    positions are always zero, and the last one carries the base link.
+
+    Attributes:
+        robot: name of the robot.
+        base: base link.
+        tips: tips.
+        joints: moving joints, each after its parent: joints of a floating base, joints on the paths to the tips, then
+            side joints.
+        coordinates: entries of q, fewer than joints where joints mimic. The velocity coordinates are six for a floating
+            base, then one per entry of q.
+        massless: moving links without ``<inertial>``.
+        source: file name of the URDF, without folder.
+        digest: SHA-256 of the file.
+        masses: False if the user excluded masses: then every body is zero, and there are no side joints.
+        runtime_tool: whether the kernels take the tool's pose in the tip's frame as an argument.
+        tool: tool option, for the record; the other fields contain its effect.
+        locked: locked joints and their positions, for the record; the other fields contain their effect.
+        floating: whether the base floats, so that its pose is an argument.
+        ignored: unknown elements that the user excluded from the checks.
+
     """
 
     robot: str
@@ -160,7 +181,7 @@ class Chain:
 
     @property
     def dof(self) -> int:
-        """Number of velocity coordinates: entries of q, and six of a floating base before them."""
+        """Number of velocity coordinates: six for a floating base, plus the entries of q."""
         return self.base_joints + len(self.coordinates)
 
     @property
@@ -192,7 +213,7 @@ class Chain:
         return tip
 
     def branch(self, *tips: Tip) -> Chain:
-        """Return the chain of the joints on the paths to some tips, with the coordinates and bodies of the whole."""
+        """Return the chain of the joints on the paths to some tips, with unchanged coordinates and bodies."""
         on_paths = set(range(self.base_joints))
         for tip in tips:
             index = tip.joint

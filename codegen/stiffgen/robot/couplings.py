@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Mimic relations and locks: the coordinate that moves each joint, and the pose of joints that stand still."""
+"""Mimic relations and locks: the coordinate that moves each joint, and the poses of joints at rest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Coupling:
 
 
 class Couplings:
-    """Couplings of all joints of a description: each ``<mimic>`` is followed to the master at its end, once."""
+    """Couplings of all joints of a description: chains of ``<mimic>`` relations are resolved to their master."""
 
     def __init__(self, description: Description, locks: Mapping[str, float]) -> None:
         self.description = description
@@ -45,15 +45,15 @@ class Couplings:
                 raise DescriptionError(
                     self.description.file,
                     [
-                        f"joint '{printable(follower.name)}': along its chain of <mimic> elements multiplier or offset "
-                        f"grow beyond {LARGEST:g}; correct them"
+                        f"joint '{printable(follower.name)}': the multiplier or offset of its chain of <mimic> elements "
+                        f"is beyond {LARGEST:g}; correct them"
                     ],
                 )
             self._known[follower.name] = coupling
         return coupling
 
     def moves(self, element: JointElement) -> bool:
-        """Return whether a joint has or follows a coordinate; one that mimics a fixed or locked joint stands still."""
+        """Return whether a coordinate moves a joint; a joint that mimics a fixed or locked joint does not move."""
         if element.type not in MOVING_TYPES:
             return False
         coupling = self[element]
@@ -61,12 +61,12 @@ class Couplings:
         return master.type in MOVING_TYPES and coupling.multiplier != 0 and master.name not in self.locks
 
     def position_at_rest(self, element: JointElement) -> float:
-        """Return the position of a joint that stands still: as locked, otherwise at its coordinate's zero."""
+        """Return the position of a joint at rest: as locked, or with its coordinate at zero [rad or m]."""
         coupling = self[element]
         return coupling.multiplier * self.locks.get(coupling.master.name, 0.0) + coupling.offset
 
     def pose_at_rest(self, element: JointElement) -> Pose:
-        """Return the pose of a joint's child in its parent, for a joint that is fixed, locked or not part of q."""
+        """Return the pose of a joint's child link in its parent link, for a joint that is fixed, locked or not in q."""
         pose = Pose.from_xyz_rpy(element.xyz, element.rpy)
         if element.type not in MOVING_TYPES:
             return pose
@@ -78,7 +78,7 @@ class Couplings:
         return pose @ Pose.rotation_about(element.axis, position)
 
     def followed(self, elements: list[JointElement]) -> set[str]:
-        """Return the joints and all that they mimic, directly or through others, as :class:`Problem` names them."""
+        """Return the names of joints and of all joints that they mimic, directly or not, as in :class:`Problem`."""
         names: set[str] = set()
         for start in elements:
             element: JointElement | None = start

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Content of a URDF file: links and joints with checked numbers, and every problem of the file."""
+"""Content of a URDF file: links and joints with checked numbers, and all problems of the file."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-LARGEST = 1e12  # of a length, an angle, a mass or a moment of inertia; keeps every sum and product finite
+LARGEST = 1e12  # bound on lengths, angles, masses and moments of inertia; keeps every sum and product finite
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
@@ -16,8 +16,11 @@ Affects = Literal["place", "motion", "bounds", "coupling", "nothing"]
 
 @dataclass(frozen=True)
 class Inertial:
-    """``<inertial>`` of a link: mass [kg], centre of mass [m] and orientation [rad] in the link frame, and
-    (ixx, ixy, ixz, iyy, iyz, izz) [kg m^2] about the centre of mass in that orientation's axes.
+    """Element ``<inertial>`` of a link.
+
+    ``com`` is the centre of mass [m] and ``rpy`` the orientation [rad] of the inertial frame, both in the link frame.
+    ``tensor`` is (ixx, ixy, ixz, iyy, iyz, izz) [kg m^2] about the centre of mass in the inertial frame. ``mass`` is in
+    kg.
     """
 
     mass: float
@@ -28,7 +31,7 @@ class Inertial:
 
 @dataclass(frozen=True)
 class Mimic:
-    """``<mimic>``: this joint stands at ``multiplier * q[joint] + offset``."""
+    """Element ``<mimic>``: the position of the joint is ``multiplier * q[joint] + offset``."""
 
     joint: str
     multiplier: float
@@ -39,8 +42,8 @@ class Mimic:
 class JointElement:
     """Element ``<joint>`` of the file (SI units, radians).
 
-    ``axis`` is of unit length, or zero on a joint that does not move. A missing limit is infinite; if only one of the
-    two position limits is missing, it is 0.
+    ``axis`` has unit length, or is zero for a joint that does not move. Missing limits are infinite; if only one
+    position limit is missing, it is 0.
     """
 
     name: str
@@ -78,9 +81,10 @@ class Problem:
 
 @dataclass(frozen=True)
 class Description:
-    """Checked content of a URDF file. ``joints`` is keyed by joint name, ``inertials`` by link name (None:
-    the link has no ``<inertial>``); ``digest`` is the SHA-256 of the file's bytes. ``notes`` tell of a vendor's own
-    elements, which are ignored.
+    """Checked content of a URDF file.
+
+    ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without ``<inertial>``). ``digest``
+    is the SHA-256 of the file. ``notes`` name ignored elements of vendors.
     """
 
     file: str
@@ -103,12 +107,12 @@ class Description:
 
     @property
     def root(self) -> str:
-        """Link that is no joint's child."""
+        """Link without a parent joint."""
         above = self.parent_joint
         return next(link for link in self.links if link not in above)
 
     @property
     def leaves(self) -> tuple[str, ...]:
-        """Links that are no joint's parent, in file order: the usual tips."""
+        """Links without a child joint, in file order; tips are usually among them."""
         parents = {joint.parent for joint in self.joints.values()}
         return tuple(link for link in self.links if link not in parents)

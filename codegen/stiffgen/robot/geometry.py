@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Rigid poses in high precision, rounded once.
+"""Rigid poses and inertias in high precision, rounded once.
 
-URDF gives orientations as decimal roll-pitch-yaw. The generated code holds rotation matrices, and its bytes
-must not depend on the machine's libm: matrices are made and multiplied with 50 digits (mpmath, pure integer
-arithmetic) and rounded to double once, at the end.
+A URDF holds orientations as decimal roll-pitch-yaw angles. The generated code holds rotation matrices, and its bytes
+must not depend on the machine's libm. Matrices are therefore computed with 50 digits (mpmath, pure integer arithmetic)
+and rounded to double once, at the end.
 
-An angle within 1e-11 rad of a multiple of pi/2 is taken as that multiple, and an axis within 1e-11 rad of a coordinate
-axis or plane as lying in it (:data:`SNAP`): files write 1.57079632679 and mean a right angle. The matrix then has its
-exact zeros and ones, and the printed kinematics its short form.
+An angle within 1e-11 rad of a multiple of pi/2 is replaced by that multiple, and an axis within 1e-11 rad of a
+coordinate axis or plane by its projection (:data:`SNAP`), because files contain 1.57079632679 for a right angle. The
+matrix then has exact zeros and ones, which keeps the printed kinematics short.
 """
 
 from __future__ import annotations
@@ -21,11 +21,15 @@ import mpmath
 
 _DIGITS = 50
 SNAP = 1e-11
-"""Only threshold of geometry [rad]. An angle this near to a multiple of pi/2 counts as this multiple. An axis this near
-to a coordinate plane counts as lying in it; near to two planes it is a coordinate axis. Other values do not change."""
+"""Threshold [rad] for the replacement of angles near multiples of pi/2 and of axes near coordinate planes.
+
+An axis near two coordinate planes becomes a coordinate axis. All other angles and axes stay as the file has them.
+"""
 _NEGLIGIBLE = 1e-15
-"""Fraction of its scale below which a number counts as the remainder of a cancellation and becomes 0. Rotations and
-translations have the scales 1 and 1 m: a length of at most 1e-15 m in a file is 0 in the generated code."""
+"""Fraction of a number's scale at or below which the number becomes 0, as the residue of a cancellation.
+
+Rotations and translations have the scales 1 and 1 m: a length of at most 1e-15 m in a file is 0 in the generated code.
+"""
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Vector = tuple[float, float, float]
@@ -33,11 +37,11 @@ Vector = tuple[float, float, float]
 _context = mpmath.mp.clone()
 _context.dps = _DIGITS
 mpf = _context.mpf
-Real: TypeAlias = Any  # an mpmath number; its class is made at run time
+Real: TypeAlias = Any  # mpmath number, whose class exists only at run time
 
 
 def exact(value: float | Real) -> Real:
-    """Return the decimal number that a double was read from (0.228 + 0.192 is then 0.42, as the author meant)."""
+    """Return the shortest decimal number that rounds to a double, so that 0.228 + 0.192 is exactly 0.42."""
     return mpf(repr(value)) if isinstance(value, float) else mpf(value)
 
 
@@ -53,7 +57,7 @@ class Pose:
 
     @staticmethod
     def identity() -> Pose:
-        """Return the frame itself."""
+        """Return the identity."""
         return Pose(_exact(IDENTITY), (mpf(0), mpf(0), mpf(0)))
 
     @staticmethod
@@ -81,24 +85,24 @@ class Pose:
         return Pose(rotation, (mpf(0), mpf(0), mpf(0)))
 
     @staticmethod
-    def translated(by: Sequence[float | Real]) -> Pose:
-        """Return a frame with the same axes whose origin is at ``by`` [m]."""
-        return Pose(_exact(IDENTITY), tuple(exact(v) for v in by))
+    def translated(offset: Sequence[float | Real]) -> Pose:
+        """Return a frame with the same axes and its origin at ``offset`` [m]."""
+        return Pose(_exact(IDENTITY), tuple(exact(v) for v in offset))
 
     @staticmethod
     def turned(rotation: Matrix) -> Pose:
-        """Return a frame with the same origin and other axes."""
+        """Return a frame with the same origin and rotated axes."""
         return Pose(_exact(rotation), (mpf(0),) * 3)
 
     def __matmul__(self, inner: Pose) -> Pose:
         rotation = multiply(self.rotation, inner.rotation)
-        turned = apply(self.rotation, inner.translation)
-        return Pose(rotation, tuple(a + b for a, b in zip(turned, self.translation, strict=True)))
+        offset = apply(self.rotation, inner.translation)
+        return Pose(rotation, tuple(a + b for a, b in zip(offset, self.translation, strict=True)))
 
     def inverse(self) -> Pose:
-        """Return the outer frame in the inner one."""
-        back = tuple(zip(*self.rotation, strict=True))
-        return Pose(back, tuple(-v for v in apply(back, self.translation)))
+        """Return the pose of the outer frame in the inner frame."""
+        transpose = tuple(zip(*self.rotation, strict=True))
+        return Pose(transpose, tuple(-v for v in apply(transpose, self.translation)))
 
     def rounded(self) -> tuple[Matrix, Vector]:
         """Return rotation and translation as doubles, each entry correctly rounded.
@@ -121,16 +125,16 @@ def apply(a: Sequence[Sequence[Real]], v: Sequence[Real]) -> tuple[Real, ...]:
 
 
 def unit(vector: Sequence[float]) -> Vector:
-    """Return a vector (not zero) at unit length; entries within SNAP of zero are zero, as with angles."""
+    """Return a non-zero vector scaled to unit length; entries of at most SNAP times its length become zero."""
     entries = [exact(v) for v in vector]
     length = _context.sqrt(sum(v * v for v in entries))
-    kept = [v if abs(v) > SNAP * length else mpf(0) for v in entries]
-    length = _context.sqrt(sum(v * v for v in kept))
-    return _vector([v / length for v in kept])
+    entries = [v if abs(v) > SNAP * length else mpf(0) for v in entries]
+    length = _context.sqrt(sum(v * v for v in entries))
+    return _vector([v / length for v in entries])
 
 
 def aligning_rotation(axis: Vector) -> Matrix:
-    """Return a rotation A with A (0, 0, 1) = axis (unit), rounded: any joint then turns about its frame's z axis."""
+    """Return a rotation A, rounded, with A (0, 0, 1) = axis (unit); A aligns the z axis of a frame with a joint."""
     sign = 1 if axis[2] >= 0 else -1
     x, y, z = (sign * mpf(v) for v in axis)
     k = 1 / (1 + z)
@@ -141,8 +145,9 @@ def aligning_rotation(axis: Vector) -> Matrix:
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass [kg], first moment m*c [kg m] and inertia tensor about the frame's origin [kg m^2], as high-precision
-    numbers in one frame; bodies in the same frame add up.
+    """Inertia of a body in one frame, in high precision; inertias in the same frame add up.
+
+    ``mass`` [kg], ``moment`` (first moment m*c [kg m]), ``tensor`` (about the frame's origin [kg m^2]).
     """
 
     mass: Real
@@ -156,22 +161,25 @@ class Inertia:
 
     @staticmethod
     def of_body(mass: float, tensor: Sequence[float], frame: Pose) -> Inertia:
-        """Return a body whose (ixx, ixy, ixz, iyy, iyz, izz) is about its centre of mass, the origin of ``frame``."""
+        """Return the inertia of a body from (ixx, ixy, ixz, iyy, iyz, izz) about its centre of mass.
+
+        ``frame`` is the pose of the body's inertial frame, whose origin is the centre of mass.
+        """
         xx, xy, xz, yy, yz, zz = (exact(v) for v in tensor)
         return Inertia(exact(mass), (mpf(0),) * 3, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))).seen_from(frame)
 
     def seen_from(self, frame: Pose) -> Inertia:
-        """Return the body in the frame in which ``frame`` places the current one."""
+        """Return the inertia in another frame, where ``frame`` is the pose of the current frame."""
         r, d, m = frame.rotation, frame.translation, self.mass
-        before = apply(r, self.moment)
-        after = tuple(a + m * b for a, b in zip(before, d, strict=True))
+        old = apply(r, self.moment)
+        new = tuple(a + m * b for a, b in zip(old, d, strict=True))
         tensor = multiply(multiply(r, self.tensor), tuple(zip(*r, strict=True)))
-        square = sum(b * (v + w) for b, v, w in zip(d, before, after, strict=True))
+        square = sum(b * (v + w) for b, v, w in zip(d, old, new, strict=True))
         steiner = tuple(
-            tuple(tensor[i][j] + (square if i == j else 0) - before[i] * d[j] - d[i] * after[j] for j in range(3))
+            tuple(tensor[i][j] + (square if i == j else 0) - old[i] * d[j] - d[i] * new[j] for j in range(3))
             for i in range(3)
         )
-        return Inertia(m, after, steiner)
+        return Inertia(m, new, steiner)
 
     def __add__(self, other: Inertia) -> Inertia:
         return self._with(other, 1)
@@ -192,20 +200,21 @@ class Inertia:
     def rounded(self, scale: Inertia | None = None) -> tuple[float, Vector, Matrix]:
         """Return mass, first moment and tensor as doubles.
 
-        An entry is zero below 1e-15 of what a body of this size has (by default its own: the largest entry of the
-        tensor, and the moment that it allows), however light or small the body is.
+        An entry of at most 1e-15 of its scale becomes zero. The scales follow from the body ``scale`` (default: this
+        body): the largest entry of its tensor, and the largest first moment that its mass and tensor allow. The result
+        is therefore independent of the units.
         """
-        of = self if scale is None else scale
-        inertia = max(abs(v) for row in of.tensor for v in row)
-        moment = _context.sqrt(abs(of.mass) * inertia)  # no body's is larger than sqrt(3) times this
+        body = self if scale is None else scale
+        inertia = max(abs(v) for row in body.tensor for v in row)
+        moment = _context.sqrt(abs(body.mass) * inertia)  # a body's first moment is at most sqrt(3) times this value
         x, y, z = (rounded(v, moment) for v in self.moment)
         first, second, third = (_vector(row, inertia) for row in self.tensor)
-        return rounded(self.mass, of.mass), (x, y, z), (first, second, third)
+        return rounded(self.mass, body.mass), (x, y, z), (first, second, third)
 
 
 def physical_inertia(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
-    """Return whether a rigid body can have this inertia tensor about its centre of mass (1 % slack for rounding)."""
-    # Principal moments of a symmetric 3x3 matrix in closed form.
+    """Return whether a rigid body can have this inertia tensor about its centre of mass (tolerance 1 %)."""
+    # Closed form of the principal moments of a symmetric 3x3 matrix.
     largest = max(map(abs, (xx, xy, xz, yy, yz, zz)))
     if largest == 0:
         return True
@@ -238,7 +247,7 @@ def _exact(matrix: Matrix) -> tuple[tuple[Real, ...], ...]:
 
 
 def rounded(value: Real, scale: Real = 1) -> float:
-    """Return the nearest double; what is left of a cancellation (below 1e-15 of the scale, here 1 m or 1) is zero."""
+    """Return the nearest double, or zero for a residue of cancellation (at most 1e-15 of the scale)."""
     return 0.0 if abs(value) <= _NEGLIGIBLE * scale else float(value)
 
 

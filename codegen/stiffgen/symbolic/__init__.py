@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""A chain becomes the kernel table."""
+"""Derivation of the kernel table from a chain."""

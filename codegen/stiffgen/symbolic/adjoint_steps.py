@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Reverse rules of the steps: each appends the steps that propagate gradients through its step (:mod:`.adjoint`)."""
+"""Reverse rules: functions that append the steps for the gradients of one step (:mod:`stiffgen.symbolic.adjoint`)."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def _sparse_sum(run: Gradients, step: SparseSum) -> None:
 
 
 def _map(run: Gradients, step: Map) -> None:
-    """Append a map for each operand of a joint, and one sum over the joints for all other operands."""
+    """Append one map per operand with one column per joint, and one sum over joints for all other operands."""
     bars = tuple(Operand(bar, step.output.at) for bar in run.bars[step.output.array.name])
     whole: dict[str, tuple[Array, ca.SX]] = {}
     values = [symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
     seeds = [symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
-    given = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
+    symbols_of = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
     seed = sum((column(each) for each in seeds), ca.SX(0))
     loss = ca.dot(column(step.expression(*run.known(step, values))), seed)
     for operand, value in zip(step.operands, values, strict=True):
@@ -59,43 +59,43 @@ def _map(run: Gradients, step: Map) -> None:
         if gradient.is_zero():
             continue
         if operand.at == "j" or step.over is Over.ONCE:
-            alike = len(bars) == 1 and bars[0].array.shape == operand.array.shape
-            alone = alike and operand.array.name in run.written and gradient.numel() == seed.numel()
-            if alone and ca.is_equal(column(gradient), seed, 1):
-                run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # the gradient passes unchanged
+            same_shape = len(bars) == 1 and bars[0].array.shape == operand.array.shape
+            may_pass = same_shape and operand.array.name in run.written and gradient.numel() == seed.numel()
+            if may_pass and ca.is_equal(column(gradient), seed, 1):
+                run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # unchanged gradient: no step
                 continue
-            _append_map(run, step, operand, gradient, given)
+            _append_map(run, step, operand, gradient, symbols_of)
             continue
         for array, part in _through_sums(run, operand.array, gradient):
-            before = whole.get(array.name, (array, ca.SX.zeros(array.size)))[1]
-            whole[array.name] = array, before + part
+            total = whole.get(array.name, (array, ca.SX.zeros(array.size)))[1]
+            whole[array.name] = array, total + part
     if whole:
         sums = tuple(run.new(array) for array, _ in whole.values())
-        operands, body = pruned(given, ca.vertcat(*(part for _, part in whole.values())))
-        comment = ", ".join(f"gradient by {shown(array)}" for array, _ in whole.values())
+        operands, body = pruned(symbols_of, ca.vertcat(*(part for _, part in whole.values())))
+        comment = "gradient with respect to " + ", ".join(shown(array) for array, _ in whole.values())
         of = "coordinates" if step.over is Over.COORDINATES else "joints"
         run.steps.append(Reduce(f"sums over the {of}: {comment}", sums, operands, body, step.over))
 
 
 def _append_map(
-    run: Gradients, step: Map, operand: Operand, gradient: ca.SX, given: tuple[tuple[Operand, ca.SX], ...]
+    run: Gradients, step: Map, operand: Operand, gradient: ca.SX, symbols_of: tuple[tuple[Operand, ca.SX], ...]
 ) -> None:
-    comment = f"gradient by {shown(operand.array)}, through {shown(step.output.array)}"
+    comment = f"gradient with respect to {shown(operand.array)}, through {shown(step.output.array)}"
     total = column(gradient)
     if operand.at == "j" and operand.array.name in run.written and operand.array.name in run.bars:
-        # Contributions of other steps are added here, so that one array holds them all.
+        # Contributions of other steps are added here, so that one array holds the sum.
         others = [Operand(each, "j") for each in run.bars.pop(operand.array.name)]
         seeds = [symbols(each, f"b{k}_") for k, each in enumerate(others)]
-        given = (*given, *zip(others, seeds, strict=True))
+        symbols_of = (*symbols_of, *zip(others, seeds, strict=True))
         total = sum(seeds, total)
-        comment += ", and what others hand back"
-    operands, body = pruned(given, total)
+        comment += ", plus contributions of other steps"
+    operands, body = pruned(symbols_of, total)
     output = Operand(run.new(operand.array), operand.at)
     run.steps.append(Map(comment, step.over, output, operands, body))
 
 
 def _through_sums(run: Gradients, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
-    """Return gradients (columns) with respect to what a sparse sum reads; else with respect to the array itself."""
+    """Return gradients (columns) with respect to the array, or to the operands of the sparse sum that writes it."""
     step = run.sparse.get(array.name)
     if step is None:
         return [(array, column(gradient))]
@@ -108,7 +108,7 @@ def _through_sums(run: Gradients, array: Array, gradient: ca.SX) -> list[tuple[A
 
 
 def _pairs(run: Gradients, step: Map) -> None:
-    """Append for either joint of the pairs the sum over the other joint, weighted with the gradient of the pair."""
+    """Append one sum per joint index i and j: over the other index, weighted with the gradient of the pair."""
     if not step.operands:
         return
     bar = run.only(step.output.array)
@@ -129,36 +129,35 @@ def _pairs(run: Gradients, step: Map) -> None:
         flip = operand.at == "i"
         all_operands = [each.flipped if flip else each for each in step.operands]
         weighted = Operand(transposed if flip else weights, "ij")
-        given = tuple(zip((*all_operands, weighted), (*values, seed), strict=True))
+        symbols_of = tuple(zip((*all_operands, weighted), (*values, seed), strict=True))
         gradient = ca.densify(ca.gradient(loss, value))
         if gradient.is_zero():
             continue
-        operands, body = pruned(given, gradient)
+        operands, body = pruned(symbols_of, gradient)
         over = step.over.flipped if flip else step.over
         summed = "j" if flip else "i"
-        comment = f"gradient by {shown(operand.array)}_{operand.at}: sum over the joints {summed} of its pairs"
+        comment = f"gradient with respect to {shown(operand.array)}_{operand.at}: sum over joints {summed} of its pairs"
         run.steps.append(Gather(comment, over, run.new(operand.array), operands, body, without_base))
 
 
-def _straight_line(run: Gradients, step: StraightLine, by: tuple[Array, ...]) -> None:
-    """Append CasADi's reverse mode of the statements; shared columns have a shared product."""
-    outputs = tuple(run.new(array) for array in by)
+def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, ...]) -> None:
+    """Append CasADi's reverse mode of the statements; columns that several kernels share have a shared product."""
+    outputs = tuple(run.new(array) for array in variables)
     bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
     shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
     if not shared:
-        run.steps.append(_statements(step, by, bars, outputs))
+        run.steps.append(_statements(step, variables, bars, outputs))
         return
     (columns,), (result,) = step.outputs[: step.columns], outputs
     bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)
-    meaning = f"Gradient by q of what depends on the columns {shown(columns)}, {bar.name} its gradient by them"
-    steps = (_statements(step, by, [(columns, bar)], (q_bar,)),)
-    given = (*step.arguments, run.one(columns))
-    arguments = (*step.arguments, bar)
-    run.steps.append(Shared(f"{step.name}_vjp", meaning, arguments, q_bar, steps, given, result))
+    meaning = f"Gradient with respect to q, from the gradient {bar.name} with respect to the columns {shown(columns)}"
+    steps = (_statements(step, variables, [(columns, bar)], (q_bar,)),)
+    parameters, arguments = (*step.arguments, bar), (*step.arguments, run.one(columns))
+    run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result))
 
 
 def _moving(run: Gradients, step: StraightLine) -> None:
-    """Append closed forms of the derivatives of columns and pose; a tool's pose goes through the statements."""
+    """Append closed forms of the derivatives of columns and pose; a tool pose is differentiated by CasADi."""
     assert step.moves is not None
     others = tuple(each for each in step.arguments if each.name not in (BASE_POSE.name, Q.name))
     J, m = step.outputs[0], len(run.chain.joints)
@@ -174,7 +173,7 @@ def _moving(run: Gradients, step: StraightLine) -> None:
         _columns(run, step.moves, J, covectors, of_joints)
     else:
         operands = tuple(Operand(each, "") for each in covectors)
-        run.steps.append(_dots(J, operands, of_joints, based=run.chain.floating))
+        run.steps.append(_dots(J, operands, of_joints, floating=run.chain.floating))
     if run.chain.coupled:
         run.steps.append(SumJoints(of_joints, output))
     if others:
@@ -182,20 +181,19 @@ def _moving(run: Gradients, step: StraightLine) -> None:
 
 
 def _columns(run: Gradients, moves: Representation, J: Array, covectors: list[Array], output: Array) -> None:
-    """Differentiate with respect to columns, and the pose where there is a covector: the same steps in every kernel."""
+    """Append the gradient with respect to q of columns, and of the pose if there is a covector; shared by kernels."""
     columns, bar = Array("J", J.shape), Array("J_bar", J.shape)
     forces = tuple(Array(f"f{k}", each.shape) for k, each in enumerate(covectors))
     q_bar = Array(bar_name(Q.name), output.shape)
     steps, sums = _column_sums(moves, columns, bar, run.chain.base_joints)
     operands = (*(Operand(each, "j") for each in sums), *(Operand(each, "") for each in forces))
-    steps.append(_dots(columns, operands, q_bar, based=run.chain.floating))
+    steps.append(_dots(columns, operands, q_bar, floating=run.chain.floating))
     name = f"{moves}_columns_{'and_pose_' if forces else ''}vjp"
-    meaning = "Gradient by q of what depends on Jacobian columns J, J_bar its gradient by them" + (
-        ", and on the pose, f0 the covector of its gradient by that" if forces else ""
+    meaning = "Gradient with respect to q, from the gradient J_bar with respect to Jacobian columns J" + (
+        " and the covector f0 of the gradient with respect to the pose" if forces else ""
     ) + f"; {moves} representation"  # fmt: skip
-    arguments = (columns, bar, *forces)
-    given = (J, run.one(J), *covectors)
-    run.steps.append(Shared(name, meaning, arguments, q_bar, tuple(steps), given, output))
+    parameters, arguments = (columns, bar, *forces), (J, run.one(J), *covectors)
+    run.steps.append(Shared(name, meaning, parameters, q_bar, tuple(steps), arguments, output))
 
 
 def _covector(run: Gradients, pose: Array) -> Array:
@@ -213,34 +211,34 @@ def _covector(run: Gradients, pose: Array) -> Array:
 
 
 def turn(rotation: ca.SX, gradient: ca.SX) -> ca.SX:
-    """Return the gradient with respect to a small turn w of a rotation R, R + [w] R, from that of its entries."""
+    """Return the gradient with respect to a small rotation w (R becomes R + [w] R) from that of the entries of R."""
     return sum((ca.cross(rotation[:, c], gradient[:, c]) for c in range(3)), ca.SX.zeros(3))
 
 
-def _dots(J: Array, covectors: tuple[Operand, ...], output: Array, *, based: bool) -> Map:
-    """Return the rates that covectors have along the columns."""
+def _dots(J: Array, covectors: tuple[Operand, ...], output: Array, *, floating: bool) -> Map:
+    """Return the map of the products of every column with the sum of the covectors."""
 
     def dot(column: ca.SX, *values: ca.SX) -> ca.SX:
         return ca.SX(ca.dot(column, sum(values, ca.SX(0))))
 
-    comment = "gradient by q: q_bar_j = J_j . sums" + ("; the base's twist first" if based else "")
+    comment = "gradient with respect to q: q_bar_j = J_j . sums" + ("; the base's twist first" if floating else "")
     return Map(comment, Over.JOINTS, Operand(output, "j"), (Operand(J, "j"), *covectors), dot)
 
 
 def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tuple[list[Step], list[Array]]:
     """Return the steps and arrays of the sums of y_i for every joint j, where dJ_i/dq_j . J_bar_i = J_j . y_i."""
-    column, by, seed = ca.SX.sym("column", 6), ca.SX.sym("by", 6), ca.SX.sym("c", 6)
-    given = (Operand(J, "j"), column), (Operand(bar, "j"), seed)
+    column, moving, seed = ca.SX.sym("column", 6), ca.SX.sym("moving", 6), ca.SX.sym("c", 6)
+    symbols_of = (Operand(J, "j"), column), (Operand(bar, "j"), seed)
     steps: list[Step] = []
     sums = []
     for outward, side in ((True, "beyond"), (False, "before")):
-        rate = kinematics.jacobian_column_derivative(moves, column, by, by_is_outward=outward)
-        gradient = ca.densify(ca.gradient(ca.dot(rate, seed), by))
+        rate = kinematics.jacobian_column_derivative(moves, column, moving, moving_is_outward=outward)
+        gradient = ca.densify(ca.gradient(ca.dot(rate, seed), moving))
         if gradient.is_zero():
             continue
         y, total = Array(f"y_{side}", J.shape), Array(f"sum_{side}", J.shape)
-        operands, body = pruned(given, gradient)
-        comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j by J_j, for the joints j {side} joint i"
+        operands, body = pruned(symbols_of, gradient)
+        comment = f"y_i = gradient of J_bar_i . dJ_i/dq_j with respect to J_j, for the joints j {side} joint i"
         steps.append(Map(comment, Over.JOINTS, Operand(y, "j"), operands, body))
         comment = "sums of y_i over i" + (" <= j" if outward else " > j")
         steps.append(Scan(comment, y, total, beyond=not outward, base=base))
@@ -249,33 +247,33 @@ def _column_sums(moves: Representation, J: Array, bar: Array, base: int) -> tupl
 
 
 def _statements(
-    step: StraightLine, by: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], outputs: tuple[Array, ...]
+    step: StraightLine, variables: tuple[Array, ...], bars: Sequence[tuple[Array, Array]], outputs: tuple[Array, ...]
 ) -> StraightLine:
-    """Return CasADi's reverse mode of a step, with respect to ``by``; ``bars``: outputs with their gradients."""
-    differentiated = [argument in by for argument in step.arguments]
-    given = len(step.arguments)
+    """Return CasADi's reverse mode of a step with respect to ``variables``; ``bars`` pairs outputs with gradients."""
+    is_variable = [argument in variables for argument in step.arguments]
+    count = len(step.arguments)
 
     def expressions(chain: Chain, *values: ca.SX) -> Expressions:
         symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
         forward = step.expressions(chain, *symbols)
         sums = {output.name: ca.SX.zeros(output.size) for output in step.outputs}
-        for (output, _), value in zip(bars, values[given:], strict=True):
+        for (output, _), value in zip(bars, values[count:], strict=True):
             sums[output.name] += column(value)
         seed = ca.vertcat(*(sums[output.name] for output in step.outputs))
-        of = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, differentiated, strict=True) if wanted))
-        gradient = ca.densify(ca.jtimes(column(forward.result), of, seed, True))
+        place = ca.vertcat(*(ca.vec(s) for s, wanted in zip(symbols, is_variable, strict=True) if wanted))
+        gradient = ca.densify(ca.jtimes(column(forward.result), place, seed, True))
         entries = []
         start = 0
-        for symbol, wanted in zip(symbols, differentiated, strict=True):
+        for symbol, wanted in zip(symbols, is_variable, strict=True):
             if wanted:
                 size = symbol.numel()
                 entries.append(column(ca.reshape(gradient[start : start + size], *symbol.shape)))
                 start += size
         place = ca.vertcat(*map(ca.vec, symbols))
-        at = ca.vertcat(*map(ca.vec, values[:given]))
+        at = ca.vertcat(*map(ca.vec, values[:count]))
         return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), place, at)), ())
 
-    heading = "gradients by " + ", ".join(shown(array) for array in by)
+    heading = "gradients with respect to " + ", ".join(shown(array) for array in variables)
     arguments = (*step.arguments, *(bar for _, bar in bars))
     return StraightLine(outputs, expressions, arguments, heading=heading)
 
@@ -286,4 +284,4 @@ RULES: dict[type[Step], Callable[[Gradients, Any], None]] = {
     SumJoints: _sum_joints,
     StraightLine: _any_straight_line,
 }
-"""Reverse rule of each kind of step. The steps that occur only in reverse programs have none."""
+"""Reverse rule per type of step. Types that occur only in reverse programs have no rule."""

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""The kinematic connection on SE(3), derived exactly from the basis of se(3) with SymPy.
+"""Kinematic connection on SE(3), derived exactly from the basis of se(3) with SymPy.
 
-A twist is xi = (v, w), linear first; e_1..e_3 translate, e_4..e_6 rotate. Everything follows from the 4x4 basis
-matrices E_i:
+A twist is xi = (v, w), linear first; e_1..e_3 translate, e_4..e_6 rotate. The 4x4 basis matrices E_i determine all
+coefficients:
 
-* structure coefficients: [e_i, e_j] = sum_k C^k_ij e_k, from the matrix commutator (body twists belong to
-  left-invariant fields, spatial twists to right-invariant ones, whose bracket is the opposite);
-* the body connection: torsion-free, and a translation field is carried along by a rotation as a vector of the
-  body, grad_{e_i} e_j = e_i x e_j for i rotational and j translational, while rotations share their bracket
-  evenly between the two orders (the bi-invariant connection of SO(3)) and translations are flat;
-* the spatial connection: the body's with the two lower indices exchanged;
-* the hybrid connection (linear velocity of the tip and angular velocity, both in base axes): the body
-  connection seen in another moving basis, the gauge transformation with T = blkdiag(R, R).
+* Structure coefficients: [e_i, e_j] = sum_k C^k_ij e_k, from the matrix commutator. Body twists belong to
+  left-invariant fields. Spatial twists belong to right-invariant fields, whose bracket has the opposite sign.
+* Body connection: torsion-free. A rotation carries a translation field along as a vector of the body:
+  grad_{e_i} e_j = e_i x e_j for i rotational and j translational. Two rotations share their bracket evenly between the
+  two orders (the bi-invariant connection of SO(3)). Translations are flat.
+* Spatial connection: the body connection with the two lower indices exchanged.
+* Hybrid connection (linear velocity of the tip and angular velocity, both in base axes): the body connection in
+  another moving basis, by the gauge transformation with T = blkdiag(R, R).
 
-The sign that the torsion-free condition fixes is Gamma^k_ji - Gamma^k_ij = C^k_ij (the paper's appendix; its
-Section 2 has it reversed), with Gamma^k_ij the e_k component of grad_{e_j} e_i, and the correction of the joint
-stiffness is (Gamma F)_ij = sum_k Gamma^k_ij F_k.
+Gamma^k_ij is the e_k component of grad_{e_j} e_i. The torsion-free condition fixes the sign
+Gamma^k_ji - Gamma^k_ij = C^k_ij (the paper's appendix; Section 2 of the paper has the opposite sign). The correction of
+the task stiffness is (Gamma F)_ij = sum_k Gamma^k_ij F_k.
 
 Source: Lachner, Nah, Hogan, "A Physically Consistent Stiffness Formulation for Contact-Rich Manipulation"
 (2025, arXiv 2503.06802), Section 2 and appendix.
@@ -36,11 +36,11 @@ _ROTATIONS = range(3, 6)
 _BASIS = range(6)
 
 Coefficients: TypeAlias = Any
-"""A SymPy array of exact rationals of shape (6, 6, 6), indexed [k, i, j]: upper index k, lower indices i, j."""
+"""SymPy array of exact rationals, shape (6, 6, 6), indexed [k, i, j]: upper index k, lower indices i, j."""
 
 
 def basis_matrix(i: int) -> sp.ImmutableMatrix:
-    """Return E_i, the 4x4 matrix of the i-th basis twist (0-based, linear first): E_i = [[w]x, v; 0, 0]."""
+    """Return the 4x4 matrix E_i = [[w]x, v; 0, 0] of the i-th basis twist (0-based, linear first)."""
     return _hat([sp.Integer(i == k) for k in _BASIS])
 
 
@@ -59,10 +59,10 @@ def _vee(matrix: sp.Matrix) -> list[sp.Expr]:
 
 @cache
 def structure_coefficients(representation: Representation) -> Coefficients:
-    """Return C^k_ij of the brackets [e_i, e_j] = C^k_ij e_k of the representation's frame field.
+    """Return the coefficients C^k_ij of the brackets [e_i, e_j] = C^k_ij e_k of the representation's frame field.
 
-    Body: the matrix commutator. Spatial: its opposite (right-invariant fields). Hybrid: translations along base
-    axes commute with everything, while rotations in base axes bracket as right-invariant fields of SO(3).
+    Body: the matrix commutator. Spatial: the negative commutator (right-invariant fields). Hybrid: translations along
+    base axes commute with all fields; rotations about base axes have the bracket of right-invariant fields of SO(3).
     """
     c = [[[sp.Integer(0)] * 6 for _ in _BASIS] for _ in _BASIS]
     for i in _BASIS:
@@ -80,9 +80,9 @@ def structure_coefficients(representation: Representation) -> Coefficients:
 
 @cache
 def connection_coefficients(representation: Representation) -> Coefficients:
-    """Return Gamma^k_ij of the kinematic connection, as exact rationals [k, i, j].
+    """Return the coefficients Gamma^k_ij of the kinematic connection, as exact rationals [k, i, j].
 
-    Each is torsion-free for its own frame field: Gamma^k_ji - Gamma^k_ij = C^k_ij of the same representation.
+    The connection is torsion-free: Gamma^k_ji - Gamma^k_ij = C^k_ij of the same representation.
     """
     if representation == "hybrid":
         return _hybrid_from_body()
@@ -108,8 +108,8 @@ def connection_coefficients(representation: Representation) -> Coefficients:
 def _hybrid_from_body() -> Coefficients:
     """Return the body connection in the hybrid frame field h_a = sum_i R_ai e_i (a, i both linear or both angular).
 
-    grad_{h_b} h_a = h_b(R_ai) e_i + R_ai R_bj grad_{e_j} e_i. Cross products are equivariant under rotations, so
-    the coefficients are those at R = 1, where h_b(R) = [e_b]x for a rotation and 0 for a translation.
+    The definition gives grad_{h_b} h_a = h_b(R_ai) e_i + R_ai R_bj grad_{e_j} e_i. Cross products are equivariant under
+    rotations, so that the coefficients equal those at R = 1, where h_b(R) = [e_b]x for a rotation, 0 for a translation.
     """
     body = connection_coefficients("body")
     gamma = [[[body[k, a, b] for b in _BASIS] for a in _BASIS] for k in _BASIS]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Gradients collected on the way backwards through a program, for :mod:`stiffgen.symbolic.adjoint`."""
+"""Gradients that a backward pass through a program collects, for :mod:`stiffgen.symbolic.adjoint`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stiffgen.symbolic.steps import Gather, Map, SparseSum
 
 
 def cotangent_name(result: str, count: int) -> str:
-    """Return the name of the cotangent of a result, of a function with ``count`` results."""
+    """Return the name of the cotangent of a result, for a function with ``count`` results."""
     return "cotangent" if count == 1 else f"{result}_cotangent"
 
 
@@ -22,12 +22,12 @@ def bar_name(argument: str) -> str:
 
 
 def gradient_shape(argument: Array) -> tuple[int, ...]:
-    """Return the shape of the gradient: that of the argument, for a floating base's pose that of a twist."""
+    """Return the shape of the gradient: the shape of the argument, or (6,) for the pose of a floating base."""
     return (6,) if argument.name == BASE_POSE.name else argument.shape
 
 
 class Gradients:
-    """Gradients of one pass backwards. ``bars``: for each array the arrays whose sum is the gradient."""
+    """Gradients of one backward pass; ``bars`` holds for each array the arrays whose sum is the gradient."""
 
     def __init__(self, chain: Chain, program: Program, names: dict[str, str]) -> None:
         self.chain = chain
@@ -43,7 +43,7 @@ class Gradients:
                 self.zeros[step.output.array.name] = _zeros(step, self.zeros)
         self.sparse = {step.output.name: step for step in program if isinstance(step, SparseSum)}
         self.mirrored = {step.output.array.name for step in program if isinstance(step, Map) and step.mirror}
-        self.of_base: set[str] = set()  # arrays whose pairs of the base's joints a later map has overwritten
+        self.of_base: set[str] = set()  # arrays in which a later map overwrites the pairs of base joints
         self.motions: list[Array] = []  # covectors of a floating base's twist and the joints' rates
 
     def new(self, of: Array) -> Array:
@@ -61,24 +61,24 @@ class Gradients:
         return bar
 
     def local(self, name: str, shape: tuple[int, ...]) -> Array:
-        """Return an array with a name of its own."""
+        """Return an array with a unique name."""
         self.count += 1
         return Array(f"{name}{self.count}", shape)
 
     def one(self, columns: Array) -> Array:
         """Return the gradient with respect to columns of joints as one array of columns."""
         bars = self.bars[columns.name]
-        made = {array.name for step in self.steps if isinstance(step, (Map, Gather)) for array in step.writes}
-        if len(bars) == 1 and bars[0].name in made:
+        outputs = {array.name for step in self.steps if isinstance(step, (Map, Gather)) for array in step.writes}
+        if len(bars) == 1 and bars[0].name in outputs:
             return bars[0]
         total = self.local(bar_name(columns.name), columns.shape)
         operands = tuple(Operand(bar, "j") for bar in bars)
-        comment = f"gradient by {shown(columns)}"
+        comment = f"gradient with respect to {shown(columns)}"
         self.steps.append(Map(comment, Over.JOINTS, Operand(total, "j"), operands, _sum))
         return total
 
     def known(self, step: Map, values: list[ca.SX]) -> list[ca.SX]:
-        """Return the operands with zeros where they are always zero: no gradient flows there."""
+        """Return the operands with structural zeros for entries that are always zero; their gradient is not needed."""
         return [_cleared(value, self.zeros.get(o.array.name)) for o, value in zip(step.operands, values, strict=True)]
 
 
@@ -87,7 +87,7 @@ def _sum(*values: ca.SX) -> ca.SX:
 
 
 def _zeros(step: Map, before: dict[str, set[int]]) -> set[int]:
-    """Return the entries of a map's output that are zero whatever it reads."""
+    """Return the entries of a map's output that are zero for all operands."""
     values = [
         _cleared(symbols(operand, f"x{k}_"), before.get(operand.array.name) if operand.at else None)
         for k, operand in enumerate(step.operands)
@@ -103,12 +103,12 @@ def _cleared(value: ca.SX, zeros: set[int] | None) -> ca.SX:
 
 
 def shown(array: Array) -> str:
-    """Name an array in comments."""
+    """Return the name of an array for comments."""
     return array.symbol or array.name
 
 
 def extents(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return a shape as CasADi takes it."""
+    """Return a shape in CasADi's form: two extents, or one for vectors and higher dimensions."""
     return shape if len(shape) == 2 else (Array("", shape).size,)
 
 
@@ -118,5 +118,5 @@ def symbols(operand: Operand, name: str) -> ca.SX:
 
 
 def column(value: ca.SX) -> ca.SX:
-    """Entries row by row, below each other."""
+    """Return the row-major entries as a column."""
     return ca.vec(ca.densify(value).T)

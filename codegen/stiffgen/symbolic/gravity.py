@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """CasADi expressions of gravity: potential energy, and the factors of its gradient and Hessian.
 
-The potential energy is U = -g . sum_k m_k c_k, where g is the acceleration of free fall in base axes [m/s^2] and c_k are
-the centres of mass of the bodies. Let w_j be the derivative with respect to q_j of the first moment of all bodies:
+The potential energy is U = -g . sum_k m_k c_k with the acceleration of free fall g in base axes [m/s^2] and the centres
+of mass c_k of the bodies. Let w_j be the derivative with respect to q_j of the first moment of all bodies:
 
-    w_j = a_j x s_j    revolute joint: axis a_j, first moment s_j of all bodies beyond j about a point on the axis [kg m]
+    w_j = a_j x s_j    revolute joint: axis a_j, first moment s_j of all bodies beyond j about a point on it [kg m]
     w_j = m_j a_j      prismatic joint: axis a_j, mass m_j of all bodies beyond j [kg]
 
 The gradient is dU/dq_j = -g . w_j. A revolute joint i nearer the base rotates w_j; a prismatic one does not change it.

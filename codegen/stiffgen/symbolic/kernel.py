@@ -81,7 +81,7 @@ class Kernel:
 
     @property
     def result(self) -> Argument:
-        """The only result."""
+        """Result of a kernel with one result."""
         (result,) = self.results
         return result
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """CasADi expressions of a chain's kinematics: pose, Jacobian columns, and the bracket form of dJ/dq.
 
-The pose recursions name what they compute section by section (:class:`Section`), so that the printed C can be
-read against the robot's drawing.
+The pose recursions name their intermediate results in sections (:class:`Section`), so that a reader can compare the
+printed C with a drawing of the robot.
 
-Units: metres, radians. A Jacobian column is the twist (v, w), linear first, of a unit rate of its joint:
+Units: metres, radians. A Jacobian column is the twist (v, w), linear first, at a unit rate of its joint:
 body     v = velocity of the tip's origin, w, both in tip axes                  (Pinocchio: LOCAL)
 spatial  v = velocity of the point passing the base's origin, w, in base axes   (Pinocchio: WORLD)
 hybrid   v = velocity of the tip's origin, w, both in base axes                 (Pinocchio: LOCAL_WORLD_ALIGNED)
@@ -26,7 +26,7 @@ _IDENTITY = ca.SX.eye(3)
 
 
 class Kind(Enum):
-    """Kind of a quantity whose size is known for reasons that its operations do not show."""
+    """Kind of a quantity, for bounds on its magnitude that do not follow from its operations."""
 
     NUMBER = "nothing is known"
     ROTATION = "entry of a rotation or of a unit vector: at most 1"
@@ -39,7 +39,7 @@ class Kind(Enum):
 class Section:
     """Titled group of named intermediate matrices of a pose recursion, in order of computation.
 
-    ``kinds`` has the kinds of the values of which something is known, by the same names.
+    ``kinds`` holds the kinds of those values whose kind is known, under the same names.
     """
 
     title: str
@@ -49,7 +49,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Expressions:
-    """Result with the sections that lead to it; ``kinds``, if any, of its entries, row-major."""
+    """Result and the sections of its computation; ``kinds`` holds the kinds of its entries, row-major, if known."""
 
     result: ca.SX
     sections: tuple[Section, ...]
@@ -65,7 +65,7 @@ _POSE = (*(3 * (3 * (Kind.ROTATION,) + (Kind.POINT,))), Kind.ZERO, Kind.ZERO, Ki
 
 def constant(matrix: Matrix | Vector) -> ca.SX:
     """Return a matrix or column of numbers."""
-    # Exact zeros become structural ones, so that products with them vanish from the graph.
+    # Exact zeros become structural zeros, so that their products vanish from the graph.
     return ca.SX(ca.sparsify(ca.DM(matrix)))
 
 
@@ -80,32 +80,32 @@ def bracket(x: ca.SX, y: ca.SX) -> ca.SX:
 
 
 def jacobian_column_derivative(
-    representation: Representation, column: ca.SX, by: ca.SX, *, by_is_outward: bool
+    representation: Representation, column: ca.SX, moving: ca.SX, *, moving_is_outward: bool
 ) -> ca.SX:
-    """Return the derivative of a Jacobian column with respect to the joint position of column ``by``, in closed form.
+    """Return the derivative of a Jacobian column with respect to the position of another joint, in closed form.
 
     Args:
-        representation: that of both columns.
-        column: the column that is differentiated.
-        by: the column of the joint that moves.
-        by_is_outward: whether the moving joint lies farther out (towards the tip) than the column's own.
+        representation: representation of both columns.
+        column: column to differentiate.
+        moving: column of the joint that moves.
+        moving_is_outward: whether the moving joint is farther from the base than the joint of ``column``.
 
-    A joint that moves takes everything beyond it along. Seen from the tip (body), only the joints nearer the base
-    move; seen from the base (spatial), only those nearer the tip; hybrid mixes both (facts as in Selig, Geometric
-    Fundamentals of Robotics, and Bruyninckx and De Schutter 1996).
+    A joint moves all links beyond it. Relative to the tip (body), only the joints nearer the base move; relative to the
+    base (spatial), only the joints nearer the tip move; the hybrid representation combines both (Selig, Geometric
+    Fundamentals of Robotics; Bruyninckx and De Schutter 1996).
 
     """
     if representation == "body":
-        return bracket(column, by) if by_is_outward else ca.SX.zeros(6)
+        return bracket(column, moving) if moving_is_outward else ca.SX.zeros(6)
     if representation == "spatial":
-        return ca.SX.zeros(6) if by_is_outward else bracket(by, column)
-    if by_is_outward:
-        return ca.vertcat(cross(column[3:], by[:3]), ca.SX.zeros(3))
-    return ca.vertcat(cross(by[3:], column[:3]), cross(by[3:], column[3:]))
+        return ca.SX.zeros(6) if moving_is_outward else bracket(moving, column)
+    if moving_is_outward:
+        return ca.vertcat(cross(column[3:], moving[:3]), ca.SX.zeros(3))
+    return ca.vertcat(cross(moving[3:], column[:3]), cross(moving[3:], column[3:]))
 
 
 def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
-    """Return the position of a joint [rad or m] at joint positions q; a floating base's own joints stand at zero."""
+    """Return the position of a joint [rad or m] at joint positions q; the joints of a floating base are at zero."""
     if joint.coordinate < chain.base_joints:
         return ca.SX(0)
     return joint.multiplier * q[joint.coordinate - chain.base_joints] + joint.offset
@@ -113,7 +113,7 @@ def joint_position(chain: Chain, joint: Joint, q: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class _Axis:
-    """Joint's motion about a coordinate axis of an auxiliary frame."""
+    """Joint axis as a coordinate axis of an auxiliary frame."""
 
     index: int  # 0, 1, 2: x, y, z
     sign: int
@@ -122,21 +122,21 @@ class _Axis:
     @staticmethod
     def of(joint: Joint) -> _Axis:
         for index in range(3):
-            if sum(map(bool, joint.axis)) == 1 and joint.axis[index]:  # 1.0 alone may have rounded a tilt away
+            if sum(map(bool, joint.axis)) == 1 and joint.axis[index]:  # an entry of 1.0 may hide a small tilt
                 return _Axis(index, int(joint.axis[index]), None)
         return _Axis(2, 1, aligning_rotation(joint.axis))
 
     def rotation(self, c: ca.SX, s: ca.SX) -> ca.SX:
-        turned = ca.SX(3, 3)
+        matrix = ca.SX(3, 3)
         i, j, k = self.index, (self.index + 1) % 3, (self.index + 2) % 3
-        turned[i, i] = 1
-        turned[j, j] = turned[k, k] = c
-        turned[k, j], turned[j, k] = (s, -s) if self.sign > 0 else (-s, s)
-        return turned
+        matrix[i, i] = 1
+        matrix[j, j] = matrix[k, k] = c
+        matrix[k, j], matrix[j, k] = (s, -s) if self.sign > 0 else (-s, s)
+        return matrix
 
 
 class PoseRecursion:
-    """Pose recursion, outwards or inwards: sines and cosines of the joint angles, and named frames."""
+    """Shared parts of outward and inward pose recursions: sines and cosines of the joint angles, and named frames."""
 
     def __init__(self, chain: Chain, q: ca.SX) -> None:
         self.chain = chain
@@ -156,24 +156,24 @@ class PoseRecursion:
             self.sections.append(trig)
 
     def frame(self, index: int, axes: str, rotation: ca.SX, translation: ca.SX) -> None:
-        """Name the entries R<index>_ij and p<index>_i of a joint's frame, seen in base or tip axes."""
+        """Add a section for a joint's frame, with entries R<index>_ij and p<index>_i in base or tip axes."""
         title = f"{frame_title(self.chain, index)}: rotation R{index}, origin p{index}, in {axes} axes"
         values = {f"R{index}_": ca.densify(rotation), f"p{index}_": ca.densify(translation)}
         self.sections.append(Section(title, values, dict(zip(values, FRAME, strict=True))))
 
     def local(self, index: int) -> ca.SX:
-        """Return the rotation of joint ``index``'s auxiliary frame at zero, in the frame before it."""
+        """Return the rotation of a joint's auxiliary frame at zero position, in the parent joint's frame."""
         joint, align = self.chain.joints[index], self.axes[index].align
         rotation = constant(joint.rotation)
         return rotation if align is None else rotation @ constant(align)
 
     def after(self, index: int) -> ca.SX:
-        """Return the constant rotation from joint ``index``'s auxiliary frame to its URDF frame."""
+        """Return the constant rotation from a joint's auxiliary frame to its URDF frame."""
         align = self.axes[index].align
         return _IDENTITY if align is None else constant(align).T
 
     def axis(self, index: int, rotation: ca.SX) -> ca.SX:
-        """Return joint ``index``'s axis from the rotation of its auxiliary frame."""
+        """Return the axis of a joint from the rotation of its auxiliary frame."""
         return ca.densify(self.axes[index].sign * rotation[:, self.axes[index].index])
 
 
@@ -183,32 +183,32 @@ Frame = tuple[ca.SX, ca.SX, ca.SX]
 
 @dataclass(frozen=True)
 class Configuration:
-    """Configuration of a tip, from a kernel's arguments: q, pose of a floating base, pose of a tool at run time."""
+    """Configuration of a tip: q, pose of a floating base, and pose of a tool at run time."""
 
     q: ca.SX
     base_pose: ca.SX | None = None
     tool_pose: ca.SX | None = None
 
     @staticmethod
-    def of(chain: Chain, given: Sequence[ca.SX], *, seen_from_tip: bool = False) -> Configuration:
+    def of(chain: Chain, arguments: Sequence[ca.SX], *, seen_from_tip: bool = False) -> Configuration:
         """Return the configuration of arguments in the order of ``configuration_arguments``.
 
-        Seen from the tip the base is left out, and the tool where only joints matter.
+        The tool pose may be absent. With ``seen_from_tip``, the base pose is absent.
         """
-        rest = list(given)
-        base_pose = rest.pop(0) if chain.floating and not seen_from_tip else None
-        return Configuration(rest[0], base_pose, rest[1] if len(rest) > 1 else None)
+        values = list(arguments)
+        base_pose = values.pop(0) if chain.floating and not seen_from_tip else None
+        return Configuration(values[0], base_pose, values[1] if len(values) > 1 else None)
 
     @property
     def base(self) -> tuple[ca.SX, ca.SX]:
-        """Rotation and origin of the base link in the axes of all frames."""
+        """Rotation and origin of the base link in the frame of reference."""
         if self.base_pose is None:
             return _IDENTITY, ca.SX.zeros(3)
         return self.base_pose[:3, :3], self.base_pose[:3, 3]
 
 
 def outward_frames(chain: Chain, configuration: Configuration) -> tuple[PoseRecursion, list[Frame]]:
-    """Return the frames of all moving joints, from the base outwards."""
+    """Return the recursion and the frames of all moving joints, from the base outwards."""
     r = PoseRecursion(chain, configuration.q)
     base_rotation, base_origin = configuration.base
     frames: list[Frame] = [(base_rotation, base_origin, base_rotation[:, k % 3]) for k in range(chain.base_joints)]
@@ -228,7 +228,7 @@ def outward_frames(chain: Chain, configuration: Configuration) -> tuple[PoseRecu
 
 
 def _tip_in_joint(chain: Chain, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
-    """Return rotation and origin of the tip, or of the tool at it, in the last joint's frame."""
+    """Return rotation and origin of the tip, or of the tool mounted there, in the last joint's frame."""
     rotation, origin = constant(chain.tip_rotation), constant(chain.tip_translation)
     if tool_pose is None:
         return rotation, origin
@@ -242,20 +242,20 @@ def _tip_in_base(chain: Chain, frames: list[Frame], tool_pose: ca.SX | None) -> 
 
 
 def frame_title(chain: Chain, index: int) -> str:
-    """Return the names of the sections of pose computations."""
+    """Return the title of the section of a joint's frame."""
     return f"frame of joint {chain.joints[index].name}"
 
 
 def spatial_column(joint: Joint, origin: ca.SX, axis: ca.SX) -> ca.SX:
-    """Return the twist (6), at the frame's origin, of a unit rate of a joint whose axis passes ``origin``."""
+    """Return the twist (6) at the frame's origin, at a unit rate of a joint whose axis passes through ``origin``."""
     if joint.prismatic:
         return ca.vertcat(axis, ca.SX.zeros(3))
     return ca.vertcat(cross(origin, axis), axis)
 
 
-def forward_kinematics(chain: Chain, *given: ca.SX) -> Expressions:
-    """Return the pose (4x4, metres) in the base frame of the tip, or of a tool with a known pose in the tip's frame."""
-    configuration = Configuration.of(chain, given)
+def forward_kinematics(chain: Chain, *arguments: ca.SX) -> Expressions:
+    """Return the pose (4x4, metres) of the tip, or of the tool mounted there, in the base frame."""
+    configuration = Configuration.of(chain, arguments)
     r, frames = outward_frames(chain, configuration)
     rotation, tip = _tip_in_base(chain, frames, configuration.tool_pose)
     return Expressions(_pose(rotation, tip), tuple(r.sections), _POSE)
@@ -265,11 +265,11 @@ def _pose(rotation: ca.SX, origin: ca.SX) -> ca.SX:
     return ca.densify(ca.vertcat(ca.horzcat(rotation, origin), ca.SX([[0, 0, 0, 1]])))
 
 
-def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) -> Expressions:
+def joint_jacobian(chain: Chain, *arguments: ca.SX, representation: Representation) -> Expressions:
     """Return the Jacobian (6 x number of joints): one column per moving joint, mimic joints included."""
     if representation == "body":
-        return _body_jacobian(chain, Configuration.of(chain, given, seen_from_tip=True))
-    configuration = Configuration.of(chain, given)
+        return _body_jacobian(chain, Configuration.of(chain, arguments, seen_from_tip=True))
+    configuration = Configuration.of(chain, arguments)
     r, frames = outward_frames(chain, configuration)
     _, tip = _tip_in_base(chain, frames, configuration.tool_pose)
     if representation == "hybrid":
@@ -277,9 +277,9 @@ def joint_jacobian(chain: Chain, *given: ca.SX, representation: Representation) 
     return Expressions(_outward_columns(chain, frames, tip, representation), tuple(r.sections), _kinds(chain))
 
 
-def hybrid_jacobian_and_pose(chain: Chain, *given: ca.SX) -> Expressions:
-    """Return the tip's hybrid Jacobian (6 x number of joints) and pose (4x4): entries row by row, stacked."""
-    configuration = Configuration.of(chain, given)
+def hybrid_jacobian_and_pose(chain: Chain, *arguments: ca.SX) -> Expressions:
+    """Return the tip's hybrid Jacobian (6 x number of joints) and pose (4x4): row-major entries, stacked."""
+    configuration = Configuration.of(chain, arguments)
     r, frames = outward_frames(chain, configuration)
     rotation, tip = _tip_in_base(chain, frames, configuration.tool_pose)
     r.sections.append(Section("tip's origin p, in base axes", {"p_": tip}, {"p_": Kind.POINT}))
@@ -289,7 +289,7 @@ def hybrid_jacobian_and_pose(chain: Chain, *given: ca.SX) -> Expressions:
 
 
 def _kinds(chain: Chain) -> tuple[Kind, ...]:
-    """Return the kinds of the entries of Jacobian columns, row by row."""
+    """Return the kinds of the entries of Jacobian columns, row-major."""
     linear = [Kind.ROTATION if joint.prismatic else Kind.POINT for joint in chain.joints]
     return (*(3 * linear), *(3 * len(linear) * [Kind.ROTATION]))
 
@@ -307,10 +307,10 @@ def _outward_columns(chain: Chain, frames: list[Frame], tip: ca.SX, representati
 
 
 def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
-    """Return the body Jacobian; (rotation, origin) is the pose of a link's frame in the tip frame, from tip to base."""
+    """Return the body Jacobian, by a recursion from the tip to the base."""
     r = PoseRecursion(chain, configuration.q)
     tip_rotation, tip_origin = _tip_in_joint(chain, configuration.tool_pose)
-    rotation = tip_rotation.T
+    rotation = tip_rotation.T  # (rotation, origin): pose of the current frame in the tip's frame
     origin = -(rotation @ tip_origin)
     columns: list[ca.SX] = []
     for index in reversed(range(chain.base_joints, len(chain.joints))):
@@ -318,7 +318,7 @@ def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
         auxiliary = rotation @ r.after(index).T
         axis = r.axis(index, auxiliary)
         r.frame(index, "tip", auxiliary, origin)
-        columns.append(spatial_column(joint, origin, axis))  # the tip frame plays the base's part
+        columns.append(spatial_column(joint, origin, axis))  # in the tip's frame instead of the base's
         turn = r.rotations[index]
         if turn is None:
             origin = origin - axis * r.positions[index]
@@ -326,10 +326,11 @@ def _body_jacobian(chain: Chain, configuration: Configuration) -> Expressions:
             auxiliary = auxiliary @ turn.T
         rotation = auxiliary @ r.local(index).T
         origin = origin - rotation @ constant(joint.translation)
-    own = chain.joints[: chain.base_joints]
-    if own:
+    base_joints = chain.joints[: chain.base_joints]
+    if base_joints:
         values = {"Rb_": ca.densify(rotation), "pb_": ca.densify(origin)}
         kinds = dict(zip(values, FRAME, strict=True))
         r.sections.append(Section("base link: rotation Rb, origin pb, in tip axes", values, kinds))
-    columns += [spatial_column(joint, origin, rotation[:, k % 3]) for k, joint in reversed(list(enumerate(own)))]
+    for k, joint in reversed(list(enumerate(base_joints))):
+        columns.append(spatial_column(joint, origin, rotation[:, k % 3]))
     return Expressions(ca.densify(ca.horzcat(*reversed(columns))), tuple(r.sections), _kinds(chain))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""``casadi.Function`` objects of a chain's kernels, for optimal control and for checking."""
+"""``casadi.Function`` objects of a chain's kernels, for optimal control and for verification."""
 
 from __future__ import annotations
 
@@ -20,23 +20,26 @@ from stiffgen.symbolic.springs import Placement
 class StiffnessModel:
     """Kernels of a chain as dense ``casadi.Function`` objects under their names.
 
-    ``model.forward_kinematics``, ``model.mass_matrix`` (unless the chain's masses were left out), and for each
-    representation ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness`` and so on (``body``, ``spatial``,
-    ``hybrid``); ``model.spring.torque``, ``model.posture.torque``, ``model.limits.torque`` and their siblings; with
-    several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
-    Arguments and results have the shapes of the kernel table, except that what has more dimensions than CasADi comes
-    folded: ``jacobian_transpose_derivative`` (n, n, 6) as (n*n, 6), row i*n + b holding dJ[:, b]/dq_i.
+    Its attributes are, for example,
+
+    * ``model.forward_kinematics``, ``model.mass_matrix`` (for a chain with masses);
+    * ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness``, also of ``body`` and ``spatial``;
+    * ``model.spring.torque``, ``model.posture.torque``, ``model.limits.torque``;
+    * with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
+
+    Arguments and results have the shapes of the kernel table. CasADi has two dimensions only, so that
+    ``jacobian_transpose_derivative`` (n, n, 6) is folded to (n*n, 6): row i*n + b holds dJ[:, b]/dq_i.
 
     Args:
-        chain: from :func:`stiffgen.load_chain`.
-        springs: springs beyond the default one ("rotation_vector", "quaternion", "coupled").
+        chain: chain from :func:`stiffgen.load_chain`.
+        springs: springs in addition to the default spring ("rotation_vector", "quaternion", "coupled").
         placement: axes and centre of stiffness.
-        potentials: functions U(p, R, parameters) of your own (:mod:`stiffgen.symbolic.potentials`); the group has the
-            function's name.
-        derivatives: every function has its vector-Jacobian product beside it, ``model.hybrid.joint_stiffness_vjp``.
+        potentials: your own functions U(p, R, parameters) (:mod:`stiffgen.symbolic.potentials`); a group has the name
+            of its function.
+        derivatives: add the vector-Jacobian product of every function, as ``model.hybrid.joint_stiffness_vjp``.
 
     Raises:
-        PotentialError: a spring or potential is refused.
+        PotentialError: a spring or potential is not valid.
 
     """
 
@@ -59,8 +62,8 @@ class StiffnessModel:
         derivatives: bool = False,
     ) -> None:
         self.chain = chain
-        own = tuple(Potential(function) for function in potentials)
-        options = SpringOptions(tuple(springs), placement or Placement(), own, derivatives)
+        user_potentials = tuple(Potential(function) for function in potentials)
+        options = SpringOptions(tuple(springs), placement or Placement(), user_potentials, derivatives)
         for kernel in chain_kernels(chain, options):
             owner: object = self
             for name in kernel.path:
@@ -84,11 +87,11 @@ def casadi_function(chain: Chain, kernel: Kernel) -> ca.Function:
 
 
 def matrix_shape(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return rows and columns of CasADi's matrix for an array."""
+    """Return the rows and columns of the CasADi matrix that holds an array."""
     rows, columns = (*folded(shape), 1, 1)[:2]
     return rows, columns
 
 
 def folded(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return a shape in at most two dimensions, rows of the last one kept together."""
+    """Return a shape folded to at most two dimensions: the last dimension stays, the others are joined."""
     return shape if len(shape) <= 2 else (math.prod(shape[:-1]), shape[-1])

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""A user's own potential: a Python function U(p, R, parameters) of CasADi expressions becomes a spring.
+"""User-defined potentials: a Python function U(p, R, parameters) of CasADi expressions becomes a spring.
+
+Example::
 
     import casadi as ca
 
@@ -9,9 +11,11 @@
 
     bowl.parameters = {"centre": (3,), "stiffness": ()}
 
-p (3) is the tip's origin [m], R (3x3) its rotation, both in base axes; ``parameters`` has the attributes that the
-function's attribute ``parameters`` declares, with their shapes: () a number, (k,) a vector, (k, l) a matrix. They
-become arguments of the generated functions, in this order, after q. The result is the energy [J].
+p (3) is the tip's origin [m] and R (3x3) its rotation, both in base axes. The result is the energy [J].
+
+The function's attribute ``parameters`` declares names and shapes: () a number, (k,) a vector, (k, l) a matrix. The
+argument ``parameters`` has one attribute per name. The parameters become arguments of the generated functions, after q
+and in the order of declaration.
 """
 
 from __future__ import annotations
@@ -36,7 +40,7 @@ _WITHOUT_DERIVATIVES = {
 
 @dataclass(frozen=True)
 class Potential:
-    """Function U(p, R, parameters), with the file and text of its source."""
+    """Function U(p, R, parameters), and file name and text of its source."""
 
     function: Callable[..., Any]
     file: str = ""
@@ -44,7 +48,7 @@ class Potential:
 
     @property
     def name(self) -> str:
-        """Name of the function: the group of the kernels."""
+        """Name of the function, which is the group of the kernels."""
         return str(self.function.__name__)
 
 
@@ -60,7 +64,7 @@ class _Parameters:
         if name not in self._values:
             raise PotentialError(
                 f"potential {self._owner}: takes the parameter '{name}', which it does not declare "
-                f"(declared: {listed(list(self._values)) or 'none'}); name it with its shape in "
+                f"(declared: {listed(list(self._values)) or 'none'}); add the name and its shape to "
                 f"{self._owner}.parameters"
             )
         return self._values[name]
@@ -70,8 +74,8 @@ def spring_of(potential: Potential) -> Spring:
     """Return the spring of a user's potential.
 
     Raises:
-        PotentialError: the function is not one of (p, R, parameters), its energy is not a scalar, not twice
-            differentiable symbolically, or contains symbols that it was not given.
+        PotentialError: the function does not take (p, R, parameters); or its energy is not a scalar, is not twice
+            differentiable symbolically, or contains foreign symbols.
 
     """
     name = potential.name
@@ -82,9 +86,9 @@ def spring_of(potential: Potential) -> Spring:
     arguments = tuple(_argument(name, parameter, shape) for parameter, shape in _items(name, declared))
 
     def energy(p: ca.SX, R: ca.SX, *values: ca.SX) -> ca.SX:
-        given = {argument.name: value for argument, value in zip(arguments, values, strict=True)}
+        parameters = {argument.name: value for argument, value in zip(arguments, values, strict=True)}
         try:
-            result = potential.function(p, R, _Parameters(name, given))
+            result = potential.function(p, R, _Parameters(name, parameters))
         except PotentialError:
             raise
         except Exception as error:
@@ -92,12 +96,12 @@ def spring_of(potential: Potential) -> Spring:
         return _checked(name, result, [p, R, *values])
 
     text = inspect.getdoc(potential.function) or ""
-    where = f" of {potential.file}" if potential.file else ""
-    user = Spring(name, arguments, energy, f"U(p, R) by the function {name}{where}", " ".join(text.split()))
+    source = f" of {potential.file}" if potential.file else ""
+    user = Spring(name, arguments, energy, f"U(p, R) by the function {name}{source}", " ".join(text.split()))
     p, R = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
     symbols = [ca.SX.sym(a.name, *_extent(a)) for a in arguments]
     value = energy(p, R, *symbols)
-    _refuse_without_derivatives(name, value, [p, R, *symbols])
+    _check_differentiable(name, value, [p, R, *symbols])
     return user
 
 
@@ -128,42 +132,52 @@ def _argument(owner: str, name: Any, shape: Any) -> Argument:
     )
 
 
-def _checked(name: str, result: Any, given: list[ca.SX]) -> ca.SX:
+def _checked(name: str, result: Any, inputs: list[ca.SX]) -> ca.SX:
+    """Return the energy as a scalar expression of the inputs.
+
+    Raises:
+        PotentialError: the result is no such expression.
+
+    """
     if isinstance(result, (int, float, ca.DM)):
         result = ca.SX(result)
     if not isinstance(result, ca.SX):
         raise PotentialError(f"potential {name}: returns {type(result).__name__}, not a CasADi SX expression")
     if result.shape != (1, 1):
         raise PotentialError(f"potential {name}: its energy must be a scalar, not of shape {result.shape}")
-    known = {symbol.element_hash() for each in given for entry in [each] for symbol in ca.symvar(ca.densify(entry))}
-    strange = [symbol.name() for symbol in ca.symvar(result) if symbol.element_hash() not in known]
-    if strange:
+    known = {symbol.element_hash() for each in inputs for symbol in ca.symvar(ca.densify(each))}
+    foreign = [symbol.name() for symbol in ca.symvar(result) if symbol.element_hash() not in known]
+    if foreign:
         raise PotentialError(
-            f"potential {name}: contains symbols that it was not given ({listed(strange)}); declare them as parameters"
+            f"potential {name}: contains symbols that it was not given ({listed(foreign)}); declare them as parameters"
         )
     return ca.densify(result)
 
 
-def _refuse_without_derivatives(name: str, value: ca.SX, given: list[ca.SX]) -> None:
-    """Refuse what is not twice differentiable, or has no C."""
-    function = ca.Function("U", given, [value])
+def _check_differentiable(name: str, value: ca.SX, inputs: list[ca.SX]) -> None:
+    """Raise PotentialError for operations that are not twice differentiable or that C does not have."""
+    function = ca.Function("U", inputs, [value])
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}
     found = sorted(_WITHOUT_DERIVATIVES[each] for each in operations & set(_WITHOUT_DERIVATIVES))
     if found:
         raise PotentialError(
-            f"potential {name}: is not twice differentiable ({listed(found)}); write it with smooth functions, or with "
-            "if_else whose pieces meet with two derivatives"
+            f"potential {name}: is not twice differentiable ({listed(found)}); use smooth functions, or if_else with "
+            "branches whose values and first two derivatives agree at the switch"
         )
 
 
 @dataclass(frozen=True)
 class SpringOptions:
-    """Springs of a robot: kinds of :func:`stiffgen.symbolic.springs.spring`, and a user's own potentials.
+    """Options that select the kernels of a robot, mostly its springs.
 
-    The default spring, "trace", always comes first. With ``derivatives`` every kernel of the robot, those of
-    springs included, has its vector-Jacobian product beside it (:mod:`stiffgen.symbolic.adjoint`). ``groups`` names
-    the kernels to generate, a group ("hybrid") or one function ("spring.energy"); none for all kernels. Without
-    ``batches`` no kernel has functions for many configurations.
+    Attributes:
+        kinds: kinds of :func:`stiffgen.symbolic.springs.spring` in addition to the default, "trace".
+        placement: axes and centre of stiffness.
+        potentials: user-defined potentials.
+        derivatives: whether every kernel has a vector-Jacobian product (:mod:`stiffgen.symbolic.adjoint`).
+        groups: kernels to generate, as groups ("hybrid") or single functions ("spring.energy"); empty for all.
+        batches: whether kernels have functions for many configurations.
+
     """
 
     kinds: tuple[str, ...] = ()
@@ -174,10 +188,10 @@ class SpringOptions:
     batches: bool = True
 
     def springs(self) -> tuple[Spring, ...]:
-        """Return all springs, the default one first.
+        """Return all springs, the default spring first.
 
         Raises:
-            PotentialError: an unknown kind, a potential that is refused, or a name twice.
+            PotentialError: a kind is unknown, a potential is not valid, or a name occurs twice.
 
         """
         unknown = [kind for kind in self.kinds if kind not in KINDS]
@@ -188,7 +202,7 @@ class SpringOptions:
         names = [each.name for each in springs]
         twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
         if twice:
-            raise PotentialError(f"potential {twice[0]}: given twice; each needs a name of its own")
+            raise PotentialError(f"potential {twice[0]}: given twice; rename one of the two functions")
         return tuple(springs)
 
     def to_manifest(self) -> dict[str, Any]:

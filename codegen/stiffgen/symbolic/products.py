@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Kernels of vector-Jacobian products: NAME_vjp beside every kernel NAME."""
+"""Kernels of vector-Jacobian products: a kernel NAME_vjp for every kernel NAME."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stiffgen.symbolic.steps import ArgumentSlice, Sum, Term
 
 
 def _cotangent(result: Argument, count: int) -> Argument:
-    meaning = f"weights of the entries of {result.name}" + (", both triangles" if result.symmetric else "")
+    meaning = f"weight of each entry of {result.name}" + (", both triangles" if result.symmetric else "")
     name = gradients.cotangent_name(result.name, count)
     return Argument(name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", own=True)
 
@@ -25,8 +25,8 @@ def _gradient(argument: Argument) -> Argument:
     name = gradients.bar_name(argument.name)
     if argument.name == arguments.BASE_POSE.name:
         meaning = (
-            "gradient with respect to the base's motion: covector of the base link's twist (linear, angular) in its "
-            "own axes; L grows by its product with (v, w) as the base moves to p + R v, R exp([w])"
+            "gradient with respect to the base's motion: covector of the base link's twist (linear, angular) in base "
+            "link axes; its product with (v, w) is the change of L as the base moves to p + R v, R exp([w])"
         )
         return Argument(name, (6,), "1/m, 1/rad", meaning)
     meaning = f"gradient with respect to {argument.name}"
@@ -36,27 +36,27 @@ def _gradient(argument: Argument) -> Argument:
 
 
 def _reverse_program(chain: Chain, of: Kernel) -> Program:
-    given, results = ([argument.array(chain) for argument in each] for each in (of.arguments, of.results))
+    inputs, results = ([argument.array(chain) for argument in each] for each in (of.arguments, of.results))
     cotangents = [_cotangent(result, len(results)).array(chain) for result in of.results]
-    return adjoint.reverse(chain, (of.by_tips or of.program)(chain), given, results, cotangents)
+    return adjoint.reverse(chain, (of.by_tips or of.program)(chain), inputs, results, cotangents)
 
 
 def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
-    """Return the product of a kernel with more results, with zero cotangents for the additional ones."""
+    """Return the program of the product of ``whole``, with zero cotangents for results that ``of`` does not have."""
     product = vector_jacobian_product(whole)
-    own = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
-    given = [(argument.array(chain), ArgumentSlice(argument.array(chain))) for argument in whole.arguments]
+    cotangents = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
+    inputs = [(argument.array(chain), ArgumentSlice(argument.array(chain))) for argument in whole.arguments]
     for result in whole.results:
-        given.append((_cotangent(result, len(whole.results)).array(chain), ArgumentSlice(own.get(result.name))))
-    targets = tuple(result.array(chain) for result in product.results)
-    term = Term(product.qualified_name, chain, product.program(chain), tuple(given))
-    return (Sum(targets, tuple(target.name for target in targets), (term,)),)
+        inputs.append((_cotangent(result, len(whole.results)).array(chain), ArgumentSlice(cotangents.get(result.name))))
+    outputs = tuple(result.array(chain) for result in product.results)
+    term = Term(product.qualified_name, chain, product.program(chain), tuple(inputs))
+    return (Sum(outputs, tuple(output.name for output in outputs), (term,)),)
 
 
 def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
-    """Return the kernel NAME_vjp: gradients with respect to every argument, from a cotangent per result.
+    """Return the kernel NAME_vjp: gradients with respect to every argument, from one cotangent per result.
 
-    ``whole`` is the kernel that ``of`` is part of.
+    ``whole`` is the larger kernel that includes the results of ``of``, if any.
     """
     count = len(of.results)
     cotangents = tuple(_cotangent(result, count) for result in of.results)
@@ -77,8 +77,10 @@ def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
 def products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
     """Yield VJP kernels, callees first."""
     whole = {(kernel.path, kernel.name): kernel for kernel in kernels}
-    parts = {kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole}
+    included = {
+        kernel: whole[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in whole
+    }
     for kernel in kernels:
-        if kernel not in parts:
+        if kernel not in included:
             yield vector_jacobian_product(kernel)
-        yield from (vector_jacobian_product(part, kernel) for part, of in parts.items() if of is kernel)
+        yield from (vector_jacobian_product(part, kernel) for part, of in included.items() if of is kernel)

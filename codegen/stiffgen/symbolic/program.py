@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Programs: a kernel as a short list of steps over joints and pairs of joints.
 
-The quadratic part of every kernel is one small expression repeated over joints. Steps keep the repetition, so that two
-readers share one definition: :func:`evaluate` unrolls a program into a flat CasADi expression (the ``casadi.Function``
-of :class:`stiffgen.StiffnessModel`), and :mod:`stiffgen.lower` turns it into loops. Arrays are row-major; ``m`` is the
-number of moving joints, ``n`` the number of coordinates (they differ where joints mimic).
+The part of a kernel whose cost is quadratic is one small expression, repeated over pairs of joints. A step records the
+repetition instead of unrolling it, and two consumers share that definition: :func:`evaluate` unrolls a program into a
+flat CasADi expression (the ``casadi.Function`` of :class:`stiffgen.StiffnessModel`), and :mod:`stiffgen.lower`
+translates it into loops. Arrays are row-major; ``m`` is the number of moving joints, ``n`` the number of coordinates
+(they differ where joints mimic).
 
-A step (:mod:`stiffgen.symbolic.steps`) is a record that says which arrays it reads and writes, and evaluates itself.
-Its reverse rule is one line of the table in :mod:`stiffgen.symbolic.adjoint_steps`, its lowering one line of the table
-in :mod:`stiffgen.lower.steps`. Rounding bounds follow from the lowered form.
+A step (:mod:`stiffgen.symbolic.steps`) is a record of the arrays that it reads and writes, with a method that evaluates
+it. Its reverse rule is one line of the table in :mod:`stiffgen.symbolic.adjoint_steps`, its lowering one line of the
+table in :mod:`stiffgen.lower.steps`. Rounding bounds follow from the lowered form.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ from stiffgen.robot.chain import Chain
 
 
 class Over(Enum):
-    """Index set of a step: nothing, joints j, coordinates j of q, or pairs (i, j) of joints; the value is for comments.
+    """Index set of a step: one evaluation, joints j, coordinates j of q, or pairs (i, j) of joints.
 
-    ``ON_THE_WAY``: i is j or a joint between the base and j. ``BASE``: i and j are joints of a floating base.
+    The value is the text for comments. ``ON_THE_WAY``: i is j or a joint between the base and j. ``BASE``: i and j are
+    joints of a floating base.
     """
 
     ONCE = ""
@@ -43,7 +45,7 @@ class Over(Enum):
     ALL = "all"
 
     def __str__(self) -> str:
-        """Return the words that comments use."""
+        """Return the text for comments."""
         return self.value
 
     @property
@@ -58,21 +60,21 @@ class Over(Enum):
 
     @property
     def upper(self) -> bool:
-        """Whether a triangle holds the pairs with i < j."""
+        """Whether the set is a triangle with the pairs i < j."""
         return self in (Over.UPPER, Over.STRICTLY_UPPER)
 
     @property
     def diagonal(self) -> bool:
-        """Whether a triangle holds the pairs with i = j."""
+        """Whether the set is a triangle with the pairs i = j."""
         return self in (Over.UPPER, Over.LOWER)
 
     @property
     def flipped(self) -> Over:
-        """The pairs (j, i); all pairs where the set of these has no name (the step's operand is zero elsewhere)."""
+        """Set of the pairs (j, i); all pairs if that set has no name (the step's operand is zero elsewhere)."""
         return _FLIPPED.get(self, self)
 
     def indices(self, chain: Chain, *, without_base: bool = False) -> Iterator[tuple[int, int]]:
-        """Yield the (i, j) in the order of the printed loops; ``without_base`` skips pairs of the base's joints."""
+        """Yield the pairs (i, j) in the order of the printed loops; ``without_base`` skips pairs of base joints."""
         if without_base:
             yield from ((i, j) for i, j in self.indices(chain) if max(i, j) >= chain.base_joints)
             return
@@ -106,7 +108,7 @@ _FLIPPED = {
 
 @dataclass(frozen=True)
 class Array:
-    """A named row-major array of numbers. ``shape`` has no (a number) to three dimensions."""
+    """Named row-major array of numbers with up to three dimensions; a number has the shape ()."""
 
     name: str
     shape: tuple[int, ...]
@@ -124,14 +126,14 @@ class Array:
 
 @dataclass(frozen=True)
 class Operand:
-    """The part of an array that an expression reads or writes: all (""), column i or j, or the element(s) [i, j]."""
+    """Part of an array that an expression reads or writes: all (""), column i or j, or the element(s) [i, j]."""
 
     array: Array
     at: Literal["", "i", "j", "ij"]
 
     @property
     def count(self) -> int:
-        """Entries that one evaluation of the expression touches."""
+        """Number of entries that one evaluation of the expression reads or writes."""
         if self.at == "":
             return self.array.size
         if self.at == "ij":
@@ -140,16 +142,16 @@ class Operand:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape in which an expression takes the operand: the array's, or a column."""
+        """Shape of the operand in an expression: the array's shape, or a column."""
         return self.array.shape if self.at == "" else (self.count,)
 
     @property
     def flipped(self) -> Operand:
-        """Column i in place of column j, and the reverse."""
+        """Operand with column i in place of column j, and the reverse."""
         return Operand(self.array, "i" if self.at == "j" else "j")
 
     def entry(self, k: int, i: int, j: int) -> int:
-        """Return the position in the array of the k-th entry touched."""
+        """Return the position in the array of the operand's k-th entry."""
         if self.at == "":
             return k
         if self.at == "ij":
@@ -158,19 +160,19 @@ class Operand:
 
 
 Replace = Callable[[list[ca.SX]], list[ca.SX]]
-"""Replaces the entries that a step wrote before later steps read them."""
+"""Function that replaces the outputs of a step before later steps read them."""
 
 
 @dataclass(frozen=True)
 class Unrolling:
-    """An evaluation under way: the entries of every array so far, by name."""
+    """State of an evaluation: the entries of every array so far, by name."""
 
     chain: Chain
     entries: dict[str, list[ca.SX]]
     replace: Replace = list
 
     def operand(self, operand: Operand, i: int, j: int) -> ca.SX:
-        """Return what an expression takes of an operand at (i, j)."""
+        """Return the value of an operand at (i, j)."""
         entries = self.entries[operand.array.name]
         return as_operand(operand.shape, [entries[operand.entry(k, i, j)] for k in range(operand.count)])
 
@@ -180,28 +182,28 @@ class Unrolling:
 
 
 class Step(ABC):
-    """One element of a program."""
+    """Element of a program."""
 
     output: Any
-    """Array, or operand of one, that the step writes."""
+    """Array or operand that the step writes."""
 
     @property
     @abstractmethod
     def reads(self) -> tuple[Array, ...]:
-        """The arrays that the step reads."""
+        """Arrays that the step reads."""
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """The arrays that the step writes."""
+        """Arrays that the step writes."""
         return (self.output,)
 
     @property
     def reads_whole(self) -> tuple[Array, ...]:
-        """The arrays that the step reads through a helper or a function, entries that are always zero included."""
+        """Arrays that the step passes to a helper function in C, including entries that are always zero."""
         return ()
 
     def evaluate(self, run: Unrolling) -> None:
-        """Add the entries of what the step writes."""
+        """Add the entries of the step's outputs to the evaluation."""
         self._evaluate(run)
         for array in self.writes:
             run.entries[array.name] = run.replace(run.entries[array.name])
@@ -210,7 +212,7 @@ class Step(ABC):
     def _evaluate(self, run: Unrolling) -> None: ...
 
     def without_unread(self, needed: set[str]) -> Step:
-        """Return the step without outputs that nothing reads."""
+        """Return the step without outputs that are not ``needed``."""
         return self
 
 
@@ -245,7 +247,7 @@ def entries_of(value: ca.SX) -> list[ca.SX]:
 
 
 def as_operand(shape: tuple[int, ...], entries: Sequence[ca.SX]) -> ca.SX:
-    """Return entries as the column vector or (for two dimensions) matrix that an expression takes."""
+    """Return entries in CasADi's form: a matrix for two dimensions, otherwise a column."""
     if len(shape) != 2:
         return ca.vertcat(*entries)
     rows = [ca.horzcat(*entries[r * shape[1] : (r + 1) * shape[1]]) for r in range(shape[0])]
@@ -255,7 +257,7 @@ def as_operand(shape: tuple[int, ...], entries: Sequence[ca.SX]) -> ca.SX:
 def pruned(
     operands: Sequence[tuple[Operand, ca.SX]], expression: ca.SX
 ) -> tuple[tuple[Operand, ...], Callable[..., ca.SX]]:
-    """Return the operands that an expression of their symbols depends on, and the body that takes these."""
+    """Return the operands on which an expression of their symbols depends, and the expression as their function."""
     dependent = [(o, s) for o, s in operands if ca.depends_on(expression, ca.vec(s))]
     place = ca.vertcat(*(ca.vec(symbol) for _, symbol in dependent))
 

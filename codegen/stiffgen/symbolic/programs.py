@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Programs of all kernels: their steps, made for one chain.
+"""Programs of all kernels: functions that return the steps of a kernel for one chain.
 
-The table (:mod:`stiffgen.symbolic.kernels`) names these; what one joint and one pair of joints contribute is in
-:mod:`stiffgen.symbolic.kinematics`, :mod:`stiffgen.symbolic.stiffness` and :mod:`stiffgen.symbolic.dynamics`.
+The kernel table (:mod:`stiffgen.symbolic.kernels`) refers to these functions. The contributions of one joint and of one
+pair of joints are in :mod:`stiffgen.symbolic.kinematics`, :mod:`stiffgen.symbolic.stiffness` and
+:mod:`stiffgen.symbolic.dynamics`.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from stiffgen.symbolic.steps import Map, SparseSum, StraightLine, SumJoints
 
 
 def _configuration(chain: Chain, *, seen_from_tip: bool = False) -> tuple[Array, ...]:
-    based = chain.floating and not seen_from_tip
-    arguments = configuration_arguments(runtime_tool=chain.runtime_tool, floating=based)
+    floating = chain.floating and not seen_from_tip
+    arguments = configuration_arguments(runtime_tool=chain.runtime_tool, floating=floating)
     return tuple(argument.array(chain) for argument in arguments)
 
 
@@ -34,13 +35,13 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
     expressions = partial(kinematics.joint_jacobian, representation=representation)
     heading = "Jacobian columns: rows 0..2 linear, 3..5 angular"
     meaning = f"Jacobian columns of the moving joints, {representation} representation"
-    given = _configuration(chain, seen_from_tip=representation == "body")
+    arguments = _configuration(chain, seen_from_tip=representation == "body")
     name = f"{representation}_columns"
-    return StraightLine((array,), expressions, given, name, heading, meaning, 1, moves=representation), array
+    return StraightLine((array,), expressions, arguments, name, heading, meaning, 1, moves=representation), array
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
-    """Let ``steps`` write a result [i, j] for pairs of joints, then sum into coordinates where joints mimic."""
+    """Return ``steps`` that write a result [i, j] for pairs of joints, summed into coordinates where joints mimic."""
     output = result.array(chain)
     if not chain.coupled:
         return steps(output)
@@ -50,7 +51,7 @@ def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Progra
 
 
 def _vector_of_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program]) -> Program:
-    """Let ``steps`` write a result [j] for joints, then sum into coordinates where joints mimic."""
+    """Return ``steps`` that write a result [j] for joints, summed into coordinates where joints mimic."""
     output = result.array(chain)
     if not chain.coupled:
         return steps(output)
@@ -70,8 +71,9 @@ def _pose(chain: Chain, pose: Array) -> StraightLine:
 
 
 def columns_and_pose(chain: Chain, J: Array, pose: Array) -> StraightLine:
-    """Return the program of hybrid Jacobian columns and pose of the tip, in one pass over the joints."""
-    heading, meaning = "Jacobian columns, and pose of the tip", "Hybrid Jacobian columns of the moving joints, and pose"
+    """Return the step that computes hybrid Jacobian columns and pose of the tip, in one pass over the joints."""
+    heading = "Jacobian columns, and pose of the tip"
+    meaning = "Hybrid Jacobian columns of the moving joints, and pose of the tip"
     expressions = kinematics.hybrid_jacobian_and_pose
     name = "hybrid_columns_and_pose"
     return StraightLine((J, pose), expressions, _configuration(chain), name, heading, meaning, 1, moves="hybrid")
@@ -93,7 +95,7 @@ def jacobian(chain: Chain, representation: Representation, result: Argument) -> 
 
 
 def jacobian_derivative(chain: Chain, representation: Representation, result: Argument) -> Program:
-    """Return the program of dJ^T/dq by brackets of columns, one half of the pairs after the other."""
+    """Return the program of dJ^T/dq from brackets of columns, one half of the pairs after the other."""
 
     def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
@@ -101,7 +103,7 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
 
         def half(over: Over, outward: bool) -> Map:
             def derivative(moving: ca.SX, column: ca.SX) -> ca.SX:
-                return kinematics.jacobian_column_derivative(representation, column, moving, by_is_outward=outward)
+                return kinematics.jacobian_column_derivative(representation, column, moving, moving_is_outward=outward)
 
             side = str(over) if over is Over.BASE else f"for the joints i {'beyond' if outward else 'before'} joint j"
             return Map(
@@ -128,7 +130,7 @@ def _two_sided(
     operands: tuple[Operand, ...],
     names: tuple[str, str, str],
 ) -> Program:
-    """Return target_ij = J_i . u_j with one covector u_j for the joints j beyond i and one for those before."""
+    """Return the steps output_ij = J_i . u_j, with separate covectors u_j for joints j beyond and before i."""
     symbol, left_hand_side, formula = names
     diagonal_outward = stiffness.diagonal_is_outward(representation)
     beyond = Over.UPPER if diagonal_outward else Over.STRICTLY_UPPER
@@ -139,19 +141,19 @@ def _two_sided(
         comment = f"{symbol}_j = {formula}, for the joints j {side} joint i"
         expression = partial(covector, representation, outward=outward)
         maps.append(Map(comment, Over.JOINTS, Operand(u, "j"), (Operand(J, "j"), *operands), expression))
-        # A floating base moves as one: each of its joints moves the tip as if it were nearer the base than the others.
+        # A floating base moves as one body: each of its joints moves the tip as if it were the joint nearest the base.
         overs = (over, Over.BASE) if chain.floating and not outward else (over,)
         maps += [_pairs(J, u, each, output, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
     return tuple(maps)
 
 
 def kinematic_stiffness(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
-    """Return the program of dJ^T/dq . F without dJ^T/dq: covectors of the wrench, one dot product per pair."""
+    """Return the program of dJ^T/dq . F from covectors of the wrench, with one dot product per pair of joints."""
 
     def steps(output: Array) -> Program:
         recursion, J = _columns(chain, representation)
         operands = (Operand(wrench.array(chain), ""),)
-        names = ("z", "Kkin", "gradient of (dJ_i/dq_j) . F by J_i")
+        names = ("z", "Kkin", "gradient of (dJ_i/dq_j) . F with respect to J_i")
         covector = stiffness.kinematic_covector
         return (recursion, *_two_sided(chain, J, output, representation, covector, operands, names))
 
@@ -169,7 +171,7 @@ def joint_stiffness_uncorrected(
         matrix = Operand(task_stiffness.array(chain), "")
         product = Map("y_j = K J_j", Over.JOINTS, Operand(y, "j"), (matrix, Operand(J, "j")), ca.mtimes)
         operands = (Operand(wrench.array(chain), ""), Operand(y, "j"))
-        names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F by J_i")
+        names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F with respect to J_i")
         covector = stiffness.uncorrected_covector
         return (recursion, product, *_two_sided(chain, J, output, representation, covector, operands, names))
 
@@ -179,7 +181,7 @@ def joint_stiffness_uncorrected(
 def _tangent(
     chain: Chain, J: Array, wrench: Array, task_stiffness: Array, representation: Representation, output: Array
 ) -> Program:
-    """Return target = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
+    """Return the steps of output = dJ^T/dq . F + J^T (K + Gamma F) J over the moving joints."""
     A, u = Array("A", (6, 6)), Array("u", J.shape)
     force = Operand(wrench, "")
     half = Over.UPPER if stiffness.diagonal_is_outward(representation) else Over.LOWER
@@ -192,7 +194,7 @@ def _tangent(
             partial(stiffness.gamma_F, representation),
         ),
         Map(
-            "u_j = A J_j" + (" + gradient of (dJ_i/dq_j) . F by J_i" if representation == "hybrid" else ""),
+            "u_j = A J_j" + " + gradient of (dJ_i/dq_j) . F with respect to J_i" * (representation == "hybrid"),
             Over.JOINTS,
             Operand(u, "j"),
             (Operand(J, "j"), force, Operand(A, "")),
@@ -214,9 +216,9 @@ def joint_stiffness(
     """Return the program of dJ^T/dq . F + J^T (K + Gamma F) J, one triangle, mirrored."""
 
     def steps(output: Array) -> Program:
-        block, J = _columns(chain, representation)
-        given = wrench.array(chain), task_stiffness.array(chain)
-        return (block, *_tangent(chain, J, *given, representation, output))
+        recursion, J = _columns(chain, representation)
+        F, K = wrench.array(chain), task_stiffness.array(chain)
+        return (recursion, *_tangent(chain, J, F, K, representation, output))
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -234,8 +236,8 @@ def joint_stiffness_total(
         expressions = partial(contacts.columns_and_covectors, representation=representation)
         arguments = tuple(argument.array(chain) for argument in inputs)
         heading = "columns S of the joints at one point; covectors u of the loads beyond each joint"
-        block = StraightLine((S, u), expressions, arguments, heading=heading, columns=2)
-        return block, *_pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot)
+        step = StraightLine((S, u), expressions, arguments, heading=heading, columns=2)
+        return step, *_pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot)
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -252,24 +254,24 @@ def spring_total(
     "joint_stiffness", or some of them.
     """
     energy, torque, joint_stiffness = (results.get(name) for name in ("energy", "torque", "joint_stiffness"))
-    m, parts, outputs, words = len(chain.joints), "", list[Array](), list[str]()
+    m, parts, outputs, headings = len(chain.joints), "", list[Array](), list[str]()
     S, u = Array("S", (6, m)), Array("u", (6, m))
     if joint_stiffness:
         parts, outputs = "S", [S, u]
-        words.append("columns S of the joints at one point; covectors u of the loads beyond each joint")
+        headings.append("columns S of the joints at one point; covectors u of the loads beyond each joint")
     if energy:
         parts, outputs = parts + "U", [*outputs, energy.array(chain)]
-        words.append("energy U")
+        headings.append("energy U")
     of_joints = None
     if torque:
         of_joints = Array(f"{torque.name}_of_joints", (m,)) if chain.coupled else torque.array(chain)
         parts, outputs = parts + "T", [*outputs, of_joints]
-        words.append("torques -S_j . W_j of the joints, W_j the sum of the wrenches beyond joint j")
+        headings.append("torques -S_j . W_j of the joints, W_j the sum of the wrenches beyond joint j")
     expressions = partial(contacts.spring_terms, spring=spring, parts=parts)
     arguments = tuple(argument.array(chain) for argument in inputs)
     program: Program = (
         StraightLine(
-            tuple(outputs), expressions, arguments, heading="; ".join(words), columns=2 if joint_stiffness else 0
+            tuple(outputs), expressions, arguments, heading="; ".join(headings), columns=2 if joint_stiffness else 0
         ),
     )
     if torque and of_joints and chain.coupled:
@@ -298,20 +300,20 @@ def connection_correction(chain: Chain, representation: Representation, result: 
 
 
 MAX_UNROLLED_MASS_JOINTS = 12
-"""Up to here a mass matrix without loops has fewer statements than one with loops."""
+"""Largest number of joints for which a mass matrix without loops has fewer statements than one with loops."""
 
 
 def mass_matrix(chain: Chain, result: Argument) -> Program:
-    """Return the program of M_ij = J_i . h_j with the momenta h of composite bodies."""
+    """Return the program of M_ij = J_i . h_j, where h_j is the momentum of the composite body beyond joint j."""
     m = len(chain.joints)
-    # Sums over sliding joints can overflow: only the loops' results are guarded against infinity.
+    # Sums over prismatic joints can overflow, and only the results of loops are guarded against infinity.
     if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
-        heading = "M_ij = J_i . h_j: the turn about joint i's axis, seen from its link"
+        heading = "M_ij = J_i . h_j: component of h_j along the axis of joint i, in the axes of link i"
         return (StraightLine((result.array(chain),), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
 
     def steps(output: Array) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
-        heading = "Jacobian columns J and the momenta h that they cause"
+        heading = "Jacobian columns J, and momenta h at unit rates of the joints"
         recursion = StraightLine((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
         return recursion, *_pairs_on_the_way(chain, J, h, output, "M_ij = J_i . h_j", ca.dot)
 
@@ -321,20 +323,18 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
 def _pairs_on_the_way(
     chain: Chain, left: Array, right: Array, output: Array, formula: str, body: Callable[..., ca.SX]
 ) -> Program:
-    """Return a symmetric target_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
+    """Return a symmetric output_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
     operands = Operand(left, "i"), Operand(right, "j")
     if all(joint.parent == index - 1 for index, joint in enumerate(chain.joints)):
         return (Map(f"{formula} for i<=j, mirrored", Over.UPPER, Operand(output, "ij"), operands, body, mirror=True),)
-    nothing = Map(
-        "joints of different branches: 0", Over.UPPER, Operand(output, "ij"), (), lambda: ca.SX(0), mirror=True
-    )
+    zeros = Map("joints of different branches: 0", Over.UPPER, Operand(output, "ij"), (), lambda: ca.SX(0), mirror=True)
     over = Over.ON_THE_WAY
-    return nothing, Map(f"{formula} for {over}, mirrored", over, Operand(output, "ij"), operands, body, mirror=True)
+    return zeros, Map(f"{formula} for {over}, mirrored", over, Operand(output, "ij"), operands, body, mirror=True)
 
 
 def bias_forces(chain: Chain, result: Argument) -> Program:
-    """Return the program of forces at constant rates, summed into coordinates."""
-    given = (*configuration_arguments(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
+    """Return the program of the joint forces at constant rates, summed into coordinates."""
+    arguments = (*configuration_arguments(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
     return _vector_of_joints(
         chain,
         result,
@@ -342,8 +342,8 @@ def bias_forces(chain: Chain, result: Argument) -> Program:
             StraightLine(
                 (output,),
                 dynamics.bias_forces,
-                tuple(argument.array(chain) for argument in given),
-                heading="the joints' forces: what acts along their axes",
+                tuple(argument.array(chain) for argument in arguments),
+                heading="joint forces: components along the joints' axes",
             ),
         ),
     )
@@ -351,43 +351,43 @@ def bias_forces(chain: Chain, result: Argument) -> Program:
 
 def _gravity_columns(chain: Chain) -> tuple[StraightLine, Array, Array]:
     columns, moment = Array("C", (6, len(chain.joints))), Array("first_moment", (3,))
-    heading = "axes a of turning joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies"
+    heading = "axes a of revolute joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies"
     meaning = (
-        "Axes a_j of turning joints, the first moment w_j that a unit rate of joint j moves, and that of all bodies; "
-        "in base axes"
+        "Axes a_j of revolute joints, derivatives w_j of the first moment of all bodies with respect to q_j, and that "
+        "first moment; in base axes"
     )
-    block = StraightLine(
+    step = StraightLine(
         (columns, moment), gravity.axes_and_moment_rates, (Q.array(chain),), "gravity_columns", heading, meaning, 1
     )
-    return block, columns, moment
+    return step, columns, moment
 
 
 def gravity_energy(chain: Chain, result: Argument) -> Program:
     """Return the program of the potential energy of all bodies."""
     recursion, _, moment = _gravity_columns(chain)
-    given = moment, *(a.array(chain) for a in (GRAVITY, *((BASE_POSE,) if chain.floating else ())))
+    arguments = moment, *(a.array(chain) for a in (GRAVITY, *((BASE_POSE,) if chain.floating else ())))
     heading = "U = -g . (R first moment + m p), R and p of the base" if chain.floating else "U = -g . first moment"
-    return recursion, StraightLine((result.array(chain),), gravity.potential_energy, given, heading=heading)
+    return recursion, StraightLine((result.array(chain),), gravity.potential_energy, arguments, heading=heading)
 
 
 def _gravity_in_base_axes(chain: Chain) -> tuple[Program, Operand]:
-    """Return the acceleration of free fall in the axes of :func:`_gravity_columns`."""
-    given = Operand(GRAVITY.array(chain), "")
+    """Return the steps and the operand of the acceleration of free fall in the axes of :func:`_gravity_columns`."""
+    g = Operand(GRAVITY.array(chain), "")
     if not chain.floating:
-        return (), given
-    turned = Operand(Array("g_in_base", (3,)), "")
-    operands = Operand(BASE_POSE.array(chain), ""), given
-    return (Map("gravity in base axes", Over.ONCE, turned, operands, gravity.in_base_axes),), turned
+        return (), g
+    g_in_base = Operand(Array("g_in_base", (3,)), "")
+    operands = Operand(BASE_POSE.array(chain), ""), g
+    return (Map("gravity in base axes", Over.ONCE, g_in_base, operands, gravity.in_base_axes),), g_in_base
 
 
 def gravity_gradient(chain: Chain, result: Argument) -> Program:
     """Return the program of dU/dq, joint by joint, summed into coordinates."""
     recursion, C, _ = _gravity_columns(chain)
-    turned, g = _gravity_in_base_axes(chain)
+    rotation, g = _gravity_in_base_axes(chain)
 
     def steps(output: Array) -> Program:
         rates = Map("dU/dq_j = -g . w_j", Over.JOINTS, Operand(output, "j"), (Operand(C, "j"), g), gravity.moment_rate)
-        return recursion, *turned, rates
+        return recursion, *rotation, rates
 
     return _vector_of_joints(chain, result, steps)
 
@@ -395,7 +395,7 @@ def gravity_gradient(chain: Chain, result: Argument) -> Program:
 def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
     """Return the program of d2U/dq2; on a floating base, of the covariant Hessian."""
     recursion, C, _ = _gravity_columns(chain)
-    turned, g = _gravity_in_base_axes(chain)
+    rotation, g = _gravity_in_base_axes(chain)
     u = Array("u", (3, len(chain.joints)))
     covectors = Map("u_j = g x w_j", Over.JOINTS, Operand(u, "j"), (Operand(C, "j"), g), gravity.covector)
 
@@ -404,7 +404,7 @@ def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
             return _pairs_on_the_way(chain, C, u, into, "Kq_ij = a_i . u_j", gravity.second_derivative)
 
         tau = Operand(C, "j"), g
-        return recursion, *turned, covectors, *_with_base_connection(chain, output, pairs, tau, gravity.moment_rate)
+        return recursion, *rotation, covectors, *_with_base_connection(chain, output, pairs, tau, gravity.moment_rate)
 
     return _over_joints(chain, result, steps, mirror=True)
 
@@ -416,28 +416,28 @@ def _with_base_connection(
     operands: tuple[Operand, ...],
     generalised_force: Callable[..., ca.SX],
 ) -> Program:
-    """Turn second derivatives, joint after joint, into those along exponentials of the base's twist.
+    """Convert second derivatives along the base's joints into derivatives along exponentials of the base's twist.
 
-    The base's joints are passed one after the other; its connection tells that from a motion along one twist.
-    ``generalised_force(*operands)`` of a joint is the gradient that belongs to the second derivative.
+    ``pairs`` returns steps for the base as six joints in series; the connection of the base accounts for the difference
+    to a motion along one twist. ``generalised_force(*operands)`` is the gradient, per joint.
     """
     if not chain.floating:
         return pairs(output)
     m = len(chain.joints)
     serial, tau = Array("S", (m, m)), Array("tau", (m,))
     force = Map("tau_j: generalised force of joint j", Over.JOINTS, Operand(tau, "j"), operands, generalised_force)
-    comment = "moment on the base: from turns one after the other to a turn about one axis"
+    comment = "connection of the base: from rotations in series to a rotation about one axis"
     connection = SparseSum(comment, output, serial, (tau,), stiffness.base_connection)
     return *pairs(serial), force, connection
 
 
 def spring_terms(chain: Chain, spring: Spring, results: tuple[Argument, ...], parts: str) -> Program:
-    """Return the program of energy, wrench or task stiffness of a spring, as :func:`springs.terms` names ``parts``."""
+    """Return the program of a spring's energy, wrench or task stiffness; ``parts`` is as in :func:`springs.terms`."""
     pose, outputs = POSE.array(chain), tuple(result.array(chain) for result in results)
-    return (_pose(chain, pose), _spring_block(chain, spring, pose, outputs, parts))
+    return (_pose(chain, pose), _spring_step(chain, spring, pose, outputs, parts))
 
 
-def _spring_block(chain: Chain, spring: Spring, pose: Array, outputs: tuple[Array, ...], parts: str) -> StraightLine:
+def _spring_step(chain: Chain, spring: Spring, pose: Array, outputs: tuple[Array, ...], parts: str) -> StraightLine:
     expressions = partial(springs.terms, spring=spring, parts=parts)
     parameters = tuple(argument.array(chain) for argument in spring.parameters)
     names = {"U": "energy U", "F": "wrench F = dU", "K": "covariant Hessian K of U", "k": "covariant Hessian K of U"}
@@ -451,7 +451,7 @@ def spring_joint_terms(
     torque: Argument | None = None,
     joint_stiffness: Argument | None = None,
 ) -> Program:
-    """Return what is asked for of energy, torque -J^T F and joint stiffness of a spring, from one pass."""
+    """Return the program of energy, torque -J^T F and joint stiffness of a spring, or some of them, in one pass."""
     pose, m = POSE.array(chain), len(chain.joints)
     J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
     columns = columns_and_pose(chain, J, pose)
@@ -459,7 +459,7 @@ def spring_joint_terms(
     parts = "Fk" if joint_stiffness else "F"
     if energy:
         outputs, parts = [energy.array(chain), *outputs], "U" + parts
-    program: Program = (columns, _spring_block(chain, spring, pose, tuple(outputs), parts))
+    program: Program = (columns, _spring_step(chain, spring, pose, tuple(outputs), parts))
     if torque:
         operands = Operand(J, "j"), Operand(F, "")
 
@@ -479,22 +479,22 @@ def spring_joint_terms(
 
 
 def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, result: Argument) -> Program:
-    """Return the program of energy, torque or joint stiffness of a potential of q; a floating base has none."""
+    """Return the program of energy, torque or joint stiffness of a potential of q; entries of a floating base are 0."""
     every = [Operand(argument.array(chain), "j" if argument.shape else "") for argument in (Q, *potential.parameters)]
     symbols = [ca.SX.sym(operand.array.name) for operand in every]
     of_one = joint_potentials.term(*symbols, potential=potential, part=part)
     operands, body = pruned(tuple(zip(every, symbols, strict=True)), of_one)
-    output, own = result.array(chain), chain.base_joints
+    output, base_joints = result.array(chain), chain.base_joints
     symbol, formula = {"energy": ("u", "U"), "torque": ("t", "-dU/dq"), "joint_stiffness": ("d", "d2U/dq2")}[part]
-    if part == "torque" and not own:
+    if part == "torque" and not base_joints:
         return (Map(formula, Over.COORDINATES, Operand(output, "j"), operands, body),)
-    of_each = Array(symbol, (chain.dof - own,))
-    of_all = Map(f"{formula}, of each coordinate", Over.COORDINATES, Operand(of_each, "j"), operands, body)
+    terms = Array(symbol, (chain.dof - base_joints,))
+    step = Map(f"{formula} per coordinate", Over.COORDINATES, Operand(terms, "j"), operands, body)
 
-    def placed(values: ca.SX) -> ca.SX:
-        return ca.vertcat(ca.SX.zeros(own), values)
+    def behind_base(values: ca.SX) -> ca.SX:
+        return ca.vertcat(ca.SX.zeros(base_joints), values)
 
     if part == "joint_stiffness":
-        return of_all, SparseSum("diagonal", output, None, (of_each,), lambda values: ca.diag(placed(values)))
-    comment, gathered = ("sum", ca.sum1) if part == "energy" else ("nothing of the base", placed)
-    return of_all, Map(comment, Over.ONCE, Operand(output, ""), (Operand(of_each, ""),), gathered)
+        return step, SparseSum("diagonal", output, None, (terms,), lambda values: ca.diag(behind_base(values)))
+    comment, total = ("sum", ca.sum1) if part == "energy" else ("zeros for the base, then the joints", behind_base)
+    return step, Map(comment, Over.ONCE, Operand(output, ""), (Operand(terms, ""),), total)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Steps: the records of which programs consist."""
+"""Steps: the records that make up programs."""
 
 from __future__ import annotations
 
@@ -17,37 +17,43 @@ from stiffgen.symbolic.stiffness import symmetric_from_upper
 
 
 class _OnOperands(Step):
-    """A step whose expression reads operands."""
+    """Step whose expression reads operands."""
 
     operands: tuple[Operand, ...]
 
     @property
     def reads(self) -> tuple[Array, ...]:
-        """The arrays of the operands."""
+        """Arrays of the operands."""
         return tuple(operand.array for operand in self.operands)
 
 
 class _OnSource(Step):
-    """A step that reads one array."""
+    """Step that reads one array."""
 
     source: Array
 
     @property
     def reads(self) -> tuple[Array, ...]:
-        """The source."""
+        """Source."""
         return (self.source,)
 
 
 @dataclass(frozen=True)
 class StraightLine(Step):
-    """Straight-line code: the rows of ``expressions(chain, *arguments)`` fill the ``outputs`` one after the other.
+    """Straight-line code: the entries of ``expressions(chain, *arguments)`` fill the outputs one after the other.
 
-    The arguments are those of the kernel or arrays that earlier steps wrote. The first ``columns`` outputs have the
-    shape (6, m): one column per joint. A step that several kernels use has a ``name``, under which C code holds it as a
-    function (its arguments are then those of the kernel); without a name it is part of its kernel. ``heading`` is the
-    comment over the statements that fill the outputs, ``meaning`` the one over the function. ``moves`` says that the
-    outputs are Jacobian columns of this representation, the tip's pose, or both: how they change with q is then known
-    from the columns.
+    Attributes:
+        outputs: arrays to fill.
+        expressions: CasADi expressions of the outputs, stacked.
+        arguments: arguments of the kernel, or arrays that earlier steps write.
+        name: name of a function in C, for a step that several kernels share (its arguments are then those of the
+            kernel); empty for statements within the kernel.
+        heading: comment above the statements that fill the outputs.
+        meaning: comment above the function.
+        columns: number of outputs, counted from the first, that have the shape (6, m) with one column per joint.
+        moves: representation, if the outputs are Jacobian columns, the tip's pose or both; their derivatives with
+            respect to q then follow from the columns.
+
     """
 
     outputs: tuple[Array, ...]
@@ -61,17 +67,17 @@ class StraightLine(Step):
 
     @property
     def reads(self) -> tuple[Array, ...]:
-        """The arguments."""
+        """Arguments."""
         return self.arguments
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """The outputs."""
+        """Outputs."""
         return self.outputs
 
     @property
     def reads_whole(self) -> tuple[Array, ...]:
-        """The arrays that a helper or a function reads."""
+        """Arrays that the step passes to a helper function in C."""
         return self.arguments if self.name else ()
 
     def _evaluate(self, run: Unrolling) -> None:
@@ -81,7 +87,7 @@ class StraightLine(Step):
             run.entries[output.name], entries = entries[: output.size], entries[output.size :]
 
     def without_unread(self, needed: set[str]) -> Step:
-        """Return the step without outputs that nothing reads; a step with a name is shared as it is."""
+        """Return the step without outputs that are not ``needed``; a step with a name keeps all outputs."""
         if self.name or all(output.name in needed for output in self.outputs):
             return self
         outputs: list[Array] = []
@@ -103,7 +109,7 @@ class StraightLine(Step):
 
 @dataclass(frozen=True)
 class Map(_OnOperands):
-    """``output = expression(*operands)`` for all of ``over``; with ``mirror``, [j, i] gets what [i, j] got."""
+    """Map ``output = expression(*operands)`` over an index set; ``mirror`` copies each output [i, j] to [j, i]."""
 
     comment: str
     over: Over
@@ -114,25 +120,25 @@ class Map(_OnOperands):
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """The array of the output."""
+        """Array of the output."""
         return (self.output.array,)
 
     def _evaluate(self, run: Unrolling) -> None:
-        written = run.entries.setdefault(self.output.array.name, [ca.SX(0)] * self.output.array.size)
+        output = run.entries.setdefault(self.output.array.name, [ca.SX(0)] * self.output.array.size)
         for i, j in self.over.indices(run.chain):
             for k, value in enumerate(run.apply(self.expression, self.operands, i, j)):
-                written[self.output.entry(k, i, j)] = value
+                output[self.output.entry(k, i, j)] = value
                 if self.mirror:
-                    written[self.output.entry(k, j, i)] = value
+                    output[self.output.entry(k, j, i)] = value
 
 
 @dataclass(frozen=True)
 class SparseSum(Step):
-    """``output = start + expression(*operands)``, square, where most entries of the expression are always zero.
+    """Sum ``output = start + expression(*operands)`` of square matrices; most entries of the expression are zero.
 
-    The upper triangle of ``start`` is read and taken for both; None is zero. C code stores the entries that change, and
-    reads the others from the start, unless the output is a result. Without a start, neighbouring zeros share a
-    statement.
+    ``start`` is symmetric and read from its upper triangle; None means zero. Unless the output is a result, C code
+    stores only the entries that change and reads the others from ``start``. Without a start, one statement sets
+    several neighbouring zeros.
     """
 
     comment: str
@@ -143,11 +149,11 @@ class SparseSum(Step):
 
     @property
     def reads(self) -> tuple[Array, ...]:
-        """The start, if there is one, and the operands."""
+        """Start, if any, and operands."""
         return (*((self.start,) if self.start else ()), *self.operands)
 
     def whole(self) -> Map:
-        """Return the same as a map that writes every entry."""
+        """Return the step as a map that writes every entry."""
 
         def total(*values: ca.SX) -> ca.SX:
             if self.start is None:
@@ -163,11 +169,11 @@ class SparseSum(Step):
 
 @dataclass(frozen=True)
 class SumJoints(_OnSource):
-    """Sums of joints into coordinates: joint k counts ``multiplier`` times for its coordinate, in every joint index.
+    """Sums over the joints of each coordinate, weighted with their ``multiplier``, in every joint index.
 
-    The source is (m), (6, m) (``columns``), (m, m) or (m, m, depth); with ``mirror``, the upper triangle of the (n, n)
-    result is copied to the lower one, since sums in another order need not agree to the last bit. With ``spread`` the
-    step is the transpose: what belongs to a coordinate is given to its joints, times ``multiplier``.
+    The source has the shape (m), (6, m) (``columns``), (m, m) or (m, m, depth). With ``mirror``, the upper triangle of
+    the (n, n) result is copied to the lower one, since sums in a different order may differ in the last bit. With
+    ``spread`` the step is the transpose: each joint receives the value of its coordinate, times ``multiplier``.
     """
 
     source: Array
@@ -178,7 +184,7 @@ class SumJoints(_OnSource):
 
     @property
     def reads_whole(self) -> tuple[Array, ...]:
-        """The arrays that a helper or a function reads."""
+        """Arrays that the step passes to a helper function in C."""
         return (self.source,)
 
     @property
@@ -210,11 +216,11 @@ class SumJoints(_OnSource):
 
 @dataclass(frozen=True)
 class Weights(_OnSource):
-    """Gradients by the results of a map over pairs: ``output[i, j] = source[i, j]`` over ``over``, else 0.
+    """Gradients with respect to the results of a map over pairs: ``output[i, j] = source[i, j]`` over ``over``, else 0.
 
-    With ``mirror``, source[j, i] is added where i is not j. ``transposed`` has the same at [j, i]. With
-    ``without_base``, pairs of a floating base's joints give nothing: a later map has overwritten them. The step stands
-    apart from the :class:`Gather` that reads it: two of these share one, and one of them may turn out to be unread.
+    With ``mirror``, source[j, i] is added where i is not j. ``transposed`` holds output[i, j] at [j, i]. With
+    ``without_base``, pairs of base joints are zero, because a later map overwrites them. The step is separate from
+    :class:`Gather`, since two of those share one, and one of the two may not be needed.
     """
 
     source: Array
@@ -226,12 +232,12 @@ class Weights(_OnSource):
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """The weights and their transpose."""
+        """Weights and their transpose."""
         return (self.output, self.transposed)
 
     @property
     def reads_whole(self) -> tuple[Array, ...]:
-        """The arrays that a helper or a function reads."""
+        """Arrays that the step passes to a helper function in C."""
         return (self.source,)
 
     def _evaluate(self, run: Unrolling) -> None:
@@ -247,9 +253,10 @@ class Weights(_OnSource):
 
 @dataclass(frozen=True)
 class Gather(_OnOperands):
-    """``output[:, j]`` = sum of ``expression(*operands)`` over all joints i with (i, j) in ``over``.
+    """Sums ``output[:, j]`` of ``expression(*operands)`` over all joints i with (i, j) in ``over``.
 
-    What is read at "ij" is an array of :class:`Weights`, zero outside of ``over``, and ``without_base`` as there.
+    The operand at "ij" is an array of :class:`Weights`, which is zero outside ``over``; ``without_base`` is the same as
+    there.
     """
 
     comment: str
@@ -260,16 +267,16 @@ class Gather(_OnOperands):
     without_base: bool = False
 
     def _evaluate(self, run: Unrolling) -> None:
-        written, m = [ca.SX(0)] * self.output.size, len(run.chain.joints)
+        output, m = [ca.SX(0)] * self.output.size, len(run.chain.joints)
         for i, j in self.over.indices(run.chain, without_base=self.without_base):
             for k, value in enumerate(run.apply(self.expression, self.operands, i, j)):
-                written[m * k + j] += value
-        run.entries[self.output.name] = written
+                output[m * k + j] += value
+        run.entries[self.output.name] = output
 
 
 @dataclass(frozen=True)
 class Reduce(_OnOperands):
-    """``outputs`` = sums of ``expression(*operands)`` over joints or coordinates j: their entries below each other."""
+    """Sums of ``expression(*operands)`` over joints or coordinates j; the stacked entries fill the outputs in turn."""
 
     comment: str
     outputs: tuple[Array, ...]
@@ -279,7 +286,7 @@ class Reduce(_OnOperands):
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """The outputs."""
+        """Outputs."""
         return self.outputs
 
     def _evaluate(self, run: Unrolling) -> None:
@@ -295,8 +302,8 @@ class Reduce(_OnOperands):
 class Scan(_OnSource):
     """Running sums of columns: ``output[:, j]`` = sum of ``source[:, i]`` over i <= j, or (``beyond``) over i > j.
 
-    The first ``base`` joints are those of a floating base, which moves as one, all columns with it: its joints get the
-    sum over all i, or (not ``beyond``) nothing.
+    The first ``base`` joints belong to a floating base. The base and all columns move as one body, so that these joints
+    receive the sum over all i with ``beyond``, and zero without.
     """
 
     comment: str
@@ -317,7 +324,7 @@ class Scan(_OnSource):
 
 @dataclass(frozen=True)
 class ArgumentSlice:
-    """Entries of an argument that belong to tip ``index``, or (None) the whole argument; zeros without an array."""
+    """Entries of an argument for tip ``index``; the whole argument if the index is None, zeros if the array is None."""
 
     array: Array | None
     index: int | None = None
@@ -325,7 +332,7 @@ class ArgumentSlice:
 
 @dataclass(frozen=True)
 class Term:
-    """A kernel of another chain (a branch), its program, and the slices of the arguments that it takes, by name."""
+    """Kernel of another chain (a branch): function name, program, and one slice per parameter of the kernel."""
 
     function: str
     chain: Chain
@@ -335,9 +342,9 @@ class Term:
 
 @dataclass(frozen=True)
 class Sum(Step):
-    """``outputs`` = sums of the arrays ``results`` that other kernels give, each with its slices of the arguments.
+    """Sums of the results of several kernels, the terms: ``outputs`` are the sums of the arrays named ``results``.
 
-    The outputs named in ``apart`` are not summed: each term fills its slice of them.
+    For the outputs named in ``apart``, each term fills its own slice instead of adding to a sum.
     """
 
     outputs: tuple[Array, ...]
@@ -347,17 +354,17 @@ class Sum(Step):
 
     @property
     def reads(self) -> tuple[Array, ...]:
-        """The arguments of the terms."""
+        """Arguments of the terms."""
         return tuple(part.array for term in self.terms for _, part in term.arguments if part.array)
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """The outputs."""
+        """Outputs."""
         return self.outputs
 
     @property
     def reads_whole(self) -> tuple[Array, ...]:
-        """The arrays that a helper or a function reads."""
+        """Arrays that the step passes to a helper function in C."""
         return self.reads
 
     def _evaluate(self, run: Unrolling) -> None:
@@ -381,11 +388,11 @@ class Sum(Step):
 
 @dataclass(frozen=True)
 class Shared(Step):
-    """Steps that several kernels have in common: C code holds them as a function, ``name``.
+    """Steps that several kernels share; they become the C function ``name``.
 
     The steps read the ``parameters`` and write the ``result``. A kernel passes ``arguments`` of the same shapes and
-    gets the ``output``. Parameters of the shape (6, m) are columns of joints. ``meaning`` is the comment over the
-    function.
+    receives the ``output``. Parameters with the shape (6, m) are columns of joints. ``meaning`` is the comment above
+    the function.
     """
 
     name: str
@@ -398,12 +405,12 @@ class Shared(Step):
 
     @property
     def reads(self) -> tuple[Array, ...]:
-        """The arguments."""
+        """Arguments."""
         return self.arguments
 
     @property
     def reads_whole(self) -> tuple[Array, ...]:
-        """The arrays that a helper or a function reads."""
+        """Arrays that the step passes to a helper function in C."""
         return self.arguments
 
     def _evaluate(self, run: Unrolling) -> None:

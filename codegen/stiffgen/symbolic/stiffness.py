@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""CasADi expressions of the stiffness: what one joint and one pair of joints contribute.
+"""CasADi expressions of the stiffness: contributions of one joint and of one pair of joints.
 
-Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025, central equation). Everything here takes
-Jacobian columns J_i (6), so it holds for any chain and any joint type; :mod:`stiffgen.symbolic.programs` runs it over
-joints and pairs of joints.
+Kq = dJ^T/dq . F + J^T (K + Gamma F) J  (Lachner, Nah, Hogan 2025, central equation). The expressions take Jacobian
+columns J_i (6) and therefore hold for any chain and any type of joint. :mod:`stiffgen.symbolic.programs` repeats them
+over joints and pairs of joints.
 """
 
 from __future__ import annotations
@@ -28,22 +28,24 @@ def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
 
 @cache
 def _coefficients(representation: Representation) -> tuple[tuple[int, int, int, float], ...]:
-    """Return (i, j, k, Gamma^k_ij) of the coefficients that are not zero."""
+    """Return (i, j, k, Gamma^k_ij) for all non-zero coefficients."""
     exact = connection.connection_coefficients(representation)
-    places = product(range(6), repeat=3)
-    return tuple((i, j, k, float(exact[k, i, j])) for i, j, k in places if exact[k, i, j] != 0)
+    indices = product(range(6), repeat=3)
+    return tuple((i, j, k, float(exact[k, i, j])) for i, j, k in indices if exact[k, i, j] != 0)
 
 
 def base_connection(generalised_force: ca.SX) -> ca.SX:
-    """Return what a floating base's connection adds to symmetric second derivatives, joint after joint (m x m).
+    """Return the connection term of a floating base, to add to symmetric second derivatives per joint (m x m).
+
+    The second derivatives treat the base as six joints in series: it slides along x, y, z, then rotates about x, y, z.
+    Entry (i, j) with i < j is the derivative with respect to j first, then with respect to i.
 
     Args:
-        generalised_force: tau (m), joint by joint; its entries 3..5 are the moment on the base in its own axes.
+        generalised_force: tau (m), one entry per joint; entries 3..5 are the moment on the base in base link axes.
 
     Returns:
-        -Gamma(tau) of the body representation in the base's six rows and columns, entries below the diagonal taken
-        for both sides: joint after joint the base slides along x, y, z, then turns about x, y, z, and entry (i, j) for
-        i < j is the derivative by j before that by i. Of Gamma, only the half moment stands below the diagonal.
+        -Gamma(tau) of the body representation in the base's six rows and columns. The entries below the diagonal
+        (half the moment) fill both triangles.
 
     """
     size = generalised_force.shape[0]
@@ -57,29 +59,30 @@ def base_connection(generalised_force: ca.SX) -> ca.SX:
 
 
 def symmetric_from_upper(matrix: ca.SX) -> ca.SX:
-    """Return the symmetric matrix whose upper triangle is that of ``matrix``; the lower one is not read."""
+    """Return the symmetric matrix with the upper triangle of ``matrix``; the lower triangle is not read."""
     return ca.triu2symm(ca.triu(matrix))
 
 
 def kinematic_covector(representation: Representation, column: ca.SX, wrench: ca.SX, *, outward: bool) -> ca.SX:
-    """Return z_j (6) with (dJ_i/dq_j)^T F = J_i . z_j, for every joint i nearer the base than j (``outward``) or not.
+    """Return z_j (6), where (dJ_i/dq_j)^T F = J_i . z_j.
 
-    dJ_i/dq_j is linear in J_i, so z_j is the gradient of the contraction with respect to J_i.
+    With ``outward`` the result holds for all joints i nearer the base than j, otherwise for all other joints i. Since
+    dJ_i/dq_j is linear in J_i, z_j is the gradient of the contraction with respect to J_i.
     """
     other = ca.SX.sym("J_i", 6)
-    derivative = jacobian_column_derivative(representation, other, column, by_is_outward=outward)
+    derivative = jacobian_column_derivative(representation, other, column, moving_is_outward=outward)
     return ca.densify(ca.jacobian(ca.dot(derivative, wrench), other).T)
 
 
 def diagonal_is_outward(representation: Representation) -> bool:
-    """Return whether the pair (j, j) counts with the joints beyond j, so that a vanishing derivative is 0.0."""
+    """Return whether the pair (j, j) belongs to the joints beyond j; a vanishing derivative is then exactly 0.0."""
     return representation != "body"
 
 
 def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca.SX, corrected: ca.SX) -> ca.SX:
-    """Return u_j (6) with Kq_ij = J_i . u_j for i <= j, or for i >= j in body form, where dJ_i/dq_j vanishes.
+    """Return u_j (6) = (K + Gamma F) J_j + z_j, where ``corrected`` is the matrix K + Gamma F.
 
-    u_j = (K + Gamma F) J_j + z_j, with ``corrected`` the matrix K + Gamma F.
+    Kq_ij = J_i . u_j holds for i <= j. In body form, where dJ_i/dq_j is zero for these, it holds for i >= j.
     """
     return uncorrected_covector(
         representation, column, wrench, corrected @ column, outward=diagonal_is_outward(representation)
@@ -89,5 +92,5 @@ def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca
 def uncorrected_covector(
     representation: Representation, column: ca.SX, wrench: ca.SX, product: ca.SX, *, outward: bool
 ) -> ca.SX:
-    """Return u_j (6) = K J_j + z_j, with ``product`` the vector K J_j."""
+    """Return u_j (6) = K J_j + z_j, where ``product`` is the vector K J_j."""
     return ca.densify(product + kinematic_covector(representation, column, wrench, outward=outward))
