@@ -154,7 +154,7 @@ class _Tree:
             self._follow(selection, path_to[::-1])
 
     def _follow(self, selection: Selection, path: Sequence[JointElement]) -> tuple[int, Pose]:
-        """Store parents and poses of the joints of a path; return its last moving joint and the pose of its end there."""
+        """Store parents and poses of a path's joints; return the last moving joint and the pose of the end there."""
         parent, pose = -1, Pose.identity()
         for element in path:
             index = self._index_of.get(element.name)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Checks of a URDF file before a description is made of it.
+"""Checks of a URDF file, before the reader makes a description.
 
-Every problem names the element, the fault and the remedy. Numbers that pass are stored for the reader.
+Every problem names the element, the fault and the remedy. The reader takes the numbers that pass the checks.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from stiffgen.robot.geometry import physical_inertia
 
 MAX_JOINTS = 5_000
 
-_MOST_FAULTS = 10  # of one element that are said
+_MOST_FAULTS = 10  # largest number of reported faults per element
 _REPEATED: dict[str, Affects] = {"axis": "motion", "limit": "bounds", "mimic": "coupling"}
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
@@ -30,7 +30,7 @@ _WORD = re.compile(r"[^ \t\r\n]+")
 
 
 class Checker:
-    """Walk over the XML that yields the problems and stores the data for the reader."""
+    """Checks of one file; yields the problems and stores elements and numbers for the reader."""
 
     def __init__(self, robot: etree._Element, ignored: Collection[str] = ()) -> None:
         self.robot = robot
@@ -77,7 +77,7 @@ class Checker:
             if not name.strip():
                 yield Problem("file", f'<{tag}> number {position} has no name; add name="..."')
             elif name in into:
-                yield Problem("file", f"{tag} '{printable(name)}' stands twice; rename one of the two")
+                yield Problem("file", f"{tag} '{printable(name)}' occurs twice; rename one of the two")
             else:
                 into[name] = element
 
@@ -85,8 +85,8 @@ class Checker:
         this, title = f"joint {name}", f"joint '{printable(name)}'"
         kind = element.get("type")
         if kind not in JOINT_TYPES:
-            said = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
-            yield Problem(this, f"{title} {said}; valid types: {', '.join(JOINT_TYPES)}", self._of_type(name))
+            fault = "has no type" if kind is None else f"has the unknown type '{printable(kind)}'"
+            yield Problem(this, f"{title} {fault}; valid types: {', '.join(JOINT_TYPES)}", self._of_type(name))
         yield from self._spelling(this, element)
         ends = {}
         for tag in ("parent", "child"):
@@ -113,7 +113,7 @@ class Checker:
                     "a URDF is a tree: give each link one parent joint",
                 )
         yield from self._origin(this, element)
-        # Real files have zero axes and empty limits on joints that do not move; these are not read.
+        # Joints that do not move have zero axes and empty limits in real files; these elements are not read.
         if kind in MOVING_TYPES:
             for problem in self._axis(this, element):
                 yield replace(problem, affects="motion")
@@ -122,16 +122,16 @@ class Checker:
             yield from self._mimic(this, name, element)
 
     def _spelling(self, this: str, element: etree._Element) -> Iterator[Problem]:
-        """Yield the faults and notes of an element's own names; its children are checked where they are read."""
-        still = element.tag == "joint" and element.get("type") not in MOVING_TYPES
-        left = {True: _MOST_FAULTS, False: _MOST_FAULTS}
+        """Yield faults and notes for the names in an element; other methods check the names in its children."""
+        is_fixed = element.tag == "joint" and element.get("type") not in MOVING_TYPES
+        remaining = {True: _MOST_FAULTS, False: _MOST_FAULTS}
         for fault in urdf_format.faults(element, self.ignored):
             if fault.repeats and (
-                fault.concerns in ("parent", "child") or (still and fault.concerns in ("axis", "limit", "mimic"))
+                fault.concerns in ("parent", "child") or (is_fixed and fault.concerns in ("axis", "limit", "mimic"))
             ):
-                continue  # said where the tree is checked; read by nobody
-            left[fault.note] -= 1
-            if left[fault.note] >= 0:
+                continue  # reported by the check of the tree, or not read
+            remaining[fault.note] -= 1
+            if remaining[fault.note] >= 0:
                 yield Problem(this, f"{_title(this)}: {fault.text}", _affects(fault))
             elif not fault.note:
                 return
@@ -173,34 +173,34 @@ class Checker:
         yield from self._number(this, mimic, "offset", 1)
         for problem in self._number(this, mimic, "multiplier", 1):
             yield replace(problem, affects="motion")
-        followed = dict.fromkeys([name])
+        followers = dict.fromkeys([name])
         while mimic is not None:
-            last, master = next(reversed(followed)), mimic.get("joint", "")
-            wrong = None
+            last, master = next(reversed(followers)), mimic.get("joint", "")
+            fault = None
             if not master:
-                wrong = 'has a <mimic> without a joint; add joint="..."'
+                fault = 'has a <mimic> without a joint; add joint="..."'
             elif master not in self.joints:
-                wrong = f"mimics the unknown joint '{printable(master)}'; {self._known_joints}"
-            elif master in followed:
-                wrong = f"mimics in a circle ({listed([*followed, master])}); break it"
+                fault = f"mimics the unknown joint '{printable(master)}'; {self._known_joints}"
+            elif master in followers:
+                fault = f"mimics in a circle ({listed([*followers, master])}); break it"
             elif master in self.broken_mimics:
-                wrong = f"mimics '{printable(master)}', whose own <mimic> is broken; correct that one"
+                fault = f"mimics '{printable(master)}', whose <mimic> is faulty; correct that <mimic> first"
             elif self.joints[master].get("type") not in (*MOVING_TYPES, "fixed"):
-                wrong = f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
-            if wrong:
-                self.broken_mimics.update(followed)
-                yield Problem(this, f"joint '{printable(last)}' {wrong}", "coupling")
+                fault = f"mimics '{printable(master)}', which has no coordinate; name a {', '.join(MOVING_TYPES)} joint"
+            if fault:
+                self.broken_mimics.update(followers)
+                yield Problem(this, f"joint '{printable(last)}' {fault}", "coupling")
                 return
             if master in self.sound_mimics:
                 break
-            followed[master] = None
-            # A fixed joint stands at zero, whatever <mimic> a converter has left in it.
+            followers[master] = None
+            # A fixed joint does not move, even if a converter left a <mimic> in it.
             moves = self.joints[master].get("type") in MOVING_TYPES
             mimic = self.joints[master].find("mimic") if moves else None
-        self.sound_mimics.update(followed)
+        self.sound_mimics.update(followers)
 
     def _at_zero(self, joint: str) -> bool:
-        """Return whether a joint and all joints it may be meant to follow stand at zero: no <mimic> has an offset."""
+        """Return whether a joint is at zero if its coordinate is: no <mimic> on its chain of masters has an offset."""
         seen: set[str] = set()
         while joint in self.joints and joint not in seen and self.joints[joint].get("type") != "fixed":
             if not self._has_no_offset(joint):
@@ -216,7 +216,7 @@ class Checker:
         return bool(_NUMBER.match(offset)) and float(offset) == 0
 
     def _of_type(self, joint: str) -> Affects:
-        """Return the aspect that a wrong type affects: a joint with a <mimic> might move; one at zero has a pose."""
+        """Return which chains a wrong type affects: it depends on whether the joint could move or have an offset."""
         if self.joints[joint].find("mimic") is not None:
             return "coupling"
         return "motion" if self._at_zero(joint) else "place"
@@ -241,7 +241,7 @@ class Checker:
                 yield from self._number(this, child, key, 1)
             values = [self.numbers.get((child, key), (math.nan,))[0] for key in keys]
             if any(math.isnan(value) for value in values):
-                continue  # said already
+                continue  # already reported
             if tag == "mass" and values[0] < 0:
                 yield Problem(this, f"{title}: mass {values[0]:g} kg is negative; correct <mass>")
             if tag == "inertia" and not physical_inertia(*values):
@@ -273,15 +273,15 @@ class Checker:
         if text is None:
             return
         words = _WORD.findall(text)
-        where = f'{_title(this)}: <{element.tag} {key}="{printable(text)}">'
+        place = f'{_title(this)}: <{element.tag} {key}="{printable(text)}">'
         if "${" in text or "$(" in text:
             yield Problem(
-                this, f"{where} holds an expression of xacro; expand the file first: xacro IN.xacro > OUT.urdf"
+                this, f"{place} holds an expression of xacro; expand the file first: xacro IN.xacro > OUT.urdf"
             )
             return
         if len(words) != count:
-            many = "a number" if count == 1 else f"{count} numbers"
-            yield Problem(this, f"{where} holds {len(words)} words, expected {many}")
+            expected = "a number" if count == 1 else f"{count} numbers"
+            yield Problem(this, f"{place} holds {len(words)} words, expected {expected}")
             return
         values = []
         for word in words:
@@ -290,11 +290,11 @@ class Checker:
                 continue
             value = float(word) if _NUMBER.match(word) else math.nan
             if not math.isfinite(value):
-                yield Problem(this, f"{where}: '{printable(word)}' is not a finite decimal number; write one like 0.25")
+                yield Problem(this, f"{place}: '{printable(word)}' is not a finite decimal number; write one like 0.25")
                 return
             if abs(value) > LARGEST and not limit:
                 yield Problem(
-                    this, f"{where}: '{printable(word)}' is beyond {LARGEST:g}; give metres, radians and kilograms"
+                    this, f"{place}: '{printable(word)}' is beyond {LARGEST:g}; give metres, radians and kilograms"
                 )
                 return
             values.append(value)
@@ -308,12 +308,12 @@ class Checker:
         for child, joint in self.parents.items():
             end = self.joints[joint].find("parent")
             parent_of[child] = None if end is None else end.get("link")
-        done: set[str] = set()
+        visited: set[str] = set()
         for start in self.links:
             path: list[str] = []
             on_path: set[str] = set()
             link: str | None = start
-            while link is not None and link not in done:
+            while link is not None and link not in visited:
                 if link in on_path:
                     circle = path[path.index(link) :]
                     yield Problem("file", f"links form a circle ({listed(circle)}); a URDF is a tree: cut one joint")
@@ -321,7 +321,7 @@ class Checker:
                 path.append(link)
                 on_path.add(link)
                 link = parent_of.get(link)
-            done.update(path)
+            visited.update(path)
 
 
 def _affects(fault: urdf_format.Fault) -> Affects:

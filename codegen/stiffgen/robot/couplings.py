@@ -45,8 +45,8 @@ class Couplings:
                 raise DescriptionError(
                     self.description.file,
                     [
-                        f"joint '{printable(follower.name)}': the multiplier or offset of its chain of <mimic> elements "
-                        f"is beyond {LARGEST:g}; correct them"
+                        f"joint '{printable(follower.name)}': the multiplier or offset of its chain of <mimic> "
+                        f"elements is beyond {LARGEST:g}; correct them"
                     ],
                 )
             self._known[follower.name] = coupling

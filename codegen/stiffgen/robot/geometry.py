@@ -201,8 +201,8 @@ class Inertia:
         """Return mass, first moment and tensor as doubles.
 
         An entry of at most 1e-15 of its scale becomes zero. The scales follow from the body ``scale`` (default: this
-        body): the largest entry of its tensor, and the largest first moment that its mass and tensor allow. The result
-        is therefore independent of the units.
+        body): the largest entry of its tensor, and the largest first moment that its mass and tensor allow. This
+        works for bodies of any mass and size.
         """
         body = self if scale is None else scale
         inertia = max(abs(v) for row in body.tensor for v in row)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Reader: a URDF file becomes a :class:`Description`.
+"""Reader of URDF files: makes a :class:`Description` from a file.
 
-The file is untrusted input. It is parsed once by lxml without entities, DTDs or network; what a chain needs
-(links, inertials, joints) is checked (:mod:`stiffgen.robot.checker`) and handed to yourdfpy, which reads the elements.
-Origins are the one exception: yourdfpy turns roll-pitch-yaw into a float matrix whose last digit depends on the
-machine's libm, so the angles themselves are kept and turned into matrices by :mod:`stiffgen.robot.geometry`.
+The file is untrusted input. lxml parses it once, without entities, DTDs or network access. The links, inertials and
+joints are checked (:mod:`stiffgen.robot.checker`) and passed to yourdfpy, which reads the elements. Origins are an
+exception: yourdfpy converts roll-pitch-yaw to a float matrix whose last digit depends on the machine's libm. The reader
+therefore stores the angles, and :mod:`stiffgen.robot.geometry` computes the matrices.
 
-Meshes, materials, transmissions and gazebo elements are never looked at.
+The reader ignores meshes, materials, transmissions and gazebo elements.
 """
 
 from __future__ import annotations
@@ -39,27 +39,27 @@ from stiffgen.robot.geometry import unit
 if TYPE_CHECKING:
     import yourdfpy
 
-# The largest description in docs/robots.md has 0.2 MB. A parsed byte can cost 50 bytes of memory.
-_WRITER_WITHIN = 2  # [s] that a pipe may be without data at first
+_PIPE_TIMEOUT = 2  # time until the first data of a pipe [s]
+# The largest description in docs/robots.md has 0.2 MB. One byte of XML can take 50 bytes of memory after parsing.
 MAX_BYTES = 4 * 2**20
 
 _XACRO = re.compile(rb"www\.ros\.org/wiki/xacro|wiki\.ros\.org/xacro|<xacro:")
-# Faults of the XML that other readers of URDF let pass and that change no element: prefixes without a namespace
-# (<drake:...>), "--" in a comment, a strange version number, a blank line before the XML declaration.
+# Faults of the XML that other readers of URDF accept and that change no element: prefixes without a namespace
+# (<drake:...>), "--" in a comment, an unknown version number, a blank line before the XML declaration.
 _HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_HYPHEN_IN_COMMENT", "ERR_UNKNOWN_VERSION", "ERR_RESERVED_XML_NAME"}
-_LOGGED = 100  # libxml2's errors that lxml keeps; more may hide behind them
+_MAX_LOGGED = 100  # size of lxml's log of errors; further errors are lost
 _OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "MJCF", "COLLADA": "COLLADA", "openrave": "OpenRAVE"}
 
 
 def read_description(path: str | Path, ignored: Collection[str] = ()) -> Description:
-    """Read a URDF file; elements named in ``ignored`` are no faults.
+    """Read a URDF file; unknown elements with names in ``ignored`` are accepted.
 
-    Problems of single joints and links are left in ``problems``; see :func:`stiffgen.load_chain` for which of
-    them refuse a chain.
+    ``problems`` of the result holds the problems of single joints and links; :func:`stiffgen.load_chain` documents
+    which of them reject a chain.
 
     Raises:
-        DescriptionError: the file cannot be read, is no URDF, or its tree of links is broken. All problems of
-            the file are in the error.
+        DescriptionError: the file cannot be read, is no URDF, or its links do not form a tree. The error holds all
+            problems of the file.
 
     """
     path = Path(path)
@@ -68,7 +68,7 @@ def read_description(path: str | Path, ignored: Collection[str] = ()) -> Descrip
     checker = Checker(robot, ignored)
     problems = tuple(checker.run())
     if any(p.element == "file" for p in problems):
-        # Those of the file first: the message shows a few only.
+        # Problems of the whole file come first, because the message shows only some of them.
         raise DescriptionError(path.name, [p.text for p in sorted(problems, key=lambda p: p.element != "file")])
     model = _read_with_yourdfpy(checker)
     return Description(
@@ -86,7 +86,7 @@ def _read_bytes(path: Path) -> bytes:
     try:
         if path.is_dir():
             raise DescriptionError(str(path), ["is a folder; name the URDF file in it"])
-        with _opened(path) as stream:
+        with _open(path) as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -101,14 +101,14 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
-def _opened(path: Path) -> BinaryIO:
-    """Open the file; a named pipe only if something writes to it, since reading would wait for ever."""
+def _open(path: Path) -> BinaryIO:
+    """Open a file; reject a named pipe without a writer, since reading it would never return."""
     if not path.is_fifo():
         return path.open("rb")
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    waiting = select.poll()
-    waiting.register(descriptor, select.POLLIN)
-    if not waiting.poll(1000 * _WRITER_WITHIN):
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    if not poll.poll(1000 * _PIPE_TIMEOUT):
         os.close(descriptor)
         raise DescriptionError(str(path), ["is a pipe to which nothing writes; name a file, or start the writer first"])
     os.set_blocking(descriptor, True)
@@ -131,18 +131,18 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
         raise DescriptionError(file, ["has a DOCTYPE; a URDF needs none: remove the <!DOCTYPE ...> declaration"])
     _drop_default_namespace(root)
-    # xacro itself leaves its namespace declared on the files it has expanded: only its elements count.
+    # Files that xacro has expanded still declare its namespace; only elements of xacro show a template.
     if any(isinstance(e.tag, str) and e.tag.startswith(("{", "xacro:")) and "xacro" in e.tag for e in root.iter()):
         raise DescriptionError(file, [xacro])
     if root.tag != "robot":
         other = _OTHER_FORMATS.get(str(root.tag))
-        said = f"is an {other} file" if other else f"has the root element <{printable(str(root.tag))}>"
-        raise DescriptionError(file, [f"{said}, expected <robot>; give a URDF file"])
+        fault = f"is an {other} file" if other else f"has the root element <{printable(str(root.tag))}>"
+        raise DescriptionError(file, [f"{fault}, expected <robot>; give a URDF file"])
     return root
 
 
 def _well_formed(data: bytes) -> etree._Element:
-    """Parse XML; faults of the kinds in ``_HARMLESS`` pass."""
+    """Parse XML; accept faults of the kinds in ``_HARMLESS``."""
     settings = {
         "resolve_entities": False,
         "load_dtd": False,
@@ -157,7 +157,7 @@ def _well_formed(data: bytes) -> etree._Element:
         lenient = etree.XMLParser(recover=True, **settings)
         root = etree.fromstring(data, lenient)
         log = lenient.error_log.filter_from_errors()
-        if root is None or len(lenient.error_log) >= _LOGGED or {entry.type_name for entry in log} - _HARMLESS:
+        if root is None or len(lenient.error_log) >= _MAX_LOGGED or {entry.type_name for entry in log} - _HARMLESS:
             raise
         return root
 
@@ -172,38 +172,38 @@ def _drop_default_namespace(root: etree._Element) -> None:
 
 
 def _read_with_yourdfpy(checker: Checker) -> yourdfpy.urdf.Robot:
-    """Hand yourdfpy the links and joints alone, without what failed the checks of single elements."""
-    import yourdfpy  # here: with its mesh libraries it takes as long as all other imports together
+    """Return yourdfpy's robot, from a copy of links and joints without the elements that failed a check."""
+    import yourdfpy  # not at the top: with its mesh libraries it takes as long as all other imports together
 
     copy = etree.Element("robot", {"name": checker.robot.get("name", "")})
     for name, link in checker.links.items():
-        kept = etree.SubElement(copy, "link", {"name": name})
+        target = etree.SubElement(copy, "link", {"name": name})
         inertial = link.find("inertial")
         if inertial is not None and inertial.find("mass") is not None and inertial.find("inertia") is not None:
-            _copy(checker, kept, inertial, ("mass", "inertia"))
+            _copy(checker, target, inertial, ("mass", "inertia"))
     for name, joint in checker.joints.items():
-        kept = etree.SubElement(copy, "joint", {"name": name, "type": _type(joint)})
+        target = etree.SubElement(copy, "joint", {"name": name, "type": _type(joint)})
         for tag in ("parent", "child"):
             end = joint.find(tag)
-            etree.SubElement(kept, tag, {"link": "" if end is None else end.get("link", "")})
+            etree.SubElement(target, tag, {"link": "" if end is None else end.get("link", "")})
         for tag in ("axis", "limit", "mimic"):
             child = joint.find(tag)
-            skipped = tag == "mimic" and name in checker.broken_mimics
-            if child is not None and not skipped and joint.get("type") in MOVING_TYPES:
-                made = etree.SubElement(kept, tag)
-                _copy_numbers(checker, made, child)
+            is_faulty = tag == "mimic" and name in checker.broken_mimics
+            if child is not None and not is_faulty and joint.get("type") in MOVING_TYPES:
+                element = etree.SubElement(target, tag)
+                _copy_numbers(checker, element, child)
                 if tag == "mimic":
-                    made.set("joint", child.get("joint", ""))
+                    element.set("joint", child.get("joint", ""))
     stream = io.BytesIO(etree.tostring(copy, encoding="utf-8"))
     return yourdfpy.URDF.load(stream, build_scene_graph=False, load_meshes=False).robot
 
 
 def _copy(checker: Checker, into: etree._Element, element: etree._Element, tags: tuple[str, ...]) -> None:
-    made = etree.SubElement(into, str(element.tag))
+    target = etree.SubElement(into, str(element.tag))
     for tag in tags:
         child = element.find(tag)
         if child is not None:
-            _copy_numbers(checker, etree.SubElement(made, tag), child)
+            _copy_numbers(checker, etree.SubElement(target, tag), child)
 
 
 def _copy_numbers(checker: Checker, into: etree._Element, element: etree._Element) -> None:
@@ -213,7 +213,7 @@ def _copy_numbers(checker: Checker, into: etree._Element, element: etree._Elemen
             into.set(key, " ".join(map(repr, values)))
 
 
-def _placement(element: etree._Element | None, checker: Checker) -> tuple[Vector, Vector]:
+def _origin(element: etree._Element | None, checker: Checker) -> tuple[Vector, Vector]:
     origin = None if element is None else element.find("origin")
     zero = (0.0, 0.0, 0.0)
     if origin is None:
@@ -225,20 +225,20 @@ def _placement(element: etree._Element | None, checker: Checker) -> tuple[Vector
 def _inertial(link: yourdfpy.urdf.Link, checker: Checker) -> Inertial | None:
     if link.inertial is None:
         return None
-    com, rpy = _placement(checker.links[link.name].find("inertial"), checker)
+    com, rpy = _origin(checker.links[link.name].find("inertial"), checker)
     i = link.inertial.inertia.tolist()
     return Inertial(float(link.inertial.mass), com, rpy, (i[0][0], i[0][1], i[0][2], i[1][1], i[1][2], i[2][2]))
 
 
 def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
-    xyz, rpy = _placement(checker.joints[joint.name], checker)
+    xyz, rpy = _origin(checker.joints[joint.name], checker)
     axis = (0.0, 0.0, 0.0)
     if joint.type in MOVING_TYPES and any(joint.axis):
         axis = unit(joint.axis.tolist())
     limit = joint.limit
     bounds = (limit.lower, limit.upper) if limit else (None, None)
     bounded = joint.type in ("revolute", "prismatic") and bounds != (None, None)
-    # The format's default of a left-out bound is 0; but where both are left out, a joint that moves is meant.
+    # The default of a missing bound is 0 in the format. If both are missing, the joint is taken as unlimited.
     lower, upper = (bound or 0.0 for bound in bounds) if bounded else (-math.inf, math.inf)
     mimic = joint.mimic if joint.type in MOVING_TYPES else None
     return JointElement(
@@ -258,6 +258,6 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
 
 
 def _type(joint: etree._Element) -> str:
-    """Return a joint's type; one that is unknown, and a problem of its own, is read as fixed."""
+    """Return the type of a joint; an unknown type, which the checker reports, becomes fixed."""
     kind = str(joint.get("type"))
     return kind if kind in JOINT_TYPES else "fixed"

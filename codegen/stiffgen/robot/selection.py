@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Selection of a chain in a description: base, tips, the joints between them, and the reasons to refuse a chain."""
+"""Selection of a chain in a description: base, tips, the joints between them, and reasons to reject the chain."""
 
 from __future__ import annotations
 
@@ -13,20 +13,30 @@ from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, Joint
 from stiffgen.robot.geometry import physical_inertia
 
 Carried = dict[str, list[tuple[str, JointElement | None]]]
-"""Links that move rigidly with each moving joint, by joint name: parents first, each with its fixed joint (None for the
-moving joint itself). A floating base comes first, under an empty name."""
+"""Links that move rigidly with each moving joint, by joint name: parents first, each with its parent joint.
+
+The parent joint is None for the child link of the moving joint itself. A floating base comes first, with an empty name.
+"""
 
 _DEFAULTS = ChainOptions()
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Elements of a description that make up a chain.
+    """Elements of a description that form a chain.
 
-    ``paths`` are the joints from ``base`` to each of the ``tips``; ``moving`` are the moving ones among them. ``side``
-    are moving joints off all paths that share a coordinate with a path through ``<mimic>``; without masses there are
-    none. ``masters`` are the joints that are coordinates. ``carried`` are the links that move with each moving joint.
-    ``beside`` are the problems of the file that cannot change this chain; any other problem has refused it.
+    Attributes:
+        base: base link.
+        tips: tip links.
+        couplings: mimic relations and locks.
+        paths: joints from the base to each tip.
+        moving: moving joints on the paths.
+        side: moving joints on no path that share a coordinate with a path through ``<mimic>``; empty without masses.
+        masters: joints that are coordinates.
+        carried: links that move rigidly with each moving joint; empty without masses.
+        beside: problems of the file that cannot change this chain (all other problems reject it).
+        floating: whether the base floats.
+
     """
 
     base: str
@@ -86,9 +96,9 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
 def carried_links(
     description: Description, moving: Sequence[JointElement], floating_base: str | None = None
 ) -> Carried:
-    """Return the links that ride on each moving joint, and on a floating base.
+    """Return the links that move rigidly with each moving joint, and with a floating base.
 
-    Joints that are not among ``moving`` stand at zero (or where they are locked): what they hold is payload.
+    All other joints are at zero or locked, so that their links move with the joint before them.
     """
     children = _children(description)
     names = {element.name for element in moving}
@@ -130,7 +140,7 @@ def _side_joints(
     beyond: list[JointElement],
     moving: list[JointElement],
 ) -> list[JointElement]:
-    """Return the moving joints off the paths that share a coordinate with a path, parents first."""
+    """Return the moving joints on no path that share a coordinate with a path, parents first."""
     on_paths = {element.name for element in moving}
     masters = {couplings[element].master.name for element in moving}
     side = [
@@ -177,15 +187,18 @@ def _beside(
     carried: Carried,
     beyond: list[JointElement],
 ) -> tuple[str, ...]:
-    """Refuse the problems that can change the chain; return the texts of the others.
+    """Return the texts of the problems that cannot change the chain.
 
     Args:
         description: the file's content.
         couplings: mimic relations and locks.
         elements: joints on the paths, and side joints.
         moving: moving joints on the paths.
-        carried: links that ride on moving joints; none if masses are left out.
-        beyond: joints that might be side joints if a broken mimic relation were mended.
+        carried: links that move with moving joints; empty without masses.
+        beyond: joints that might be side joints if a faulty mimic relation were corrected.
+
+    Raises:
+        DescriptionError: the file has problems that can change the chain.
 
     """
     at_rest = [above for links in carried.values() for _, above in links if above is not None]
@@ -195,21 +208,21 @@ def _beside(
         "bounds": coordinates,
         "motion": coordinates | {f"joint {element.name}" for element in elements} | displaced,
     }
-    # A joint at rest stands where its masters are: a misspelt <mimic> of these would move it.
+    # The position of a joint at rest depends on its masters, so that a misspelt <mimic> of these would change it.
     used["place"] = used["motion"] | couplings.followed([*elements, *at_rest])
     used["place"] |= {f"link {link}" for links in carried.values() for link, _ in links}
     used["coupling"] = used["place"] | couplings.followed(beyond)
-    refusing = [problem.text for problem in description.problems if problem.element in used[problem.affects]]
-    if refusing:
-        raise DescriptionError(description.file, refusing)
-    counted = [p.text for p in description.problems if carried or not p.element.startswith("link ")]
-    return *counted, *description.notes
+    reasons = [problem.text for problem in description.problems if problem.element in used[problem.affects]]
+    if reasons:
+        raise DescriptionError(description.file, reasons)
+    texts = [p.text for p in description.problems if carried or not p.element.startswith("link ")]
+    return *texts, *description.notes
 
 
 def possible_tips(description: Description, base: str | None = None) -> list[str]:
-    """Return the leaf links with a moving joint on the way from the base (default: the root) to them.
+    """Return the leaf links with a moving joint on the way from the base (default: the root).
 
-    A leaf without one is a mark on its parent, such as ``base`` in descriptions of ROS-Industrial.
+    A leaf without a moving joint only marks a frame on its parent, such as ``base`` in descriptions of ROS-Industrial.
     """
     above = description.parent_joint
     tips = []
@@ -260,14 +273,19 @@ def _known_tip(description: Description, tip: str) -> str:
 
 
 def _checked_locks(description: Description, lock: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the locks, or refuse a joint that cannot stand where it is asked to."""
+    """Return the locks.
+
+    Raises:
+        ChainError: a joint does not exist, cannot be locked, or cannot reach the position.
+
+    """
     for name, position in lock.items():
         element = description.joints.get(name)
         moving = [joint.name for joint in description.joints.values() if joint.type in MOVING_TYPES and not joint.mimic]
         shown = printable(name)
         if element is None or element.type not in MOVING_TYPES:
-            what = "does not exist" if element is None else f"is {element.type} and cannot be locked"
-            raise ChainError(f"{description.file}: joint '{shown}' {what}; joints to lock: {listed(moving)}")
+            fault = "does not exist" if element is None else f"is {element.type} and cannot be locked"
+            raise ChainError(f"{description.file}: joint '{shown}' {fault}; joints to lock: {listed(moving)}")
         if element.mimic is not None:
             raise ChainError(
                 f"{description.file}: joint '{shown}' mimics '{printable(element.mimic.joint)}'; lock that one"
@@ -308,7 +326,7 @@ def _check_tool(file: str, tool: Tool, tips: list[str]) -> None:
 
 
 def _free_base(description: Description, base: str, tip: str, options: ChainOptions) -> tuple[str, bool]:
-    """Return the base link and whether it floats, by option or because a floating joint holds it."""
+    """Return the base link and whether it floats, by option or because its parent joint is floating."""
     above = description.parent_joint
     free: JointElement | None = None
     link = tip
@@ -317,7 +335,7 @@ def _free_base(description: Description, base: str, tip: str, options: ChainOpti
         if element.type == "floating":
             free = element
         elif element.type != "fixed" and free is not None:
-            free = None  # something moves before it
+            free = None  # a joint before the floating joint moves
         link = element.parent
     if free is not None and link == base:
         return free.child, True
@@ -325,14 +343,19 @@ def _free_base(description: Description, base: str, tip: str, options: ChainOpti
         return base, False
     if base in above and above[base].type != "floating":
         raise ChainError(
-            f"{description.file}: a floating base takes all of the robot along, but '{printable(base)}' is held by "
-            f"joint '{printable(above[base].name)}'; leave out --base, or take --base {printable(description.root)}"
+            f"{description.file}: a floating base must be the root of the robot, but '{printable(base)}' is the child "
+            f"of joint '{printable(above[base].name)}'; remove --base, or use --base {printable(description.root)}"
         )
     return base, True
 
 
 def _path(description: Description, base: str, tip: str) -> list[JointElement]:
-    """Return the joints from base to tip; refuse one that has no single coordinate."""
+    """Return the joints from base to tip.
+
+    Raises:
+        ChainError: the base is no ancestor of the tip, or a joint between them is floating or planar.
+
+    """
     above = description.parent_joint
     path: list[JointElement] = []
     link = tip

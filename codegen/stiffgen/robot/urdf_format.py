@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Names of the URDF format, and the search for misspelt ones.
+"""Names of the URDF format, and the search for misspelt names.
 
-Readers of URDF ignore unknown names: a misspelt ``<orgin>`` leaves a joint at its parent, without a word. Here every
-name in a joint, a link and the elements that stiffgen reads is compared with the format:
+Other readers of URDF ignore unknown names: a misspelt ``<orgin>`` leaves a joint at its parent without a message. This
+module compares the names in joints, links and all elements that stiffgen reads with the format:
 
-* names that simulators and tools have added, and names with a prefix (``drake:acceleration``), pass;
-* an unknown element of a joint or link that resembles no known name is a vendor's own: it passes with a note;
-* all other unknown names are faults, unless the user says to ignore them.
+* Names of simulators and tools, and names with a prefix (``drake:acceleration``), are accepted.
+* An unknown element of a joint or link that resembles no known name belongs to a vendor: accepted, with a note.
+* All other unknown names are faults, unless the user ignores them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from stiffgen.errors import printable
 
 @dataclass(frozen=True)
 class ElementFormat:
-    """Names that an element may hold: those of the format, and those added by simulators and tools."""
+    """Names within an element: names of the format, and names that simulators and tools have added."""
 
     elements: tuple[str, ...] = ()
     attributes: tuple[str, ...] = ()
@@ -72,15 +72,15 @@ FORMAT = {
 
 _IN_A_ROBOT = ("link", "joint")
 _WITH_VENDOR_ELEMENTS = ("joint", "link")
-_MOST_EDITS = 3
+_MAX_EDITS = 3
 
 
 @dataclass(frozen=True)
 class Fault:
     """Fault of an element's content; ``text`` is a sentence without a full stop.
 
-    ``concerns`` is the element of the format that is misspelt or (``repeats``) stands twice, if there is one. A
-    ``note`` tells of a vendor's own element, which changes nothing.
+    ``concerns`` is the element of the format that is misspelt or, with ``repeats``, occurs twice; it may be empty. A
+    ``note`` reports an element of a vendor, which has no effect.
     """
 
     text: str
@@ -90,7 +90,7 @@ class Fault:
 
 
 def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[Fault]:
-    """Yield what is misspelt in an element of ``FORMAT``, and what stands twice in it though one alone is read."""
+    """Yield misspelt names in an element of ``FORMAT``, and children that occur twice with different content."""
     tag = str(element.tag)
     known = FORMAT[tag]
     seen: dict[str, etree._Element] = {}
@@ -100,9 +100,9 @@ def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[F
             continue
         if name not in known.elements:
             yield _unknown(tag, name, known.elements)
-        elif name in FORMAT and _says(child) != _says(seen.setdefault(name, child)):
+        elif name in FORMAT and _content(child) != _content(seen.setdefault(name, child)):
             yield Fault(
-                f"<{name}> stands twice in it, and not the same; keep the one that is meant", name, repeats=True
+                f"<{name}> occurs twice in it, with different content; remove the wrong one", name, repeats=True
             )
     for name in map(str, element.attrib):
         if not _prefixed(name) and name not in known.attributes + known.added_attributes:
@@ -123,7 +123,7 @@ def _unknown(tag: str, name: str, elements: Sequence[str]) -> Fault:
 
 
 def misspelt_in_robot(robot: etree._Element, ignored: Collection[str] = ()) -> Iterator[str]:
-    """Yield the elements of the robot itself that resemble a link or joint and are none."""
+    """Yield faults for unknown elements of <robot> whose names resemble link or joint."""
     for name in dict.fromkeys(str(child.tag) for child in robot):
         meant = "" if name in _IN_A_ROBOT or _prefixed(name) or name in ignored else _meant(name, _IN_A_ROBOT)
         if meant:
@@ -140,14 +140,14 @@ def _remedy(valid: Sequence[str]) -> str:
 
 
 def _meant(name: str, valid: Sequence[str]) -> str:
-    """Return the valid name that a name resembles, else ""."""
+    """Return the valid name that is most similar to a name, or "" if none is similar."""
     distances = {known: _distance(name.lower(), known.lower()) for known in valid if abs(len(name) - len(known)) <= 3}
     nearest = min(distances, key=lambda known: distances[known], default="")
-    return nearest if nearest and distances[nearest] <= min(_MOST_EDITS, (len(nearest) + 1) // 2) else ""
+    return nearest if nearest and distances[nearest] <= min(_MAX_EDITS, (len(nearest) + 1) // 2) else ""
 
 
 def _distance(a: str, b: str) -> int:
-    """Return the number of letters to insert, delete, replace or exchange with a neighbour to get from a to b."""
+    """Return the number of insertions, deletions, replacements and swaps of neighbours that turn a into b."""
     before: list[int] = []
     row = list(range(len(b) + 1))
     for i, letter in enumerate(a, start=1):
@@ -160,7 +160,7 @@ def _distance(a: str, b: str) -> int:
     return row[-1]
 
 
-def _says(element: etree._Element) -> list[tuple[str, dict[str, str]]]:
+def _content(element: etree._Element) -> list[tuple[str, dict[str, str]]]:
     return [
         (str(each.tag), {str(k): " ".join(str(v).split()) for k, v in each.attrib.items()}) for each in element.iter()
     ]

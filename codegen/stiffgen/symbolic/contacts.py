@@ -127,15 +127,15 @@ def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) ->
         if set(parts) - {"U"}:
             K = stiffness.symmetric_from_upper(K) if "S" in parts else ca.SX(6, 6)
             loads.append(_load(tree.sections, tip, index, (R, p), ca.densify(F), K, "hybrid"))
-    values = {"U": energy}
+    results = {"U": energy}
     totals = _beyond(chain, loads) if loads else []
     if "S" in parts:
         both = tree.columns, _covectors(chain, tree, totals)
-        values["S"] = ca.vertcat(*(ca.vec(ca.horzcat(*each).T) for each in both))
+        results["S"] = ca.vertcat(*(ca.vec(ca.horzcat(*each).T) for each in both))
     if "T" in parts:
         pairs = zip(tree.columns, totals, strict=True)
-        values["T"] = ca.vertcat(*(-ca.dot(S, total.wrench) if total else ca.SX(0) for S, total in pairs))
-    return Expressions(ca.densify(ca.vertcat(*(values[part] for part in parts))), tuple(tree.sections))
+        results["T"] = ca.vertcat(*(-ca.dot(S, total.wrench) if total else ca.SX(0) for S, total in pairs))
+    return Expressions(ca.densify(ca.vertcat(*(results[part] for part in parts))), tuple(tree.sections))
 
 
 @dataclass(frozen=True)

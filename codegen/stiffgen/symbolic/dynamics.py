@@ -3,8 +3,8 @@
 
 Mass matrix (composite-rigid-body algorithm: Featherstone, Rigid Body Dynamics Algorithms, 2008). M_ij = J_i . h_j for
 every joint i on the way from the base to joint j, where h_j = I^c_j J_j is the momentum of all bodies beyond joint j
-at a unit rate of joint j. With z along every joint's axis, h_j is a column of the composite inertia I^c_j, and J_i . h_j
-is one entry of h_j in the axes of link i. Three choices keep the expressions short:
+at a unit rate of joint j. With z along every joint's axis, h_j is a column of the composite inertia I^c_j, and the
+product J_i . h_j is one entry of h_j in the axes of link i. Three choices keep the expressions short:
 
 * Composite inertias are expressed in the axes of their link, about its joint's origin. The step to the parent link is
   then a rotation about z.

@@ -58,9 +58,9 @@ def move_stiffness(
         ValueError: a representation is unknown, or the shape of an argument is wrong.
 
     """
-    for name in (source, target):
-        if name not in REPRESENTATIONS:
-            raise ValueError(f"no representation '{name}'; it must be one of {', '.join(REPRESENTATIONS)}")
+    for representation in (source, target):
+        if representation not in REPRESENTATIONS:
+            raise ValueError(f"no representation '{representation}'; it must be one of {', '.join(REPRESENTATIONS)}")
     H, F, K = (np.asarray(each, dtype=float) for each in (pose, wrench, task_stiffness))
     for name, array, shape in (("pose", H, (4, 4)), ("wrench", F, (6,)), ("task_stiffness", K, (6, 6))):
         if array.shape[array.ndim - len(shape) :] != shape:

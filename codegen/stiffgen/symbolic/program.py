@@ -225,13 +225,13 @@ def evaluate(
     """Unroll a program into scalar expressions.
 
     Args:
-        chain: the robot.
-        program: the steps.
+        chain: chain of the program.
+        program: steps.
         arguments: one SX per argument array, vectors (k) or matrices.
-        replace_entries: what the entries that a step writes become before later steps read them; default: themselves.
+        replace_entries: function that replaces the outputs of a step before later steps read them (default: none).
 
     Returns:
-        The row-major entries of every array that the program wrote, by name.
+        Row-major entries of every array that the program writes, by name.
 
     """
     run = Unrolling(chain, {name: entries_of(value) for name, value in arguments.items()}, replace_entries)

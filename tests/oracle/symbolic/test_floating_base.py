@@ -16,6 +16,8 @@ import pytest
 import stiffgen
 from stiffgen.errors import ChainError
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.potentials import Potential, SpringOptions
 from support.exact_tree import ExactTree, as_array, differentiated, exact_pose, exponential, mp, tree_urdf
 from support.project import ROOT, assert_close
 
@@ -355,3 +357,20 @@ def test_real_robots(robot, tmp_path):
                 expected = pin.computeFrameJacobian(model, data, at, model.getFrameId(tip.link), reference)
                 found = getattr(getattr(kernels, tip.name), rep).jacobian(*where)
                 assert_close(values(found), expected[:, order])
+
+
+def test_texts_name_the_world_and_a_users_docstring_stays():
+    def own(p, R, parameters):
+        """Act in base axes, in the base frame."""
+        return p[0] ** 2
+
+    chain = stiffgen.load_chain(DATA / "solo12.urdf", tip="FL_FOOT", floating_base=True)
+    kernels = {
+        kernel.qualified_name: kernel for kernel in chain_kernels(chain, SpringOptions(potentials=(Potential(own),)))
+    }
+    assert kernels["own_energy"].note == own.__doc__
+    assert kernels["forward_kinematics"].summary == "Pose of the tip in the world frame."
+    of_kernel = {argument.name: argument.meaning for argument in kernels["spatial_joint_stiffness"].arguments}
+    assert of_kernel["wrench"].endswith("in world axes, moment about the world's origin")
+    texts = [argument.meaning for kernel in kernels.values() for argument in (*kernel.arguments, *kernel.results)]
+    assert not [text for text in texts if "{" in text or re.search(r"base axes|base frame|base's origin", text)]

@@ -357,17 +357,17 @@ MISSPELT = {
                  ('<child link="hand"/></joint>', '<child link="hand"/></jiont>')], "<jiont>", "<joint>"),
     "a link": ([('<link name="hand"/>', '<link name="hand"/><lnik name="x"/>')], "<lnik>", "<link>"),
     "two origins": ([('<origin xyz="0.4 0 0"/>', '<origin xyz="0.4 0 0"/><origin xyz="0.5 0 0"/>')],
-                    "joint 'elbow': <origin> stands twice", "meant"),
+                    "joint 'elbow': <origin> occurs twice", "remove the wrong one"),
     "two axes": ([('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="0 0 1"/>')],
-                 "joint 'elbow': <axis> stands twice", "meant"),
+                 "joint 'elbow': <axis> occurs twice", "remove the wrong one"),
     "two parents": ([('<parent link="lower"/>', '<parent link="lower"/><parent link="upper"/>')],
                     "joint 'wrist' has several <parent>", "keep one"),
     "two children": ([('<child link="hand"/>', '<child link="hand"/><child link="base"/>')],
                      "joint 'wrist' has several <child>", "keep one"),
     "two masses": ([('<mass value="2"/>', '<mass value="2"/><mass value="3"/>')],
-                   "link 'upper': <mass> stands twice", "meant"),
+                   "link 'upper': <mass> occurs twice", "remove the wrong one"),
     "two inertials": ([("<inertial>", '<inertial><mass value="9"/></inertial><inertial>')],
-                      "link 'upper': <inertial> stands twice", "meant"),
+                      "link 'upper': <inertial> occurs twice", "remove the wrong one"),
 }  # fmt: skip
 
 
