@@ -201,11 +201,11 @@ class Checker:
 
     def _at_zero(self, joint: str) -> bool:
         """Return whether a joint is at zero if its coordinate is: no <mimic> on its chain of masters has an offset."""
-        seen: set[str] = set()
-        while joint in self.joints and joint not in seen and self.joints[joint].get("type") != "fixed":
+        names: set[str] = set()
+        while joint in self.joints and joint not in names and self.joints[joint].get("type") != "fixed":
             if not self._has_no_offset(joint):
                 return False
-            seen.add(joint)
+            names.add(joint)
             mimic = self.joints[joint].find("mimic")
             joint = "" if mimic is None else mimic.get("joint", "")
         return True

@@ -93,14 +93,14 @@ def faults(element: etree._Element, ignored: Collection[str] = ()) -> Iterator[F
     """Yield misspelt names in an element of ``FORMAT``, and children that occur twice with different content."""
     tag = str(element.tag)
     known = FORMAT[tag]
-    seen: dict[str, etree._Element] = {}
+    siblings: dict[str, etree._Element] = {}
     for child in element:
         name = str(child.tag)
         if _prefixed(name) or name in known.added_elements or name in ignored:
             continue
         if name not in known.elements:
             yield _unknown(tag, name, known.elements)
-        elif name in FORMAT and _content(child) != _content(seen.setdefault(name, child)):
+        elif name in FORMAT and _content(child) != _content(siblings.setdefault(name, child)):
             yield Fault(
                 f"<{name}> occurs twice in it, with different content; remove the wrong one", name, repeats=True
             )

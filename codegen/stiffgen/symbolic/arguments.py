@@ -31,8 +31,8 @@ class Argument:
         symmetric: whether a result is a symmetric matrix, to the last bit.
         symbol: letter of the argument in formulas.
         plural: name of the argument where it holds one value per tip.
-        own: whether CUDA takes one per configuration (a cotangent, vectors of all tips). CUDA always takes one vector
-            per configuration; a matrix is shared by all configurations unless it is ``varying``.
+        per_configuration: whether CUDA always takes one per configuration (cotangents, vectors of all tips). Of other
+            arguments, CUDA takes one vector per configuration, but one matrix for all unless it is ``varying``.
         of_configuration: whether the argument belongs to the configuration and is shared by all tips.
         varying: whether CUDA takes one matrix per configuration.
         triangle: whether a kernel reads only the upper triangle of a symmetric matrix.
@@ -46,7 +46,7 @@ class Argument:
     symmetric: bool = False
     symbol: str = ""
     plural: str = ""
-    own: bool = False
+    per_configuration: bool = False
     of_configuration: bool = False
     varying: bool = False
     triangle: bool = False
@@ -71,7 +71,7 @@ class Argument:
             shape=(len(names), *self.shape),
             meaning=f"{order}: {self.meaning}",
             floating_meaning=self.floating_meaning and f"{order}: {self.floating_meaning}",
-            own=self.own or len(self.shape) == 1,  # CUDA takes one vector per configuration
+            per_configuration=self.per_configuration or len(self.shape) == 1,  # CUDA takes one vector per configuration
         )
 
     def packed(self) -> Argument:

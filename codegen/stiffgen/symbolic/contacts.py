@@ -228,11 +228,11 @@ def _load(
     if not any(section.title == title for section in sections):
         sections.append(Section(title, values))
     A, B = K[:3, :3], K[:3, 3:]
-    moved = B - A @ ca.skew(p)
+    coupling = B - A @ ca.skew(p)
     half = ca.skew(p) @ B
-    C = stiffness.symmetric_from_upper(K[3:, 3:] + ca.skew(p) @ moved + half.T)
+    C = stiffness.symmetric_from_upper(K[3:, 3:] + ca.skew(p) @ coupling + half.T)
     load = _Load(
-        ca.densify(ca.vertcat(ca.horzcat(A, moved), ca.horzcat(moved.T, C))),
+        ca.densify(ca.vertcat(ca.horzcat(A, coupling), ca.horzcat(coupling.T, C))),
         ca.densify(f),
         ca.densify(m),
         ca.densify(p @ f.T - ca.dot(p, f) * ca.SX.eye(3)),

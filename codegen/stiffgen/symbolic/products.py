@@ -18,7 +18,9 @@ from stiffgen.symbolic.steps import ArgumentSlice, Sum, Term
 def _cotangent(result: Argument, count: int) -> Argument:
     meaning = f"weight of each entry of {result.name}" + (", both triangles" if result.symmetric else "")
     name = gradients.cotangent_name(result.name, count)
-    return Argument(name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", own=True)
+    return Argument(
+        name, result.shape, "1", meaning, symbol="G" if count == 1 else f"G_{result.name}", per_configuration=True
+    )
 
 
 def _gradient(argument: Argument) -> Argument:

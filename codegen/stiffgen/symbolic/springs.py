@@ -104,11 +104,11 @@ class Spring:
     Attributes:
         name: group of the spring's kernels ("spring").
         parameters: arguments of the energy after p and R.
-        energy: U(p, R, *parameters), or U(p, R, quaternion, *parameters) with ``turned``.
+        energy: U(p, R, *parameters), or U(p, R, quaternion, *parameters) with ``takes_quaternion``.
         equation: formula of the energy, in one line.
         domain: information that a caller needs beyond shapes and units.
-        turned: whether the energy takes the unit quaternion (w, v) of R0^T R, w >= 0; the first parameter is then the
-            equilibrium.
+        takes_quaternion: whether the energy takes the unit quaternion (w, v) of R0^T R, w >= 0; the first parameter is
+            then the equilibrium.
 
     """
 
@@ -117,7 +117,7 @@ class Spring:
     energy: Energy
     equation: str
     domain: str
-    turned: bool = False
+    takes_quaternion: bool = False
 
 
 @dataclass(frozen=True)
@@ -269,13 +269,13 @@ def _kinds(placement: Placement) -> dict[str, Spring]:
             "spring_rotation_vector", parameters, rotation_vector,
             f"{linear_energy} + (a^2/2) u^T Ko u, a the angle and u the axis of R0^T R",
             f"A rotation stores the energy (a u)^T Ko (a u)/2 at any angle: the spring does not soften. {_CUT}{note}",
-            turned=True,
+            takes_quaternion=True,
         ),
         "quaternion": Spring(
             "spring_quaternion", parameters, by_quaternion,
             f"{linear_energy} + 4 (1 - cos a/2) u^T Ko u, a the angle and u the axis of R0^T R",
             f"The moment grows with 2 sin a/2: the spring softens less than the trace form. {_CUT}{note}",
-            turned=True,
+            takes_quaternion=True,
         ),
         "coupled": _coupled(placement, note),
     }  # fmt: skip
@@ -307,8 +307,8 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
     """Return (U, F (6), K (6x6)): energy, wrench and covariant Hessian in hybrid axes.
 
     CasADi differentiates U(p + v, M R) with respect to v, the nine entries of M = I + [w] + [w]^2/2 and, for springs
-    that are ``turned``, the quaternion. The chain rule from M to w is written out, since the derivatives of M with
-    respect to w are constants.
+    with ``takes_quaternion``, the quaternion. The chain rule from M to w is written out, since the derivatives of M
+    with respect to w are constants.
     """
     origin, turn = ca.SX.sym("p", 3), ca.SX.sym("M", 3, 3)
     generators = [ca.skew(ca.DM.eye(3)[:, k]) for k in range(3)]
@@ -319,11 +319,11 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
         """Return the second derivative of the entries of M, then of the quaternion, with respect to w_i and w_j."""
         return ca.SX(ca.sparsify(ca.vec(generators[i] @ generators[j] + generators[j] @ generators[i]) / 2))
 
-    if spring.turned:
+    if spring.takes_quaternion:
         R0 = parameters[0][:3, :3]
         q = quaternion(R, R0)
         symbol = ca.SX.sym("q", 4)
-        moved = spring.energy(origin, turn @ R, symbol, *parameters)
+        energy = spring.energy(origin, turn @ R, symbol, *parameters)
         variables.append(symbol)
         values.append(q)
         axes = R0.T  # column k: axis k of the base, in the equilibrium's axes
@@ -333,15 +333,15 @@ def derivatives(spring: Spring, p: ca.SX, R: ca.SX, parameters: Sequence[ca.SX])
         first = ca.vertcat(first, ca.horzcat(ca.SX(4, 3), turns))
         value = spring.energy(p, R, q, *parameters)
     else:
-        moved = spring.energy(origin, turn @ R, *parameters)
+        energy = spring.energy(origin, turn @ R, *parameters)
         value = spring.energy(p, R, *parameters)
     place, at = ca.vertcat(*variables), ca.densify(ca.vertcat(*values))
-    hessian, gradient = ca.substitute(list(ca.hessian(moved, place)), [place], [at])
+    hessian, gradient = ca.substitute(list(ca.hessian(energy, place)), [place], [at])
     K = first.T @ hessian @ first
     for i in range(3):
         for j in range(3):
             K[3 + i, 3 + j] += ca.dot(second(i, j), gradient[3:12])
-        if spring.turned:
+        if spring.takes_quaternion:
             K[3 + i, 3 + i] -= 0.25 * ca.dot(q, gradient[12:])
     return value, first.T @ gradient, K
 

@@ -112,7 +112,7 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
 def _random_parameter(argument: Argument, count: int, seed: int, dof: int) -> Array:
     """Draw values of about 1: of both signs for cotangents, positive for parameters of a user's potential."""
     extents = [dof if extent == "n" else int(extent) for extent in argument.shape]
-    if argument.own:
+    if argument.per_configuration:
         cotangents: Array = np.random.default_rng([seed, *argument.name.encode()]).normal(size=(count, *extents))
         return cotangents
     return np.random.default_rng(seed + 77).uniform(0.2, 2.0, (count, *extents))
@@ -148,6 +148,6 @@ def argument_samples(
                 pool[argument.of_all_tips(names)] = np.stack(each, axis=1)
     for kernel in chain_kernels(chain, options):
         for argument in kernel.arguments:
-            if argument.own and argument not in pool:  # cotangents, of what is summed over the tips, too
+            if argument.per_configuration and argument not in pool:  # cotangents, of what is summed over the tips, too
                 pool[argument] = drawn[0].of(argument, seed)
     return pool

@@ -34,7 +34,7 @@ DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
 
 def shared(argument):
     """Whether all configurations of a launch take the same: matrices, numbers; vectors and base poses are stacks."""
-    return len(argument.shape) != 1 and argument.name != "base_pose" and not argument.own
+    return len(argument.shape) != 1 and argument.name != "base_pose" and not argument.per_configuration
 
 
 @pytest.fixture(scope="module")

@@ -94,7 +94,7 @@ def test_cuda_on_the_host(case, tmp_path):
     for name, kernel in host.kernels.items():
         if not name.endswith("_vjp"):
             continue
-        own = {a: len(a.shape) == 1 or a.own or a.varying for a in kernel.arguments}
+        own = {a: len(a.shape) == 1 or a.per_configuration or a.varying for a in kernel.arguments}
         shared = {a: np.broadcast_to(pool[a][0], pool[a].shape) for a in kernel.arguments if not own[a]}
         wanted = expected(chain, kernel, {**pool, **shared}, count)
         given = [pool[a][:count] if own[a] else pool[a][0] for a in kernel.arguments]

@@ -59,7 +59,7 @@ class ThreadPage:
 def _thread_page(request: Request, code: VariantCode, kernel: Kernel, function: CFunction) -> ThreadPage:
     chain, number = request.chain, code.variant.number
     arguments = list(zip(kernel.arguments, function.inputs, strict=True))
-    own = [array for argument, array in arguments if len(array.shape) == 1 or argument.own]
+    own = [array for argument, array in arguments if len(array.shape) == 1 or argument.per_configuration]
     varying = [array for argument, array in arguments if argument.varying]
     parameters, arrays = [], []
     for array in function.inputs:
@@ -98,7 +98,7 @@ def _documentation(chain: Chain, kernel: Kernel) -> list[str]:
         elif argument.varying:
             text += f" per configuration, {argument.name}_stride apart; with {argument.name}_stride 0, shared"
         else:
-            text += " per configuration" if len(shape) == 1 or argument.own else ", shared"
+            text += " per configuration" if len(shape) == 1 or argument.per_configuration else ", shared"
         lines += wrapped(f"{argument.name} ({text}) [{argument.unit}]: {argument.meaning}", indent="    ")
     return lines
 
