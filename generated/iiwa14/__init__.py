@@ -10,7 +10,7 @@ forward_kinematics(q) -> (4, 4)
 mass_matrix(q) -> (7, 7)
     Joint-space mass matrix.
 bias_forces(q, velocity, gravity) -> (7)
-    Bias forces: Coriolis, centrifugal and gravity's.
+    Bias forces: Coriolis, centrifugal and gravity forces.
 gravity
     energy(q, gravity) -> ()
         Potential energy of gravity.
@@ -24,11 +24,11 @@ body, spatial, hybrid
     jacobian_transpose_derivative(q) -> (7, 7, 6)
         Derivative of the transposed Jacobian with respect to each joint position.
     kinematic_stiffness(q, wrench) -> (7, 7)
-        Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+        Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
     connection_correction(wrench) -> (6, 6)
         Christoffel-symbol correction of the task stiffness.
     joint_stiffness(q, wrench, task_stiffness) -> (7, 7)
-        Symmetric joint stiffness with the connection's correction.
+        Symmetric joint stiffness with the correction by the connection.
     joint_stiffness_uncorrected(q, wrench, task_stiffness) -> (7, 7)
         Conventional joint stiffness, without the correction; for comparison.
 spring
@@ -96,7 +96,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "ff7a2e2297897d43":
+if getattr(_c, "SOURCES", "") != "a9e9c41a73d6d525":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. Restart Python if it has loaded the old module"

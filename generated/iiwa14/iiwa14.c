@@ -275,8 +275,8 @@ static void tip_pose(const double q[7], double pose[16])
 }
 
 /*
- * Axes a_j of turning joints, the first moment w_j that a unit rate of joint j moves, and that of all
- * bodies; in base axes.
+ * Axes a_j of revolute joints, derivatives w_j of the first moment of all bodies with respect to q_j, and
+ * that first moment; in base axes.
  * 97 additions, 148 multiplications, 14 sines and cosines.
  */
 static void gravity_columns(const double q[7], lanes J[6][PADDED], double first_moment[3])
@@ -351,46 +351,46 @@ static void gravity_columns(const double q[7], lanes J[6][PADDED], double first_
     const double R6_20 = c6 * R5_20 + R4_21 * s6;
     const double R6_21 = R4_21 * c6 - s6 * R5_20;
 
-    /* first moment s6 [kg m] about joint A7's origin of everything beyond it */
+    /* first moment s6 [kg m] of all bodies beyond joint A7's origin, about that point */
     const double s6_0 = 7.95993e-07 * R6_00 + 5.30662e-07 * (s6 * R5_00 + t4 * c6)
         - 0.005629793158 * R5_02;
     const double s6_1 = 7.95993e-07 * R6_10 - 5.30662e-07 * R6_11 - 0.005629793158 * R5_12;
     const double s6_2 = 7.95993e-07 * R6_20 - 5.30662e-07 * R6_21 - 0.005629793158 * R5_22;
 
-    /* first moment s5 [kg m] about joint A6's origin of everything beyond it */
+    /* first moment s5 [kg m] of all bodies beyond joint A6's origin, about that point */
     const double s5_0 = 0.0121664961 * R5_02 - 0.00078652096 * t4 + (s6_0 + 0.033431706 * R5_02);
     const double s5_1 = 0.00078652096 * R4_11 + 0.0121664961 * R5_12 + (s6_1 + 0.033431706 * R5_12);
     const double s5_2 = 0.00078652096 * R4_21 + 0.0121664961 * R5_22 + (s6_2 + 0.033431706 * R5_22);
 
-    /* first moment s4 [kg m] about joint A5's origin of everything beyond it */
+    /* first moment s4 [kg m] of all bodies beyond joint A5's origin, about that point */
     const double s4_0 = 0.046637458944 * t4 - 0.181760051148 * R3_02 + s5_0;
     const double s4_1 = s5_1 - (0.046637458944 * R4_11 + 0.181760051148 * R3_12);
     const double s4_2 = s5_2 - (0.046637458944 * R4_21 + 0.181760051148 * R3_22);
 
-    /* first moment s3 [kg m] about joint A4's origin of everything beyond it */
+    /* first moment s3 [kg m] of all bodies beyond joint A4's origin, about that point */
     const double s3_0 = 0.35846967728 * R3_02 + 0.120774892535 * t3 + (s4_0 + 1.714786 * R3_02);
     const double s3_1 = 0.35846967728 * R3_12 - 0.120774892535 * R2_11 + (s4_1 + 1.714786 * R3_12);
     const double s3_2 = 0.35846967728 * R3_22 - 0.120774892535 * R2_21 + (s4_2 + 1.714786 * R3_22);
 
-    /* first moment s2 [kg m] about joint A3's origin of everything beyond it */
+    /* first moment s2 [kg m] of all bodies beyond joint A3's origin, about that point */
     const double s2_0 = s3_0 - (0.23845209054 * R1_02 + 0.120842446685 * t3);
     const double s2_1 = 0.120842446685 * R2_11 - 0.23845209054 * R1_12 + s3_1;
     const double s2_2 = 0.120842446685 * R2_21 - 0.23845209054 * c1 + s3_2;
 
-    /* first moment s1 [kg m] about joint A2's origin of everything beyond it */
+    /* first moment s1 [kg m] of all bodies beyond joint A2's origin, about that point */
     const double s1_0 = 0.000773688768 * R1_00 - 0.213606366624 * s0 + 0.434187309936 * R1_02 + (s2_0
         + 4.985906099999999 * R1_02);
     const double s1_1 = 0.000773688768 * R1_10 + 0.213606366624 * c0 + 0.434187309936 * R1_12 + (s2_1
         + 4.985906099999999 * R1_12);
     const double s1_2 = 0.434187309936 * c1 - 0.000773688768 * s1 + (s2_2 + 4.985906099999999 * c1);
 
-    /* first moment s0 [kg m] about joint A1's origin of everything beyond it */
+    /* first moment s0 [kg m] of all bodies beyond joint A1's origin, about that point */
     const double s0_0 = s1_0 + 0.178759632555 * s0;
     const double t5 = 0.178759632555 * c0;
     const double s0_1 = s1_1 - t5;
     const double s0_2 = s1_2 - 0.423670114784;
 
-    /* axes a of turning joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies */
+    /* axes a of revolute joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies */
     const double J1_3 = t1 - t0;
     const double J3_0 = t5 - s1_1;
     const double J3_1 = c0 * s1_2;
@@ -743,7 +743,7 @@ static void hybrid_columns(const double q[7], lanes J[6][PADDED])
 }
 
 /*
- * Hybrid Jacobian columns of the moving joints, and pose.
+ * Hybrid Jacobian columns of the moving joints, and pose of the tip.
  * 53 additions, 99 multiplications, 14 sines and cosines.
  */
 static void hybrid_columns_and_pose(const double q[7], lanes J[6][PADDED], double pose[16])
@@ -919,7 +919,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double s6 = s[5];
     const double c6 = c[5];
 
-    /* from joint A7 outwards: first moment m6 [kg m] and inertia I6 [kg m^2] */
+    /* all links from joint A7 outwards: first moment m6 [kg m], inertia I6 [kg m^2] */
     const double m6_0 = 7.95993e-07 * c6 + 5.30662e-07 * s6;
     const double m6_1 = 7.95993e-07 * s6 - 5.30662e-07 * c6;
     const double I6_01 = 1.591986e-12 - s6 * (1.3266549859537735e-12 * c6 + 3.183972e-12 * s6);
@@ -927,7 +927,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double I6_11 = s6 * (3.183972e-12 * c6 - 1.3266549859537735e-12 * s6);
     const double I6_12 = 1.6889379474e-08 * s6 - 1.1259586316e-08 * c6;
 
-    /* from joint A6 outwards: first moment m5 [kg m] and inertia I5 [kg m^2] */
+    /* all links from joint A6 outwards: first moment m5 [kg m], inertia I5 [kg m^2] */
     const double m5_0 = c5 * m6_0 + 0.039968408941999996 * s5;
     const double m5_1 = s5 * m6_0 - 0.039968408941999996 * c5;
     const double t0 = 0.005641364189493423 - (1.3266549859537735e-12 + I6_11);
@@ -947,7 +947,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double I5_12 = t8 - t9;
     const double I5_22 = 0.010106364189493422 + I6_11;
 
-    /* from joint A5 outwards: first moment m4 [kg m] and inertia I4 [kg m^2] */
+    /* all links from joint A5 outwards: first moment m4 [kg m], inertia I4 [kg m^2] */
     const double t10 = m6_1 - 0.045850937984;
     const double m4_0 = c4 * m5_0 - s4 * t10;
     const double m4_1 = s4 * m5_0 + c4 * t10;
@@ -961,7 +961,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double I4_11 = I5_22 + t14;
     const double I4_22 = 0.010060167262253056 + I5_11;
 
-    /* from joint A4 outwards: first moment m3 [kg m] and inertia I3 [kg m^2] */
+    /* all links from joint A4 outwards: first moment m3 [kg m], inertia I3 [kg m^2] */
     const double t16 = 1.891495626132 - m5_1;
     const double m3_0 = c3 * m4_0 - s3 * t16;
     const double m3_1 = s3 * m4_0 + c3 * t16;
@@ -981,7 +981,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double I3_12 = c3 * t26 - s3 * I4_01;
     const double I3_22 = 0.6308546627281177 + (I4_11 - t17);
 
-    /* from joint A3 outwards: first moment m2 [kg m] and inertia I2 [kg m^2] */
+    /* all links from joint A3 outwards: first moment m2 [kg m], inertia I2 [kg m^2] */
     const double t27 = 6.755414999999598e-05 + m4_1;
     const double m2_0 = c2 * m3_0 - s2 * t27;
     const double m2_1 = s2 * m3_0 + c2 * t27;
@@ -999,7 +999,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double I2_12 = s2 * I3_01 + c2 * t34;
     const double I2_22 = 0.025340831268141163 + I3_11;
 
-    /* from joint A2 outwards: first moment m1 [kg m] and inertia I1 [kg m^2] */
+    /* all links from joint A2 outwards: first moment m1 [kg m], inertia I1 [kg m^2] */
     const double t35 = 0.84 * m3_1;
     const double t36 = I2_02 - 0.42 * m2_0;
     const double I1_11 = I2_22 + s1 * (s1 * (2.0027351860151446 + (I2_00 + t35) - I2_22)
@@ -1008,17 +1008,17 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double I1_12 = s1 * (I2_01 - 6.2050465860864e-05) + c1 * (0.006268865113476928 - t37);
     const double I1_22 = 2.0180593964584896 + (I2_11 + t35);
 
-    /* from joint A1 outwards: first moment m0 [kg m] and inertia I0 [kg m^2] */
+    /* all links from joint A1 outwards: first moment m0 [kg m], inertia I0 [kg m^2] */
     const double I0_22 = 0.04645477885786663 + I1_11;
 
-    /* momentum h2 of all beyond joint A3, seen from the links k before it: linear l2_k, angular a2_k */
+    /* momentum h2 of all bodies beyond joint A3, in the axes of links k: linear l2_k, angular a2_k */
     const double a2_0_2 = I2_22 * c1 - s1 * t36;
 
-    /* momentum h3 of all beyond joint A4, seen from the links k before it: linear l3_k, angular a3_k */
+    /* momentum h3 of all bodies beyond joint A4, in the axes of links k: linear l3_k, angular a3_k */
     const double a3_2_0 = s2 * I3_22 - t31;
     const double a3_0_2 = c1 * I3_12 - s1 * (a3_2_0 + 0.42 * (s2 * m3_1));
 
-    /* momentum h4 of all beyond joint A5, seen from the links k before it: linear l4_k, angular a4_k */
+    /* momentum h4 of all bodies beyond joint A5, in the axes of links k: linear l4_k, angular a4_k */
     const double a4_3_1 = I4_22 * c3 - t24;
     const double t38 = c3 * m4_1;
     const double l4_2_1 = m4_0 * c2 - s2 * t38;
@@ -1026,7 +1026,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double a4_2_0 = s2 * t25 - c2 * t39;
     const double a4_0_2 = c1 * a4_3_1 - s1 * (a4_2_0 - 0.42 * l4_2_1);
 
-    /* momentum h5 of all beyond joint A6, seen from the links k before it: linear l5_k, angular a5_k */
+    /* momentum h5 of all bodies beyond joint A6, in the axes of links k: linear l5_k, angular a5_k */
     const double a5_4_0 = t13 - s4 * I5_22;
     const double a5_4_1 = t15 + I5_22 * c4;
     const double a5_4_2 = t9 - t8;
@@ -1044,7 +1044,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double a5_1_2 = a5_2_1 + 0.42 * l5_2_0;
     const double a5_0_2 = c1 * a5_3_1 - s1 * (a5_2_0 - 0.42 * l5_2_1);
 
-    /* momentum h6 of all beyond joint A7, seen from the links k before it: linear l6_k, angular a6_k */
+    /* momentum h6 of all bodies beyond joint A7, in the axes of links k: linear l6_k, angular a6_k */
     const double a6_5_0 = t3 + 0.000306000003449303 * s5;
     const double t42 = 0.000306000003449303 * c5;
     const double a6_5_1 = t5 - t42;
@@ -1066,7 +1066,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
     const double a6_1_2 = a6_2_1 - 0.42 * (c2 * t46 + s2 * l6_4_1);
     const double a6_0_2 = c1 * a6_3_1 - s1 * (a6_2_0 - 0.42 * l6_2_1);
 
-    /* M_ij = J_i . h_j: the turn about joint i's axis, seen from its link */
+    /* M_ij = J_i . h_j: component of h_j along the axis of joint i, in the axes of link i */
     mass_matrix[0] = I0_22;
     mass_matrix[1] = -I1_12;
     mass_matrix[2] = a2_0_2;
@@ -1121,7 +1121,7 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
 }
 
 /*
- * Bias forces: Coriolis, centrifugal and gravity's.
+ * Bias forces: Coriolis, centrifugal and gravity forces.
  * C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)
  * 230 additions, 324 multiplications, 14 sines and cosines.
  */
@@ -1231,7 +1231,7 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
     const double a6_0 = c6 * t18 + s6 * t21;
     const double a6_1 = c6 * t21 - s6 * t18;
 
-    /* force f6 and moment n6 of everything from joint A7 outwards, seen before it */
+    /* force f6 and moment n6 of all links from joint A7 outwards, in parent's axes */
     const double t22 = 5.30662e-07 * w6_2;
     const double t23 = 5.30662e-07 * w6_0 + 7.95993e-07 * w6_1;
     const double t24 = 7.95993e-07 * e5_1 - (w6_2 * t22 + w6_0 * t23);
@@ -1250,7 +1250,7 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
     const double n6_0 = c6 * t30 - s6 * t32 + 0.126 * t33;
     const double n6_2 = s6 * t30 + c6 * t32 + 0.126 * f6_0;
 
-    /* force f5 and moment n5 of everything from joint A6 outwards, seen before it */
+    /* force f5 and moment n5 of all links from joint A6 outwards, in parent's axes */
     const double t34 = 0.039968408941999996 * w5_0;
     const double t35 = f6_0 + (0.039968408941999996 * e4_1 + t15 * t34);
     const double t36 = 0.039968408941999996 * w5_2;
@@ -1270,7 +1270,7 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
     const double n5_1 = 0.010106364189493422 * e4_1 - 0.000314106721248 * e5_1 + (t15 * t41
         - t39 * w5_0) + 0.039968408941999996 * a5_0 + n6_2;
 
-    /* force f4 and moment n4 of everything from joint A5 outwards, seen before it */
+    /* force f4 and moment n4 of all links from joint A5 outwards, in parent's axes */
     const double t44 = 0.045850937984 * w4_0;
     const double t45 = t9 * t44 - 0.045850937984 * t14 + f5_0;
     const double t46 = 0.045850937984 * w4_2;
@@ -1288,7 +1288,7 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
     const double n4_1 = t9 * t51 - t49 * w4_0 - (0.002551811765437952 * e4_1
         + 0.010060167262253056 * t14) + 0.045850937984 * a4_0 - (s5 * t40 + c5 * t43);
 
-    /* force f3 and moment n3 of everything from joint A4 outwards, seen before it */
+    /* force f3 and moment n3 of all links from joint A4 outwards, in parent's axes */
     const double t54 = 1.891495626132 * w3_0;
     const double t55 = 1.891495626132 * w3_2;
     const double f3_0 = c3 * (1.891495626132 * e2_1 + w3_1 * t54 + f4_0) - s3 * (f4_1 - (w3_2 * t55
@@ -1304,7 +1304,7 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
         - 0.00447865225656304 * t14) + 1.891495626132 * a3_0 + (s4 * t50 + c4 * t52 + 0.4 * f4_0);
     const double n3_2 = s3 * t58 + c3 * t60;
 
-    /* force f2 and moment n2 of everything from joint A3 outwards, seen before it */
+    /* force f2 and moment n2 of all links from joint A3 outwards, in parent's axes */
     const double t61 = 6.755414999999598e-05 * w2_0;
     const double t62 = 6.755414999999598e-05 * e1_1 + w2_1 * t61 + f3_0;
     const double t63 = w2_2 * (6.755414999999598e-05 * w2_2) + w2_0 * t61 + (1.891495626132 * e3_0
@@ -1320,13 +1320,13 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
     const double n2_0 = c2 * t66 - s2 * t68 - 0.42 * f2_2;
     const double n2_2 = s2 * t66 + c2 * t68 + 0.42 * f2_0;
 
-    /* force f1 and moment n1 of everything from joint A2 outwards, seen before it */
+    /* force f1 and moment n1 of all links from joint A2 outwards, in parent's axes */
     const double t69 = 6.2050465860864e-05 * dq1 + (2.0027351860151446 * t0 + 3.049474151296e-06 * t2);
     const double t70 = 0.006268865113476928 * dq1 - 3.049474151296e-06 * t0;
     const double n1_1 = 0.006268865113476928 * e1_1 + 6.2050465860864e-05 * t3 - (t2 * t69 + t0 * t70)
         + (0.000773688768 * a1_1 + 5.181641319396 * a1_0) + n2_2;
 
-    /* the joints' forces: what acts along their axes */
+    /* joint forces: components along the joints' axes */
     const double t71 = 2.0180593964584896 * dq1 - (0.006268865113476928 * t2
         - 6.2050465860864e-05 * t0);
     const double t72 = 0.00448007783702302 * e2_1 - 0.025340831268141163 * e1_1 + (t65 * w2_0
@@ -1439,7 +1439,7 @@ void iiwa14_body_jacobian(const double q[7], double jacobian[42])
 
 /*
  * Derivative of the transposed Jacobian with respect to each joint position.
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  * 288 additions, 456 multiplications, 12 sines and cosines.
  */
 void iiwa14_body_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294])
@@ -1480,7 +1480,7 @@ void iiwa14_body_jacobian_transpose_derivative(const double q[7], double jacobia
 }
 
 /*
- * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  * 225 additions, 330 multiplications, 12 sines and cosines.
  */
@@ -1493,7 +1493,7 @@ void iiwa14_body_kinematic_stiffness(const double q[7], const double wrench[6], 
 
     body_columns(q, J);
 
-    /* z_j = gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
+    /* z_j = gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j beyond joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         z_beyond[0][j] = J[4][j] * F[2] - J[5][j] * F[1];
         z_beyond[1][j] = J[5][j] * F[0] - F[2] * J[3][j];
@@ -1564,7 +1564,7 @@ void iiwa14_body_connection_correction(const double wrench[6], double connection
 }
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  * 398 additions, 501 multiplications, 12 sines and cosines.
  */
@@ -1658,7 +1658,7 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
             + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
-    /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
+    /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j beyond joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         u_beyond[0][j] = y[0][j] + (J[4][j] * F[2] - J[5][j] * F[1]);
         u_beyond[1][j] = y[1][j] + (J[5][j] * F[0] - F[2] * J[3][j]);
@@ -1678,7 +1678,7 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
         put_row(joint_stiffness_uncorrected, N, i, row, BLOCKS);
     }
 
-    /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j before joint i */
+    /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         u_before[0][j] = y[0][j];
         u_before[1][j] = y[1][j];
@@ -1714,7 +1714,7 @@ void iiwa14_spatial_jacobian(const double q[7], double jacobian[42])
 
 /*
  * Derivative of the transposed Jacobian with respect to each joint position.
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  * 294 additions, 463 multiplications, 12 sines and cosines.
  */
 void iiwa14_spatial_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294])
@@ -1755,7 +1755,7 @@ void iiwa14_spatial_jacobian_transpose_derivative(const double q[7], double jaco
 }
 
 /*
- * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  * 231 additions, 337 multiplications, 12 sines and cosines.
  */
@@ -1778,7 +1778,7 @@ void iiwa14_spatial_kinematic_stiffness(const double q[7], const double wrench[6
         put_row(kinematic_stiffness, N, i, row, BLOCKS);
     }
 
-    /* z_j = gradient of (dJ_i/dq_j) . F by J_i, for the joints j before joint i */
+    /* z_j = gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         z_before[0][j] = J[5][j] * F[1] - J[4][j] * F[2];
         z_before[1][j] = F[2] * J[3][j] - J[5][j] * F[0];
@@ -1841,7 +1841,7 @@ void iiwa14_spatial_connection_correction(const double wrench[6], double connect
 }
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  * 404 additions, 508 multiplications, 12 sines and cosines.
  */
@@ -1935,7 +1935,7 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
             + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
-    /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
+    /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j beyond joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         u_beyond[0][j] = y[0][j];
         u_beyond[1][j] = y[1][j];
@@ -1955,7 +1955,7 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
         put_row(joint_stiffness_uncorrected, N, i, row, BLOCKS);
     }
 
-    /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j before joint i */
+    /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         u_before[0][j] = y[0][j] + (J[5][j] * F[1] - J[4][j] * F[2]);
         u_before[1][j] = y[1][j] + (F[2] * J[3][j] - J[5][j] * F[0]);
@@ -1991,7 +1991,7 @@ void iiwa14_hybrid_jacobian(const double q[7], double jacobian[42])
 
 /*
  * Derivative of the transposed Jacobian with respect to each joint position.
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  * 254 additions, 501 multiplications, 12 sines and cosines.
  */
 void iiwa14_hybrid_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294])
@@ -2029,7 +2029,7 @@ void iiwa14_hybrid_jacobian_transpose_derivative(const double q[7], double jacob
 }
 
 /*
- * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  * 268 additions, 417 multiplications, 12 sines and cosines.
  */
@@ -2044,7 +2044,7 @@ void iiwa14_hybrid_kinematic_stiffness(const double q[7], const double wrench[6]
 
     hybrid_columns(q, J);
 
-    /* z_j = gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
+    /* z_j = gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j beyond joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         z_beyond[3][j] = J[1][j] * F[2] - J[2][j] * F[1];
         z_beyond[4][j] = J[2][j] * F[0] - F[2] * J[0][j];
@@ -2060,7 +2060,7 @@ void iiwa14_hybrid_kinematic_stiffness(const double q[7], const double wrench[6]
         put_row(kinematic_stiffness, N, i, row, BLOCKS);
     }
 
-    /* z_j = gradient of (dJ_i/dq_j) . F by J_i, for the joints j before joint i */
+    /* z_j = gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         z_before[0][j] = J[5][j] * F[1] - J[4][j] * F[2];
         z_before[1][j] = F[2] * J[3][j] - J[5][j] * F[0];
@@ -2117,7 +2117,7 @@ void iiwa14_hybrid_connection_correction(const double wrench[6], double connecti
 }
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  * 442 additions, 546 multiplications, 12 sines and cosines.
  */
@@ -2143,7 +2143,7 @@ void iiwa14_hybrid_joint_stiffness(const double q[7], const double wrench[6],
     const double A53 = K[3][5] + t1;
     const double A54 = K[4][5] - t2;
 
-    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
+    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F with respect to J_i */
     for (int j = 0; j < BLOCKS; ++j) {
         u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
             + K[0][4] * J[4][j] + K[0][5] * J[5][j];
@@ -2205,7 +2205,7 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
             + J[4][j] * K[5][4] + J[5][j] * K[5][5];
     }
 
-    /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j beyond joint i */
+    /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j beyond joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         u_beyond[0][j] = y[0][j];
         u_beyond[1][j] = y[1][j];
@@ -2225,7 +2225,7 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
         put_row(joint_stiffness_uncorrected, N, i, row, BLOCKS);
     }
 
-    /* u_j = y_j + gradient of (dJ_i/dq_j) . F by J_i, for the joints j before joint i */
+    /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
     for (int j = 0; j < BLOCKS; ++j) {
         u_before[0][j] = y[0][j] + (J[5][j] * F[1] - J[4][j] * F[2]);
         u_before[1][j] = y[1][j] + (F[2] * J[3][j] - J[5][j] * F[0]);
@@ -2760,7 +2760,7 @@ void iiwa14_spring_joint_stiffness(const double q[7], const double equilibrium[1
     A[5][4] = K[29] - t59;
     A[5][5] = K[35];
 
-    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
+    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F with respect to J_i */
     for (int j = 0; j < BLOCKS; ++j) {
         u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j];
         u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2];
@@ -2955,7 +2955,7 @@ void iiwa14_spring_linearization(const double q[7], const double equilibrium[16]
     A[5][4] = K[29] - t71;
     A[5][5] = K[35];
 
-    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
+    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F with respect to J_i */
     for (int j = 0; j < BLOCKS; ++j) {
         u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j];
         u[1][j] = J[0][j] * A[1][0] + J[1][j] * A[1][1] + J[2][j] * A[1][2];
@@ -3000,7 +3000,7 @@ void iiwa14_posture_energy(const double q[7], const double posture[7], const dou
     pack_rows(posture, 1, N, PADDED, rows_of_posture[0]);
     pack_rows(posture_stiffness, 1, N, PADDED, rows_of_posture_stiffness[0]);
 
-    /* U, of each coordinate */
+    /* U per coordinate */
     {
         lanes row[PADDED];
         for (int j = 0; j < BLOCKS; ++j) {
@@ -3059,7 +3059,7 @@ void iiwa14_posture_joint_stiffness(const double q[7], const double posture[7],
     (void)posture;
     pack_rows(posture_stiffness, 1, N, PADDED, rows_of_posture_stiffness[0]);
 
-    /* d2U/dq2, of each coordinate */
+    /* d2U/dq2 per coordinate */
     {
         lanes row[PADDED];
         for (int j = 0; j < BLOCKS; ++j) {
@@ -3092,7 +3092,7 @@ void iiwa14_posture_joint_stiffness(const double q[7], const double posture[7],
 
 /*
  * Energy of the potential that keeps joints away from their limits.
- * U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
+ * U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
  * 43 additions, 51 multiplications, 0 sines and cosines.
  */
 void iiwa14_limits_energy(const double q[7], const double lower[7], const double upper[7],
@@ -3111,7 +3111,7 @@ void iiwa14_limits_energy(const double q[7], const double lower[7], const double
     pack_rows(upper, 1, N, PADDED, rows_of_upper[0]);
     pack_rows(limit_stiffness, 1, N, PADDED, rows_of_limit_stiffness[0]);
 
-    /* U, of each coordinate */
+    /* U per coordinate */
     {
         lanes row[PADDED];
         for (int j = 0; j < BLOCKS; ++j) {
@@ -3136,7 +3136,7 @@ void iiwa14_limits_energy(const double q[7], const double lower[7], const double
 
 /*
  * Joint torque of the potential that keeps joints away from their limits.
- * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
+ * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
  * 50 additions, 85 multiplications, 0 sines and cosines.
  */
 void iiwa14_limits_torque(const double q[7], const double lower[7], const double upper[7],
@@ -3174,7 +3174,7 @@ void iiwa14_limits_torque(const double q[7], const double lower[7], const double
 
 /*
  * Joint stiffness of the potential that keeps joints away from their limits.
- * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
+ * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
  * 64 additions, 71 multiplications, 0 sines and cosines.
  */
 void iiwa14_limits_joint_stiffness(const double q[7], const double lower[7], const double upper[7],
@@ -3193,7 +3193,7 @@ void iiwa14_limits_joint_stiffness(const double q[7], const double lower[7], con
     pack_rows(upper, 1, N, PADDED, rows_of_upper[0]);
     pack_rows(limit_stiffness, 1, N, PADDED, rows_of_limit_stiffness[0]);
 
-    /* d2U/dq2, of each coordinate */
+    /* d2U/dq2 per coordinate */
     {
         lanes row[PADDED];
         for (int j = 0; j < BLOCKS; ++j) {

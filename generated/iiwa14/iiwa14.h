@@ -62,8 +62,8 @@ void iiwa14_forward_kinematics(const double q[7], double pose[16]);
 /*
  * Joint-space mass matrix.
  * M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * mass_matrix (7 x 7) [kg m^2]: symmetric, positive definite where every joint moves a mass
@@ -72,16 +72,16 @@ void iiwa14_forward_kinematics(const double q[7], double pose[16]);
 void iiwa14_mass_matrix(const double q[7], double mass_matrix[49]);
 
 /*
- * Bias forces: Coriolis, centrifugal and gravity's.
+ * Bias forces: Coriolis, centrifugal and gravity forces.
  * C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)
- * With gravity zero: Coriolis and centrifugal forces alone. Links beyond the chain move with it. Their own
- * joints stand at zero, but joints that mimic a coordinate of q follow it. Rotor inertias are not in a
- * URDF.
+ * Zero gravity gives the Coriolis and centrifugal forces alone. Links beyond the chain move with it: their
+ * joints stay at zero, except joints that mimic a coordinate of q. Rotor inertias are not included, since
+ * a URDF does not hold them.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * velocity (7) [rad/s or m/s]: rates of the joint positions
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
- * bias_forces (7) [N m or N]: C(q, dq) dq + dU/dq; add M ddq and it is the torque that the motion takes
+ * bias_forces (7) [N m or N]: C(q, dq) dq + dU/dq; the sum with M ddq is the joint torque of the motion
  * Rounding: every entry of bias_forces within 8.1e-13 N m or N.
  */
 void iiwa14_bias_forces(const double q[7], const double velocity[7], const double gravity[3],
@@ -90,13 +90,13 @@ void iiwa14_bias_forces(const double q[7], const double velocity[7], const doubl
 /*
  * Potential energy of gravity.
  * U = -g . sum of m_k c_k
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
- * energy (1) [J]: potential energy U, 0 where the centre of mass of all moving links lies at the base's
- *     height
+ * energy (1) [J]: potential energy U, 0 where the centre of mass of all moving links is level with the
+ *     base's origin
  * Rounding: energy within 5.5e-13 J.
  */
 void iiwa14_gravity_energy(const double q[7], const double gravity[3], double energy[1]);
@@ -104,12 +104,12 @@ void iiwa14_gravity_energy(const double q[7], const double gravity[3], double en
 /*
  * Gravity torque: gradient of the potential energy.
  * dU/dq_j = -g . w_j
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
- * gradient (7) [N m or N]: dU/dq: torque that holds the robot against gravity
+ * gradient (7) [N m or N]: dU/dq: torque that balances gravity
  * Rounding: every entry of gradient within 9.2e-13 N m or N.
  */
 void iiwa14_gravity_gradient(const double q[7], const double gravity[3], double gradient[7]);
@@ -117,8 +117,8 @@ void iiwa14_gravity_gradient(const double q[7], const double gravity[3], double 
 /*
  * Joint stiffness of gravity: Hessian of the potential energy.
  * d2U/dq_i dq_j = a_i . (g x w_j)
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
@@ -140,7 +140,7 @@ void iiwa14_body_jacobian(const double q[7], double jacobian[42]);
 
 /*
  * Derivative of the transposed Jacobian with respect to each joint position.
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  *
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b, k] = dJ[k,
@@ -150,7 +150,7 @@ void iiwa14_body_jacobian(const double q[7], double jacobian[42]);
 void iiwa14_body_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
 /*
- * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -174,7 +174,7 @@ void iiwa14_body_kinematic_stiffness(const double q[7], const double wrench[6], 
 void iiwa14_body_connection_correction(const double wrench[6], double connection_correction[36]);
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -216,7 +216,7 @@ void iiwa14_spatial_jacobian(const double q[7], double jacobian[42]);
 
 /*
  * Derivative of the transposed Jacobian with respect to each joint position.
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  *
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b, k] = dJ[k,
@@ -226,7 +226,7 @@ void iiwa14_spatial_jacobian(const double q[7], double jacobian[42]);
 void iiwa14_spatial_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
 /*
- * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -241,8 +241,8 @@ void iiwa14_spatial_kinematic_stiffness(const double q[7], const double wrench[6
 /*
  * Christoffel-symbol correction of the task stiffness.
  * Gamma F (Lachner, Nah, Hogan 2025, central equation and appendix)
- * The spatial connection is not the body and hybrid one: the same task stiffness and wrench, moved to the
- * base's origin, give another joint stiffness.
+ * The spatial connection differs from the body and hybrid one: the same task stiffness and wrench, moved
+ * to the base's origin, give a different joint stiffness.
  *
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
  *     about the base's origin
@@ -253,10 +253,10 @@ void iiwa14_spatial_kinematic_stiffness(const double q[7], const double wrench[6
 void iiwa14_spatial_connection_correction(const double wrench[6], double connection_correction[36]);
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
- * The spatial connection is not the body and hybrid one: the same task stiffness and wrench, moved to the
- * base's origin, give another joint stiffness.
+ * The spatial connection differs from the body and hybrid one: the same task stiffness and wrench, moved
+ * to the base's origin, give a different joint stiffness.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes, moment
@@ -297,7 +297,7 @@ void iiwa14_hybrid_jacobian(const double q[7], double jacobian[42]);
 
 /*
  * Derivative of the transposed Jacobian with respect to each joint position.
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  *
  * q (7) [rad or m]: joint positions, base to tip
  * jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b, k] = dJ[k,
@@ -307,7 +307,7 @@ void iiwa14_hybrid_jacobian(const double q[7], double jacobian[42]);
 void iiwa14_hybrid_jacobian_transpose_derivative(const double q[7], double jacobian_transpose_derivative[294]);
 
 /*
- * Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -332,7 +332,7 @@ void iiwa14_hybrid_kinematic_stiffness(const double q[7], const double wrench[6]
 void iiwa14_hybrid_connection_correction(const double wrench[6], double connection_correction[36]);
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  *
  * q (7) [rad or m]: joint positions, base to tip
@@ -364,9 +364,9 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
 /*
  * Energy of the spring between the tip and the equilibrium.
  * U = (p - p0)^T Kt (p - p0)/2 + tr(G (I - R0^T R)), G = tr(Ko)/2 I - Ko (Bullo and Murray 1999)
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring
@@ -384,9 +384,9 @@ void iiwa14_spring_energy(const double q[7], const double equilibrium[16],
 /*
  * Wrench of the spring: gradient of its energy.
  * F = dU
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring
@@ -395,8 +395,8 @@ void iiwa14_spring_energy(const double q[7], const double equilibrium[16],
  *     is read
  * rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive definite, only
  *     the upper triangle is read
- * wrench (6) [N, N m]: F = dU, the (force, moment) that holds the robot against the spring, in base axes,
- *     moment about the tip's origin
+ * wrench (6) [N, N m]: F = dU, (force, moment) that balances the spring at the tip, in base axes, moment
+ *     about the tip's origin
  * Rounding: force within 4.6e-11 N, moment within 2.8e-10 N m.
  */
 void iiwa14_spring_wrench(const double q[7], const double equilibrium[16],
@@ -405,9 +405,9 @@ void iiwa14_spring_wrench(const double q[7], const double equilibrium[16],
 /*
  * Task stiffness of the spring: covariant Hessian of its energy.
  * K_ij = d2/dx_i dx_j U(p + v, exp([w]) R) at x = (v, w) = 0
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring
@@ -427,9 +427,9 @@ void iiwa14_spring_task_stiffness(const double q[7], const double equilibrium[16
 /*
  * Joint torque of the spring.
  * -dU/dq = -J^T F with F = dU
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring
@@ -438,7 +438,7 @@ void iiwa14_spring_task_stiffness(const double q[7], const double equilibrium[16
  *     is read
  * rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive definite, only
  *     the upper triangle is read
- * torque (7) [N m or N]: -dU/dq: torque that the spring puts on the joints
+ * torque (7) [N m or N]: -dU/dq: torque that the spring exerts on the joints
  * Rounding: every entry of torque within 2.1e-09 N m or N.
  */
 void iiwa14_spring_torque(const double q[7], const double equilibrium[16],
@@ -448,9 +448,9 @@ void iiwa14_spring_torque(const double q[7], const double equilibrium[16],
  * Joint stiffness of the spring: the exact tangent of its torque.
  * d2U/dq2 = Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian (Lachner, Nah,
  * Hogan 2025)
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring
@@ -469,9 +469,9 @@ void iiwa14_spring_joint_stiffness(const double q[7], const double equilibrium[1
  * Energy, torque and joint stiffness of the spring in one call.
  * U, -dU/dq = -J^T F, d2U/dq2 = Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant
  * Hessian
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which the spring
@@ -481,7 +481,7 @@ void iiwa14_spring_joint_stiffness(const double q[7], const double equilibrium[1
  * rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive definite, only
  *     the upper triangle is read
  * energy (1) [J]: energy U of the spring, 0 at the equilibrium
- * torque (7) [N m or N]: -dU/dq: torque that the spring puts on the joints
+ * torque (7) [N m or N]: -dU/dq: torque that the spring exerts on the joints
  * joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, bitwise symmetric
  * Rounding: energy within 5.9e-10 J, every entry of torque within 2.1e-09 N m or N, every entry of
  * joint_stiffness within 8.1e-09 N m/rad.
@@ -493,11 +493,11 @@ void iiwa14_spring_linearization(const double q[7], const double equilibrium[16]
 /*
  * Energy of the spring that pulls every joint to a posture.
  * U = sum_i k_i (q_i - r_i)^2/2
- * Torque and stiffness add to those of a spring at the tip, and keep the whole conservative.
+ * Torque and stiffness add to those of a spring at the tip; the sum is conservative.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * posture (7) [rad or m]: joint positions at which the spring is at rest
- * posture_stiffness (7) [N m/rad or N/m]: of every joint, not negative
+ * posture_stiffness (7) [N m/rad or N/m]: stiffness of every joint, not negative
  * energy (1) [J]: energy U of the potential
  */
 void iiwa14_posture_energy(const double q[7], const double posture[7], const double posture_stiffness[7],
@@ -506,12 +506,12 @@ void iiwa14_posture_energy(const double q[7], const double posture[7], const dou
 /*
  * Joint torque of the spring that pulls every joint to a posture.
  * -dU/dq, U = sum_i k_i (q_i - r_i)^2/2
- * Torque and stiffness add to those of a spring at the tip, and keep the whole conservative.
+ * Torque and stiffness add to those of a spring at the tip; the sum is conservative.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * posture (7) [rad or m]: joint positions at which the spring is at rest
- * posture_stiffness (7) [N m/rad or N/m]: of every joint, not negative
- * torque (7) [N m or N]: -dU/dq: torque that the potential puts on the joints
+ * posture_stiffness (7) [N m/rad or N/m]: stiffness of every joint, not negative
+ * torque (7) [N m or N]: -dU/dq: torque that the potential exerts on the joints
  */
 void iiwa14_posture_torque(const double q[7], const double posture[7], const double posture_stiffness[7],
     double torque[7]);
@@ -519,11 +519,11 @@ void iiwa14_posture_torque(const double q[7], const double posture[7], const dou
 /*
  * Joint stiffness of the spring that pulls every joint to a posture.
  * d2U/dq2, U = sum_i k_i (q_i - r_i)^2/2
- * Torque and stiffness add to those of a spring at the tip, and keep the whole conservative.
+ * Torque and stiffness add to those of a spring at the tip; the sum is conservative.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * posture (7) [rad or m]: joint positions at which the spring is at rest
- * posture_stiffness (7) [N m/rad or N/m]: of every joint, not negative
+ * posture_stiffness (7) [N m/rad or N/m]: stiffness of every joint, not negative
  * joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, diagonal
  */
 void iiwa14_posture_joint_stiffness(const double q[7], const double posture[7],
@@ -531,16 +531,17 @@ void iiwa14_posture_joint_stiffness(const double q[7], const double posture[7],
 
 /*
  * Energy of the potential that keeps joints away from their limits.
- * U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
- * 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous; beyond the
- * limit both grow on. A joint without limits: stiffness zero, and any finite limits. Not the controller's
- * limit avoidance, which is linear from the zone's edge on and bounded.
+ * U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
+ * U is 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous, and
+ * both grow further beyond the limit. For a joint without limits, pass zero stiffness and any finite
+ * limits. The controller's limit avoidance is a different law: linear from the edge of the zone, and
+ * bounded.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * lower (7) [rad or m]: lower limits
- * upper (7) [rad or m]: upper limits, above the lower ones
- * zone (1) [rad or m]: width w of the zone before a limit where it acts, positive
- * limit_stiffness (7) [N m/rad or N/m]: of every joint at its limit, not negative
+ * upper (7) [rad or m]: upper limits, greater than the lower limits
+ * zone (1) [rad or m]: width w of the zone before a limit, positive
+ * limit_stiffness (7) [N m/rad or N/m]: stiffness of every joint at its limit, not negative
  * energy (1) [J]: energy U of the potential
  */
 void iiwa14_limits_energy(const double q[7], const double lower[7], const double upper[7],
@@ -548,33 +549,35 @@ void iiwa14_limits_energy(const double q[7], const double lower[7], const double
 
 /*
  * Joint torque of the potential that keeps joints away from their limits.
- * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
- * 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous; beyond the
- * limit both grow on. A joint without limits: stiffness zero, and any finite limits. Not the controller's
- * limit avoidance, which is linear from the zone's edge on and bounded.
+ * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
+ * U is 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous, and
+ * both grow further beyond the limit. For a joint without limits, pass zero stiffness and any finite
+ * limits. The controller's limit avoidance is a different law: linear from the edge of the zone, and
+ * bounded.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * lower (7) [rad or m]: lower limits
- * upper (7) [rad or m]: upper limits, above the lower ones
- * zone (1) [rad or m]: width w of the zone before a limit where it acts, positive
- * limit_stiffness (7) [N m/rad or N/m]: of every joint at its limit, not negative
- * torque (7) [N m or N]: -dU/dq: torque that the potential puts on the joints
+ * upper (7) [rad or m]: upper limits, greater than the lower limits
+ * zone (1) [rad or m]: width w of the zone before a limit, positive
+ * limit_stiffness (7) [N m/rad or N/m]: stiffness of every joint at its limit, not negative
+ * torque (7) [N m or N]: -dU/dq: torque that the potential exerts on the joints
  */
 void iiwa14_limits_torque(const double q[7], const double lower[7], const double upper[7],
     const double zone[1], const double limit_stiffness[7], double torque[7]);
 
 /*
  * Joint stiffness of the potential that keeps joints away from their limits.
- * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
- * 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous; beyond the
- * limit both grow on. A joint without limits: stiffness zero, and any finite limits. Not the controller's
- * limit avoidance, which is linear from the zone's edge on and bounded.
+ * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
+ * U is 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous, and
+ * both grow further beyond the limit. For a joint without limits, pass zero stiffness and any finite
+ * limits. The controller's limit avoidance is a different law: linear from the edge of the zone, and
+ * bounded.
  *
  * q (7) [rad or m]: joint positions, base to tip
  * lower (7) [rad or m]: lower limits
- * upper (7) [rad or m]: upper limits, above the lower ones
- * zone (1) [rad or m]: width w of the zone before a limit where it acts, positive
- * limit_stiffness (7) [N m/rad or N/m]: of every joint at its limit, not negative
+ * upper (7) [rad or m]: upper limits, greater than the lower limits
+ * zone (1) [rad or m]: width w of the zone before a limit, positive
+ * limit_stiffness (7) [N m/rad or N/m]: stiffness of every joint at its limit, not negative
  * joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, diagonal
  */
 void iiwa14_limits_joint_stiffness(const double q[7], const double lower[7], const double upper[7],

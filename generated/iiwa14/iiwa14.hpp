@@ -228,8 +228,8 @@ inline void forward_kinematics(Input<7> q, Output<4, 4> pose) noexcept
  * @brief Joint-space mass matrix.
  *
  * M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[out] mass_matrix (7 x 7) [kg m^2]: symmetric, positive definite where every joint moves a mass
@@ -261,18 +261,18 @@ inline void mass_matrix_packed_batch(std::size_t count, const double *q, std::pt
 }
 
 /**
- * @brief Bias forces: Coriolis, centrifugal and gravity's.
+ * @brief Bias forces: Coriolis, centrifugal and gravity forces.
  *
  * C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)
- * With gravity zero: Coriolis and centrifugal forces alone. Links beyond the chain move with it. Their own
- * joints stand at zero, but joints that mimic a coordinate of q follow it. Rotor inertias are not in a
- * URDF.
+ * Zero gravity gives the Coriolis and centrifugal forces alone. Links beyond the chain move with it: their
+ * joints stay at zero, except joints that mimic a coordinate of q. Rotor inertias are not included, since
+ * a URDF does not hold them.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] velocity (7) [rad/s or m/s]: rates of the joint positions
  * @param[in] gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
- * @param[out] bias_forces (7) [N m or N]: C(q, dq) dq + dU/dq; add M ddq and it is the torque that the
- *     motion takes
+ * @param[out] bias_forces (7) [N m or N]: C(q, dq) dq + dU/dq; the sum with M ddq is the joint torque of
+ *     the motion
  */
 inline void bias_forces(Input<7> q, Input<7> velocity, Input<3> gravity, Output<7> bias_forces) noexcept
 {
@@ -300,13 +300,13 @@ namespace gravity {
  * @brief Potential energy of gravity.
  *
  * U = -g . sum of m_k c_k
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
- * @param[out] energy (1) [J]: potential energy U, 0 where the centre of mass of all moving links lies at
- *     the base's height
+ * @param[out] energy (1) [J]: potential energy U, 0 where the centre of mass of all moving links is level
+ *     with the base's origin
  */
 inline void energy(Input<7> q, Input<3> gravity, double &energy) noexcept
 {
@@ -332,12 +332,12 @@ inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  * @brief Gravity torque: gradient of the potential energy.
  *
  * dU/dq_j = -g . w_j
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
- * @param[out] gradient (7) [N m or N]: dU/dq: torque that holds the robot against gravity
+ * @param[out] gradient (7) [N m or N]: dU/dq: torque that balances gravity
  */
 inline void gradient(Input<7> q, Input<3> gravity, Output<7> gradient) noexcept
 {
@@ -363,8 +363,8 @@ inline void gradient_batch(std::size_t count, const double *q, std::ptrdiff_t q_
  * @brief Joint stiffness of gravity: Hessian of the potential energy.
  *
  * d2U/dq_i dq_j = a_i . (g x w_j)
- * Links beyond the chain move with it. Their own joints stand at zero, but joints that mimic a coordinate
- * of q follow it. Rotor inertias are not in a URDF.
+ * Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of
+ * q. Rotor inertias are not included, since a URDF does not hold them.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] gravity (3) [m/s^2]: acceleration of free fall in base axes, (0, 0, -9.81) where z points up
@@ -432,7 +432,7 @@ inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_
 /**
  * @brief Derivative of the transposed Jacobian with respect to each joint position.
  *
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[out] jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b,
@@ -452,7 +452,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
 }
 
 /**
- * @brief Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * @brief Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  *
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
@@ -498,7 +498,7 @@ inline void connection_correction(Input<6> wrench, Output<6, 6> connection_corre
 }
 
 /**
- * @brief Symmetric joint stiffness with the connection's correction.
+ * @brief Symmetric joint stiffness with the correction by the connection.
  *
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  *
@@ -596,7 +596,7 @@ inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_
 /**
  * @brief Derivative of the transposed Jacobian with respect to each joint position.
  *
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[out] jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b,
@@ -616,7 +616,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
 }
 
 /**
- * @brief Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * @brief Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  *
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
@@ -642,8 +642,8 @@ inline void kinematic_stiffness(Input<7> q, Input<6> wrench, Output<7, 7> kinema
  * @brief Christoffel-symbol correction of the task stiffness.
  *
  * Gamma F (Lachner, Nah, Hogan 2025, central equation and appendix)
- * The spatial connection is not the body and hybrid one: the same task stiffness and wrench, moved to the
- * base's origin, give another joint stiffness.
+ * The spatial connection differs from the body and hybrid one: the same task stiffness and wrench, moved
+ * to the base's origin, give a different joint stiffness.
  *
  * @param[in] wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes,
  *     moment about the base's origin
@@ -664,11 +664,11 @@ inline void connection_correction(Input<6> wrench, Output<6, 6> connection_corre
 }
 
 /**
- * @brief Symmetric joint stiffness with the connection's correction.
+ * @brief Symmetric joint stiffness with the correction by the connection.
  *
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
- * The spatial connection is not the body and hybrid one: the same task stiffness and wrench, moved to the
- * base's origin, give another joint stiffness.
+ * The spatial connection differs from the body and hybrid one: the same task stiffness and wrench, moved
+ * to the base's origin, give a different joint stiffness.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] wrench (6) [N, N m]: (force, moment) that the environment applies to the robot, in base axes,
@@ -764,7 +764,7 @@ inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_
 /**
  * @brief Derivative of the transposed Jacobian with respect to each joint position.
  *
- * dJ^T/dq, closed form through Lie brackets
+ * dJ^T/dq, in closed form from Lie brackets
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[out] jacobian_transpose_derivative (7 x 7 x 6) [per rad or m]: block i is dJ^T/dq_i: entry [i, b,
@@ -784,7 +784,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
 }
 
 /**
- * @brief Kinematic stiffness: change of the joint torques of a constant wrench with the configuration.
+ * @brief Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.
  *
  * Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)
  *
@@ -830,7 +830,7 @@ inline void connection_correction(Input<6> wrench, Output<6, 6> connection_corre
 }
 
 /**
- * @brief Symmetric joint stiffness with the connection's correction.
+ * @brief Symmetric joint stiffness with the correction by the connection.
  *
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  *
@@ -900,9 +900,9 @@ namespace spring {
  * @brief Energy of the spring between the tip and the equilibrium.
  *
  * U = (p - p0)^T Kt (p - p0)/2 + tr(G (I - R0^T R)), G = tr(Ko)/2 I - Ko (Bullo and Murray 1999)
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which
@@ -937,9 +937,9 @@ inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  * @brief Wrench of the spring: gradient of its energy.
  *
  * F = dU
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which
@@ -948,8 +948,8 @@ inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  *     upper triangle is read
  * @param[in] rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive
  *     definite, only the upper triangle is read
- * @param[out] wrench (6) [N, N m]: F = dU, the (force, moment) that holds the robot against the spring, in
- *     base axes, moment about the tip's origin
+ * @param[out] wrench (6) [N, N m]: F = dU, (force, moment) that balances the spring at the tip, in base
+ *     axes, moment about the tip's origin
  */
 inline void wrench(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness, Output<6> wrench) noexcept
 {
@@ -975,9 +975,9 @@ inline void wrench_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  * @brief Task stiffness of the spring: covariant Hessian of its energy.
  *
  * K_ij = d2/dx_i dx_j U(p + v, exp([w]) R) at x = (v, w) = 0
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which
@@ -1019,9 +1019,9 @@ inline void task_stiffness_packed_batch(std::size_t count, const double *q, std:
  * @brief Joint torque of the spring.
  *
  * -dU/dq = -J^T F with F = dU
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which
@@ -1030,7 +1030,7 @@ inline void task_stiffness_packed_batch(std::size_t count, const double *q, std:
  *     upper triangle is read
  * @param[in] rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive
  *     definite, only the upper triangle is read
- * @param[out] torque (7) [N m or N]: -dU/dq: torque that the spring puts on the joints
+ * @param[out] torque (7) [N m or N]: -dU/dq: torque that the spring exerts on the joints
  */
 inline void torque(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness, Output<7> torque) noexcept
 {
@@ -1057,9 +1057,9 @@ inline void torque_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  *
  * d2U/dq2 = Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian (Lachner, Nah,
  * Hogan 2025)
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which
@@ -1101,9 +1101,9 @@ inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std
  *
  * U, -dU/dq = -J^T F, d2U/dq2 = Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant
  * Hessian
- * Turned by an angle a about an axis u the rotation stores (1 - cos a) u^T Ko u: it softens with the sine
- * of the angle, and is in unstable equilibrium at turns by pi about the eigenvectors of Ko (all axes if Ko
- * is isotropic), nowhere else. Smooth everywhere.
+ * A rotation by the angle a about the axis u stores the energy (1 - cos a) u^T Ko u. The moment grows with
+ * the sine of a. The equilibrium is unstable at rotations by pi about the eigenvectors of Ko (about all
+ * axes if Ko is isotropic), and nowhere else. The energy is smooth everywhere.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] equilibrium (4 x 4) [m]: homogeneous pose [R0 p0; 0 1] of the tip in the base frame at which
@@ -1113,7 +1113,7 @@ inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std
  * @param[in] rotation_stiffness (3 x 3) [N m/rad]: in the axes of the equilibrium; symmetric, positive
  *     definite, only the upper triangle is read
  * @param[out] energy (1) [J]: energy U of the spring, 0 at the equilibrium
- * @param[out] torque (7) [N m or N]: -dU/dq: torque that the spring puts on the joints
+ * @param[out] torque (7) [N m or N]: -dU/dq: torque that the spring exerts on the joints
  * @param[out] joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, bitwise symmetric
  */
 inline void linearization(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness, double &energy, Output<7> torque, Output<7, 7> joint_stiffness) noexcept
@@ -1157,11 +1157,11 @@ namespace posture {
  * @brief Energy of the spring that pulls every joint to a posture.
  *
  * U = sum_i k_i (q_i - r_i)^2/2
- * Torque and stiffness add to those of a spring at the tip, and keep the whole conservative.
+ * Torque and stiffness add to those of a spring at the tip; the sum is conservative.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] posture (7) [rad or m]: joint positions at which the spring is at rest
- * @param[in] posture_stiffness (7) [N m/rad or N/m]: of every joint, not negative
+ * @param[in] posture_stiffness (7) [N m/rad or N/m]: stiffness of every joint, not negative
  * @param[out] energy (1) [J]: energy U of the potential
  */
 inline void energy(Input<7> q, Input<7> posture, Input<7> posture_stiffness, double &energy) noexcept
@@ -1188,12 +1188,12 @@ inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  * @brief Joint torque of the spring that pulls every joint to a posture.
  *
  * -dU/dq, U = sum_i k_i (q_i - r_i)^2/2
- * Torque and stiffness add to those of a spring at the tip, and keep the whole conservative.
+ * Torque and stiffness add to those of a spring at the tip; the sum is conservative.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] posture (7) [rad or m]: joint positions at which the spring is at rest
- * @param[in] posture_stiffness (7) [N m/rad or N/m]: of every joint, not negative
- * @param[out] torque (7) [N m or N]: -dU/dq: torque that the potential puts on the joints
+ * @param[in] posture_stiffness (7) [N m/rad or N/m]: stiffness of every joint, not negative
+ * @param[out] torque (7) [N m or N]: -dU/dq: torque that the potential exerts on the joints
  */
 inline void torque(Input<7> q, Input<7> posture, Input<7> posture_stiffness, Output<7> torque) noexcept
 {
@@ -1219,11 +1219,11 @@ inline void torque_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
  * @brief Joint stiffness of the spring that pulls every joint to a posture.
  *
  * d2U/dq2, U = sum_i k_i (q_i - r_i)^2/2
- * Torque and stiffness add to those of a spring at the tip, and keep the whole conservative.
+ * Torque and stiffness add to those of a spring at the tip; the sum is conservative.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] posture (7) [rad or m]: joint positions at which the spring is at rest
- * @param[in] posture_stiffness (7) [N m/rad or N/m]: of every joint, not negative
+ * @param[in] posture_stiffness (7) [N m/rad or N/m]: stiffness of every joint, not negative
  * @param[out] joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, diagonal
  */
 inline void joint_stiffness(Input<7> q, Input<7> posture, Input<7> posture_stiffness, Output<7, 7> joint_stiffness) noexcept
@@ -1259,16 +1259,17 @@ namespace limits {
 /**
  * @brief Energy of the potential that keeps joints away from their limits.
  *
- * U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
- * 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous; beyond the
- * limit both grow on. A joint without limits: stiffness zero, and any finite limits. Not the controller's
- * limit avoidance, which is linear from the zone's edge on and bounded.
+ * U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
+ * U is 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous, and
+ * both grow further beyond the limit. For a joint without limits, pass zero stiffness and any finite
+ * limits. The controller's limit avoidance is a different law: linear from the edge of the zone, and
+ * bounded.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] lower (7) [rad or m]: lower limits
- * @param[in] upper (7) [rad or m]: upper limits, above the lower ones
- * @param[in] zone (1) [rad or m]: width w of the zone before a limit where it acts, positive
- * @param[in] limit_stiffness (7) [N m/rad or N/m]: of every joint at its limit, not negative
+ * @param[in] upper (7) [rad or m]: upper limits, greater than the lower limits
+ * @param[in] zone (1) [rad or m]: width w of the zone before a limit, positive
+ * @param[in] limit_stiffness (7) [N m/rad or N/m]: stiffness of every joint at its limit, not negative
  * @param[out] energy (1) [J]: energy U of the potential
  */
 inline void energy(Input<7> q, Input<7> lower, Input<7> upper, double zone, Input<7> limit_stiffness, double &energy) noexcept
@@ -1294,17 +1295,18 @@ inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
 /**
  * @brief Joint torque of the potential that keeps joints away from their limits.
  *
- * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
- * 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous; beyond the
- * limit both grow on. A joint without limits: stiffness zero, and any finite limits. Not the controller's
- * limit avoidance, which is linear from the zone's edge on and bounded.
+ * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
+ * U is 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous, and
+ * both grow further beyond the limit. For a joint without limits, pass zero stiffness and any finite
+ * limits. The controller's limit avoidance is a different law: linear from the edge of the zone, and
+ * bounded.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] lower (7) [rad or m]: lower limits
- * @param[in] upper (7) [rad or m]: upper limits, above the lower ones
- * @param[in] zone (1) [rad or m]: width w of the zone before a limit where it acts, positive
- * @param[in] limit_stiffness (7) [N m/rad or N/m]: of every joint at its limit, not negative
- * @param[out] torque (7) [N m or N]: -dU/dq: torque that the potential puts on the joints
+ * @param[in] upper (7) [rad or m]: upper limits, greater than the lower limits
+ * @param[in] zone (1) [rad or m]: width w of the zone before a limit, positive
+ * @param[in] limit_stiffness (7) [N m/rad or N/m]: stiffness of every joint at its limit, not negative
+ * @param[out] torque (7) [N m or N]: -dU/dq: torque that the potential exerts on the joints
  */
 inline void torque(Input<7> q, Input<7> lower, Input<7> upper, double zone, Input<7> limit_stiffness, Output<7> torque) noexcept
 {
@@ -1329,16 +1331,17 @@ inline void torque_batch(std::size_t count, const double *q, std::ptrdiff_t q_st
 /**
  * @brief Joint stiffness of the potential that keeps joints away from their limits.
  *
- * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
- * 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous; beyond the
- * limit both grow on. A joint without limits: stiffness zero, and any finite limits. Not the controller's
- * limit avoidance, which is linear from the zone's edge on and bounded.
+ * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
+ * U is 0 outside the zones. Inside, the torque k d^2/(2 w) and the stiffness k d/w are continuous, and
+ * both grow further beyond the limit. For a joint without limits, pass zero stiffness and any finite
+ * limits. The controller's limit avoidance is a different law: linear from the edge of the zone, and
+ * bounded.
  *
  * @param[in] q (7) [rad or m]: joint positions, base to tip
  * @param[in] lower (7) [rad or m]: lower limits
- * @param[in] upper (7) [rad or m]: upper limits, above the lower ones
- * @param[in] zone (1) [rad or m]: width w of the zone before a limit where it acts, positive
- * @param[in] limit_stiffness (7) [N m/rad or N/m]: of every joint at its limit, not negative
+ * @param[in] upper (7) [rad or m]: upper limits, greater than the lower limits
+ * @param[in] zone (1) [rad or m]: width w of the zone before a limit, positive
+ * @param[in] limit_stiffness (7) [N m/rad or N/m]: stiffness of every joint at its limit, not negative
  * @param[out] joint_stiffness (7 x 7) [N m/rad]: d2U/dq2 = -d torque/dq, diagonal
  */
 inline void joint_stiffness(Input<7> q, Input<7> lower, Input<7> upper, double zone, Input<7> limit_stiffness, Output<7, 7> joint_stiffness) noexcept

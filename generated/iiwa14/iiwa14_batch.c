@@ -136,8 +136,8 @@ static inline void mirror_lower_lanes(lanes *matrix, int n)
 /* ---- Quantities that several functions share ---------------------------------------------------------------- */
 
 /*
- * Axes a_j of turning joints, the first moment w_j that a unit rate of joint j moves, and that of all
- * bodies; in base axes.
+ * Axes a_j of revolute joints, derivatives w_j of the first moment of all bodies with respect to q_j, and
+ * that first moment; in base axes.
  * 97 additions, 148 multiplications, 14 sines and cosines.
  */
 static void gravity_columns_lanes(const lanes q[7], lanes J[6][N], lanes first_moment[3])
@@ -210,46 +210,46 @@ static void gravity_columns_lanes(const lanes q[7], lanes J[6][N], lanes first_m
     const lanes R6_20 = c6 * R5_20 + R4_21 * s6;
     const lanes R6_21 = R4_21 * c6 - s6 * R5_20;
 
-    /* first moment s6 [kg m] about joint A7's origin of everything beyond it */
+    /* first moment s6 [kg m] of all bodies beyond joint A7's origin, about that point */
     const lanes s6_0 = 7.95993e-07 * R6_00 + 5.30662e-07 * (s6 * R5_00 + t4 * c6)
         - 0.005629793158 * R5_02;
     const lanes s6_1 = 7.95993e-07 * R6_10 - 5.30662e-07 * R6_11 - 0.005629793158 * R5_12;
     const lanes s6_2 = 7.95993e-07 * R6_20 - 5.30662e-07 * R6_21 - 0.005629793158 * R5_22;
 
-    /* first moment s5 [kg m] about joint A6's origin of everything beyond it */
+    /* first moment s5 [kg m] of all bodies beyond joint A6's origin, about that point */
     const lanes s5_0 = 0.0121664961 * R5_02 - 0.00078652096 * t4 + (s6_0 + 0.033431706 * R5_02);
     const lanes s5_1 = 0.00078652096 * R4_11 + 0.0121664961 * R5_12 + (s6_1 + 0.033431706 * R5_12);
     const lanes s5_2 = 0.00078652096 * R4_21 + 0.0121664961 * R5_22 + (s6_2 + 0.033431706 * R5_22);
 
-    /* first moment s4 [kg m] about joint A5's origin of everything beyond it */
+    /* first moment s4 [kg m] of all bodies beyond joint A5's origin, about that point */
     const lanes s4_0 = 0.046637458944 * t4 - 0.181760051148 * R3_02 + s5_0;
     const lanes s4_1 = s5_1 - (0.046637458944 * R4_11 + 0.181760051148 * R3_12);
     const lanes s4_2 = s5_2 - (0.046637458944 * R4_21 + 0.181760051148 * R3_22);
 
-    /* first moment s3 [kg m] about joint A4's origin of everything beyond it */
+    /* first moment s3 [kg m] of all bodies beyond joint A4's origin, about that point */
     const lanes s3_0 = 0.35846967728 * R3_02 + 0.120774892535 * t3 + (s4_0 + 1.714786 * R3_02);
     const lanes s3_1 = 0.35846967728 * R3_12 - 0.120774892535 * R2_11 + (s4_1 + 1.714786 * R3_12);
     const lanes s3_2 = 0.35846967728 * R3_22 - 0.120774892535 * R2_21 + (s4_2 + 1.714786 * R3_22);
 
-    /* first moment s2 [kg m] about joint A3's origin of everything beyond it */
+    /* first moment s2 [kg m] of all bodies beyond joint A3's origin, about that point */
     const lanes s2_0 = s3_0 - (0.23845209054 * R1_02 + 0.120842446685 * t3);
     const lanes s2_1 = 0.120842446685 * R2_11 - 0.23845209054 * R1_12 + s3_1;
     const lanes s2_2 = 0.120842446685 * R2_21 - 0.23845209054 * c1 + s3_2;
 
-    /* first moment s1 [kg m] about joint A2's origin of everything beyond it */
+    /* first moment s1 [kg m] of all bodies beyond joint A2's origin, about that point */
     const lanes s1_0 = 0.000773688768 * R1_00 - 0.213606366624 * s0 + 0.434187309936 * R1_02 + (s2_0
         + 4.985906099999999 * R1_02);
     const lanes s1_1 = 0.000773688768 * R1_10 + 0.213606366624 * c0 + 0.434187309936 * R1_12 + (s2_1
         + 4.985906099999999 * R1_12);
     const lanes s1_2 = 0.434187309936 * c1 - 0.000773688768 * s1 + (s2_2 + 4.985906099999999 * c1);
 
-    /* first moment s0 [kg m] about joint A1's origin of everything beyond it */
+    /* first moment s0 [kg m] of all bodies beyond joint A1's origin, about that point */
     const lanes s0_0 = s1_0 + 0.178759632555 * s0;
     const lanes t5 = 0.178759632555 * c0;
     const lanes s0_1 = s1_1 - t5;
     const lanes s0_2 = s1_2 - 0.423670114784;
 
-    /* axes a of turning joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies */
+    /* axes a of revolute joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies */
     J[0][0] = same(0.0);
     J[0][1] = -s0;
     J[0][2] = R1_02;
@@ -753,7 +753,7 @@ static void tip_pose_lanes(const lanes q[7], lanes pose[16])
 }
 
 /*
- * Hybrid Jacobian columns of the moving joints, and pose.
+ * Hybrid Jacobian columns of the moving joints, and pose of the tip.
  * 53 additions, 99 multiplications, 14 sines and cosines.
  */
 static void hybrid_columns_and_pose_lanes(const lanes q[7], lanes J[6][N], lanes pose[16])
@@ -931,7 +931,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes s6 = sine[5];
     const lanes c6 = cosine[5];
 
-    /* from joint A7 outwards: first moment m6 [kg m] and inertia I6 [kg m^2] */
+    /* all links from joint A7 outwards: first moment m6 [kg m], inertia I6 [kg m^2] */
     const lanes m6_0 = 7.95993e-07 * c6 + 5.30662e-07 * s6;
     const lanes m6_1 = 7.95993e-07 * s6 - 5.30662e-07 * c6;
     const lanes I6_01 = 1.591986e-12 - s6 * (1.3266549859537735e-12 * c6 + 3.183972e-12 * s6);
@@ -939,7 +939,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes I6_11 = s6 * (3.183972e-12 * c6 - 1.3266549859537735e-12 * s6);
     const lanes I6_12 = 1.6889379474e-08 * s6 - 1.1259586316e-08 * c6;
 
-    /* from joint A6 outwards: first moment m5 [kg m] and inertia I5 [kg m^2] */
+    /* all links from joint A6 outwards: first moment m5 [kg m], inertia I5 [kg m^2] */
     const lanes m5_0 = c5 * m6_0 + 0.039968408941999996 * s5;
     const lanes m5_1 = s5 * m6_0 - 0.039968408941999996 * c5;
     const lanes t0 = 0.005641364189493423 - (1.3266549859537735e-12 + I6_11);
@@ -959,7 +959,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes I5_12 = t8 - t9;
     const lanes I5_22 = 0.010106364189493422 + I6_11;
 
-    /* from joint A5 outwards: first moment m4 [kg m] and inertia I4 [kg m^2] */
+    /* all links from joint A5 outwards: first moment m4 [kg m], inertia I4 [kg m^2] */
     const lanes t10 = m6_1 - 0.045850937984;
     const lanes m4_0 = c4 * m5_0 - s4 * t10;
     const lanes m4_1 = s4 * m5_0 + c4 * t10;
@@ -973,7 +973,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes I4_11 = I5_22 + t14;
     const lanes I4_22 = 0.010060167262253056 + I5_11;
 
-    /* from joint A4 outwards: first moment m3 [kg m] and inertia I3 [kg m^2] */
+    /* all links from joint A4 outwards: first moment m3 [kg m], inertia I3 [kg m^2] */
     const lanes t16 = 1.891495626132 - m5_1;
     const lanes m3_0 = c3 * m4_0 - s3 * t16;
     const lanes m3_1 = s3 * m4_0 + c3 * t16;
@@ -993,7 +993,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes I3_12 = c3 * t26 - s3 * I4_01;
     const lanes I3_22 = 0.6308546627281177 + (I4_11 - t17);
 
-    /* from joint A3 outwards: first moment m2 [kg m] and inertia I2 [kg m^2] */
+    /* all links from joint A3 outwards: first moment m2 [kg m], inertia I2 [kg m^2] */
     const lanes t27 = 6.755414999999598e-05 + m4_1;
     const lanes m2_0 = c2 * m3_0 - s2 * t27;
     const lanes m2_1 = s2 * m3_0 + c2 * t27;
@@ -1011,7 +1011,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes I2_12 = s2 * I3_01 + c2 * t34;
     const lanes I2_22 = 0.025340831268141163 + I3_11;
 
-    /* from joint A2 outwards: first moment m1 [kg m] and inertia I1 [kg m^2] */
+    /* all links from joint A2 outwards: first moment m1 [kg m], inertia I1 [kg m^2] */
     const lanes t35 = 0.84 * m3_1;
     const lanes t36 = I2_02 - 0.42 * m2_0;
     const lanes I1_11 = I2_22 + s1 * (s1 * (2.0027351860151446 + (I2_00 + t35) - I2_22)
@@ -1020,17 +1020,17 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes I1_12 = s1 * (I2_01 - 6.2050465860864e-05) + c1 * (0.006268865113476928 - t37);
     const lanes I1_22 = 2.0180593964584896 + (I2_11 + t35);
 
-    /* from joint A1 outwards: first moment m0 [kg m] and inertia I0 [kg m^2] */
+    /* all links from joint A1 outwards: first moment m0 [kg m], inertia I0 [kg m^2] */
     const lanes I0_22 = 0.04645477885786663 + I1_11;
 
-    /* momentum h2 of all beyond joint A3, seen from the links k before it: linear l2_k, angular a2_k */
+    /* momentum h2 of all bodies beyond joint A3, in the axes of links k: linear l2_k, angular a2_k */
     const lanes a2_0_2 = I2_22 * c1 - s1 * t36;
 
-    /* momentum h3 of all beyond joint A4, seen from the links k before it: linear l3_k, angular a3_k */
+    /* momentum h3 of all bodies beyond joint A4, in the axes of links k: linear l3_k, angular a3_k */
     const lanes a3_2_0 = s2 * I3_22 - t31;
     const lanes a3_0_2 = c1 * I3_12 - s1 * (a3_2_0 + 0.42 * (s2 * m3_1));
 
-    /* momentum h4 of all beyond joint A5, seen from the links k before it: linear l4_k, angular a4_k */
+    /* momentum h4 of all bodies beyond joint A5, in the axes of links k: linear l4_k, angular a4_k */
     const lanes a4_3_1 = I4_22 * c3 - t24;
     const lanes t38 = c3 * m4_1;
     const lanes l4_2_1 = m4_0 * c2 - s2 * t38;
@@ -1038,7 +1038,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes a4_2_0 = s2 * t25 - c2 * t39;
     const lanes a4_0_2 = c1 * a4_3_1 - s1 * (a4_2_0 - 0.42 * l4_2_1);
 
-    /* momentum h5 of all beyond joint A6, seen from the links k before it: linear l5_k, angular a5_k */
+    /* momentum h5 of all bodies beyond joint A6, in the axes of links k: linear l5_k, angular a5_k */
     const lanes a5_4_0 = t13 - s4 * I5_22;
     const lanes a5_4_1 = t15 + I5_22 * c4;
     const lanes a5_4_2 = t9 - t8;
@@ -1056,7 +1056,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes a5_1_2 = a5_2_1 + 0.42 * l5_2_0;
     const lanes a5_0_2 = c1 * a5_3_1 - s1 * (a5_2_0 - 0.42 * l5_2_1);
 
-    /* momentum h6 of all beyond joint A7, seen from the links k before it: linear l6_k, angular a6_k */
+    /* momentum h6 of all bodies beyond joint A7, in the axes of links k: linear l6_k, angular a6_k */
     const lanes a6_5_0 = t3 + 0.000306000003449303 * s5;
     const lanes t42 = 0.000306000003449303 * c5;
     const lanes a6_5_1 = t5 - t42;
@@ -1078,7 +1078,7 @@ static void mass_matrix_lanes(const lanes q[7], lanes mass_matrix[49])
     const lanes a6_1_2 = a6_2_1 - 0.42 * (c2 * t46 + s2 * l6_4_1);
     const lanes a6_0_2 = c1 * a6_3_1 - s1 * (a6_2_0 - 0.42 * l6_2_1);
 
-    /* M_ij = J_i . h_j: the turn about joint i's axis, seen from its link */
+    /* M_ij = J_i . h_j: component of h_j along the axis of joint i, in the axes of link i */
     mass_matrix[0] = I0_22;
     mass_matrix[1] = -I1_12;
     mass_matrix[2] = a2_0_2;
@@ -1157,7 +1157,7 @@ void iiwa14_mass_matrix_packed_batch(size_t count, const double *q, ptrdiff_t q_
 }
 
 /*
- * Bias forces: Coriolis, centrifugal and gravity's.
+ * Bias forces: Coriolis, centrifugal and gravity forces.
  * C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)
  * 223 additions, 317 multiplications, 14 sines and cosines.
  */
@@ -1265,7 +1265,7 @@ static void bias_forces_lanes(const lanes q[7], const lanes velocity[7], const l
     const lanes a6_0 = c6 * t18 + s6 * t21;
     const lanes a6_1 = c6 * t21 - s6 * t18;
 
-    /* force f6 and moment n6 of everything from joint A7 outwards, seen before it */
+    /* force f6 and moment n6 of all links from joint A7 outwards, in parent's axes */
     const lanes t22 = 5.30662e-07 * w6_2;
     const lanes t23 = 5.30662e-07 * w6_0 + 7.95993e-07 * w6_1;
     const lanes t24 = 7.95993e-07 * e5_1 - (w6_2 * t22 + w6_0 * t23);
@@ -1284,7 +1284,7 @@ static void bias_forces_lanes(const lanes q[7], const lanes velocity[7], const l
     const lanes n6_0 = c6 * t30 - s6 * t32 + 0.126 * t33;
     const lanes n6_2 = s6 * t30 + c6 * t32 + 0.126 * f6_0;
 
-    /* force f5 and moment n5 of everything from joint A6 outwards, seen before it */
+    /* force f5 and moment n5 of all links from joint A6 outwards, in parent's axes */
     const lanes t34 = 0.039968408941999996 * w5_0;
     const lanes t35 = f6_0 + (0.039968408941999996 * e4_1 + t15 * t34);
     const lanes t36 = 0.039968408941999996 * w5_2;
@@ -1304,7 +1304,7 @@ static void bias_forces_lanes(const lanes q[7], const lanes velocity[7], const l
     const lanes n5_1 = 0.010106364189493422 * e4_1 - 0.000314106721248 * e5_1 + (t15 * t41 - t39 * w5_0)
         + 0.039968408941999996 * a5_0 + n6_2;
 
-    /* force f4 and moment n4 of everything from joint A5 outwards, seen before it */
+    /* force f4 and moment n4 of all links from joint A5 outwards, in parent's axes */
     const lanes t44 = 0.045850937984 * w4_0;
     const lanes t45 = t9 * t44 - 0.045850937984 * t14 + f5_0;
     const lanes t46 = 0.045850937984 * w4_2;
@@ -1322,7 +1322,7 @@ static void bias_forces_lanes(const lanes q[7], const lanes velocity[7], const l
     const lanes n4_1 = t9 * t51 - t49 * w4_0 - (0.002551811765437952 * e4_1
         + 0.010060167262253056 * t14) + 0.045850937984 * a4_0 - (s5 * t40 + c5 * t43);
 
-    /* force f3 and moment n3 of everything from joint A4 outwards, seen before it */
+    /* force f3 and moment n3 of all links from joint A4 outwards, in parent's axes */
     const lanes t54 = 1.891495626132 * w3_0;
     const lanes t55 = 1.891495626132 * w3_2;
     const lanes f3_0 = c3 * (1.891495626132 * e2_1 + w3_1 * t54 + f4_0) - s3 * (f4_1 - (w3_2 * t55
@@ -1338,7 +1338,7 @@ static void bias_forces_lanes(const lanes q[7], const lanes velocity[7], const l
         + 1.891495626132 * a3_0 + (s4 * t50 + c4 * t52 + 0.4 * f4_0);
     const lanes n3_2 = s3 * t58 + c3 * t60;
 
-    /* force f2 and moment n2 of everything from joint A3 outwards, seen before it */
+    /* force f2 and moment n2 of all links from joint A3 outwards, in parent's axes */
     const lanes t61 = 6.755414999999598e-05 * w2_0;
     const lanes t62 = 6.755414999999598e-05 * e1_1 + w2_1 * t61 + f3_0;
     const lanes t63 = w2_2 * (6.755414999999598e-05 * w2_2) + w2_0 * t61 + (1.891495626132 * e3_0
@@ -1354,13 +1354,13 @@ static void bias_forces_lanes(const lanes q[7], const lanes velocity[7], const l
     const lanes n2_0 = c2 * t66 - s2 * t68 - 0.42 * f2_2;
     const lanes n2_2 = s2 * t66 + c2 * t68 + 0.42 * f2_0;
 
-    /* force f1 and moment n1 of everything from joint A2 outwards, seen before it */
+    /* force f1 and moment n1 of all links from joint A2 outwards, in parent's axes */
     const lanes t69 = 6.2050465860864e-05 * dq1 + (2.0027351860151446 * t0 + 3.049474151296e-06 * t2);
     const lanes t70 = 0.006268865113476928 * dq1 - 3.049474151296e-06 * t0;
     const lanes n1_1 = 0.006268865113476928 * e1_1 + 6.2050465860864e-05 * t3 - (t2 * t69 + t0 * t70)
         + (0.000773688768 * a1_1 + 5.181641319396 * a1_0) + n2_2;
 
-    /* the joints' forces: what acts along their axes */
+    /* joint forces: components along the joints' axes */
     const lanes t71 = 2.0180593964584896 * dq1 - (0.006268865113476928 * t2 - 6.2050465860864e-05 * t0);
     const lanes t72 = 0.00448007783702302 * e2_1 - 0.025340831268141163 * e1_1 + (t65 * w2_0
         - w2_1 * t67) - 6.755414999999598e-05 * a2_0 + n3_2;
@@ -1547,7 +1547,7 @@ void iiwa14_body_jacobian_batch(size_t count, const double *q, ptrdiff_t q_step,
 }
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  * 398 additions, 501 multiplications, 12 sines and cosines.
  */
@@ -1666,7 +1666,7 @@ void iiwa14_spatial_jacobian_batch(size_t count, const double *q, ptrdiff_t q_st
 }
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  * 404 additions, 508 multiplications, 12 sines and cosines.
  */
@@ -1785,7 +1785,7 @@ void iiwa14_hybrid_jacobian_batch(size_t count, const double *q, ptrdiff_t q_ste
 }
 
 /*
- * Symmetric joint stiffness with the connection's correction.
+ * Symmetric joint stiffness with the correction by the connection.
  * Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)
  * 442 additions, 546 multiplications, 12 sines and cosines.
  */
@@ -1810,7 +1810,7 @@ static void hybrid_joint_stiffness_lanes(const lanes q[7], const lanes wrench[6]
     const lanes A53 = K[3][5] + t1;
     const lanes A54 = K[4][5] - t2;
 
-    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
+    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F with respect to J_i */
     ROLLED
     for (int j = 0; j < N; ++j) {
         u[0][j] = K[0][0] * J[0][j] + K[0][1] * J[1][j] + K[0][2] * J[2][j] + K[0][3] * J[3][j]
@@ -2478,7 +2478,7 @@ static void spring_joint_stiffness_lanes(const lanes q[7], const lanes equilibri
     A[5][4] = K[29] - t59;
     A[5][5] = K[35];
 
-    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
+    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F with respect to J_i */
     ROLLED
     for (int j = 0; j < N; ++j) {
         u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j];
@@ -2712,7 +2712,7 @@ static void spring_linearization_lanes(const lanes q[7], const lanes equilibrium
     A[5][4] = K[29] - t71;
     A[5][5] = K[35];
 
-    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F by J_i */
+    /* u_j = A J_j + gradient of (dJ_i/dq_j) . F with respect to J_i */
     ROLLED
     for (int j = 0; j < N; ++j) {
         u[0][j] = A[0][0] * J[0][j] + A[0][1] * J[1][j] + A[0][2] * J[2][j];
@@ -2800,7 +2800,7 @@ static void posture_energy_lanes(const lanes q[7], const lanes posture[7], const
     const lanes *const k = posture_stiffness;
     lanes u[7];
 
-    /* U, of each coordinate */
+    /* U per coordinate */
     ROLLED
     for (int j = 0; j < N; ++j) {
         const lanes t0 = q[j] - r[j];
@@ -2877,7 +2877,7 @@ static void posture_joint_stiffness_lanes(const lanes q[7], const lanes posture[
     (void)q;
     (void)posture;
 
-    /* d2U/dq2, of each coordinate */
+    /* d2U/dq2 per coordinate */
     ROLLED
     for (int j = 0; j < N; ++j) {
         d[j] = k[j];
@@ -2943,7 +2943,7 @@ void iiwa14_posture_joint_stiffness_packed_batch(size_t count, const double *q, 
 
 /*
  * Energy of the potential that keeps joints away from their limits.
- * U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
+ * U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
  * 41 additions, 49 multiplications, 0 sines and cosines.
  */
 static void limits_energy_lanes(const lanes q[7], const lanes lower[7], const lanes upper[7],
@@ -2955,7 +2955,7 @@ static void limits_energy_lanes(const lanes q[7], const lanes lower[7], const la
     const lanes *const k = limit_stiffness;
     lanes u[7];
 
-    /* U, of each coordinate */
+    /* U per coordinate */
     ROLLED
     for (int j = 0; j < N; ++j) {
         const lanes poison = 0.0 * (q[j] + a[j] + b[j] + w[0] + k[j]);
@@ -2994,7 +2994,7 @@ void iiwa14_limits_energy_batch(size_t count, const double *q, ptrdiff_t q_step,
 
 /*
  * Joint torque of the potential that keeps joints away from their limits.
- * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
+ * -dU/dq, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
  * 49 additions, 84 multiplications, 0 sines and cosines.
  */
 static void limits_torque_lanes(const lanes q[7], const lanes lower[7], const lanes upper[7],
@@ -3043,7 +3043,7 @@ void iiwa14_limits_torque_batch(size_t count, const double *q, ptrdiff_t q_step,
 
 /*
  * Joint stiffness of the potential that keeps joints away from their limits.
- * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 how deep joint i is in the zone before a limit
+ * d2U/dq2, U = sum_i k_i d_i^3/(6 w), d_i >= 0 the depth of joint i in the zone before a limit
  * 63 additions, 70 multiplications, 0 sines and cosines.
  */
 static void limits_joint_stiffness_lanes(const lanes q[7], const lanes lower[7], const lanes upper[7],
@@ -3055,7 +3055,7 @@ static void limits_joint_stiffness_lanes(const lanes q[7], const lanes lower[7],
     const lanes *const k = limit_stiffness;
     lanes d[7];
 
-    /* d2U/dq2, of each coordinate */
+    /* d2U/dq2 per coordinate */
     ROLLED
     for (int j = 0; j < N; ++j) {
         const lanes poison = 0.0 * (q[j] + a[j] + b[j] + w[0] + k[j]);
