@@ -1,5 +1,8 @@
 #if LANE_BYTES > {{ scalar.bytes }}
-/* The sums of the halves of two, alternating: applied to LANES of them in turn, the sum of each in its own place. */
+/*
+ * Add the lower half of each vector to its upper half; the sums of a and b alternate in the result. After log2(LANES) rounds on
+ * LANES vectors, lane k of the last one is the sum of the lanes of vector k.
+ */
 static inline lanes add_halves(lanes a, lanes b)
 {
 #if defined(__clang__)
@@ -11,7 +14,7 @@ static inline lanes add_halves(lanes a, lanes b)
 }
 #endif
 
-/* to[k] = the sum of the numbers in from[k], NaN in place of infinity; from and to have room for whole lanes. */
+/* Store the sum of the lanes of from[k] in to[k], NaN for infinity. Both arrays are padded to whole vectors. */
 static inline void add_lanes(const lanes *from, int count, lanes *to)
 {
     for (int k = 0; k < count; k += LANES) {

@@ -1,8 +1,8 @@
 {% set letters = "abcdefghijklmnop"[:scalar.widest] | list %}
 /*
- * Lanes: LANES numbers side by side, as wide as the vectors of the machine that is compiled for, or one plain {{ scalar.name }}
- * where the compiler has no vector types or computes with more bits than a {{ scalar.name }} has. In single calls a lane is a
- * joint, and rows over joints are padded with zeros; in batches a lane is a configuration.
+ * A variable of type `lanes` is one vector of LANES numbers, as wide as the processor's vector registers. It is a plain {{ scalar.name }}
+ * where the compiler has no vector types or computes with more bits than a {{ scalar.name }} has. In single calls each lane
+ * belongs to a joint, and rows over joints are padded with zeros. In batches each lane belongs to a configuration.
  */
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES {{ scalar.bytes }}
@@ -30,7 +30,7 @@ typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
 
 #define LANES (LANE_BYTES / {{ scalar.bytes }})
 
-/* Of a comparison of lanes the bits: all of a lane, or none. */
+/* Comparison result as a lane mask: all bits of a lane set, or none. */
 #if LANE_BYTES > {{ scalar.bytes }}
 #define MASK(comparison) ((pattern)(comparison))
 #else
@@ -45,22 +45,22 @@ typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
 #define APART
 #endif
 
-/* Before a loop of few rounds, which gcc leaves a loop at -O2. */
+/* Written before a short loop, which gcc -O2 would otherwise not unroll. */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
 #define UNROLLED _Pragma("GCC unroll 8")
-#define ROLLED _Pragma("GCC unroll 1") /* before one that it is to leave: no slower, and compiled faster */
+#define ROLLED _Pragma("GCC unroll 1") /* keeps a loop rolled: as fast, and faster to compile */
 #else
 #define UNROLLED
 #define ROLLED
 #endif
 
-/* Lanes as numbers, and as the bits of these. */
+/* The same lanes as numbers or as bit patterns. */
 typedef union {
     lanes number;
     pattern bits;
 } lane_bits;
 
-/* x with the bits that a {{ scalar.name }} in memory has. */
+/* Round x to a {{ scalar.name }}, without the excess bits of a register. */
 static inline {{ scalar.name }} as_{{ scalar.name }}({{ scalar.name }} x)
 {
 #if EXCESS_PRECISION

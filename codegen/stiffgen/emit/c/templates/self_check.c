@@ -1,4 +1,4 @@
-/* Inputs are volatile, so that the compiler computes nothing beforehand; the bits tell NaN. */
+/* Volatile inputs keep the compiler from evaluating the checks itself; bit patterns tell NaN despite flags that assume none. */
 int {{ name }}_self_check(void)
 {
     int wrong = 0;
@@ -40,24 +40,24 @@ int {{ name }}_self_check(void)
     static const volatile {{ scalar.name }} large = {{ scalar.limits }}_MAX;
     const {{ scalar.name }} infinite[2] = {large * 2.0{{ scalar.suffix }}, -large * 2.0{{ scalar.suffix }}};
     for (int n = 0; n < 2; ++n) {
-        lanes given, kept;
-        {{ scalar.name }} put[LANES * LANES];
+        lanes infinities, finite;
+        {{ scalar.name }} stored[LANES * LANES];
         {{ scalar.pattern }} bits;
         for (int m = 0; m < LANES; ++m) {
-            (({{ scalar.name }} *)&given)[m] = infinite[n];
+            (({{ scalar.name }} *)&infinities)[m] = infinite[n];
         }
-        kept = finite_lanes(given);
-        memcpy(put, &kept, sizeof kept);
-        for (int twice = 0; twice < 2; ++twice) {
+        finite = finite_lanes(infinities);
+        memcpy(stored, &finite, sizeof finite);
+        for (int round = 0; round < 2; ++round) {
             for (int m = 0; m < LANES; ++m) {
-                memcpy(&bits, &put[m], sizeof bits);
+                memcpy(&bits, &stored[m], sizeof bits);
                 wrong |= (bits << 1) > {{ "0xffe0000000000000ULL" if scalar.name == "double" else "0xff000000U" }} ? 0 : 2;
             }
-            put_entries(put, LANES, 0, &given, 0, LANES);
+            put_entries(stored, LANES, 0, &infinities, 0, LANES);
         }
 {% if "finite_or_nan" in calls %}
-        put[0] = finite_or_nan(infinite[n]);
-        memcpy(&bits, put, sizeof bits);
+        stored[0] = finite_or_nan(infinite[n]);
+        memcpy(&bits, stored, sizeof bits);
         wrong |= (bits << 1) > {{ "0xffe0000000000000ULL" if scalar.name == "double" else "0xff000000U" }} ? 0 : 2;
 {% endif %}
     }

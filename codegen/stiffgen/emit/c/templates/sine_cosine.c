@@ -1,29 +1,33 @@
 {% set wide = scalar.name == "double" %}
 {% if wide %}
 /*
- * Sine and cosine of count lanes of angles: up to FAR within 1.1 ulp (tested; a search of 10^8 angles found at most
- * 1.056), by libm beyond it.
+ * Compute sine and cosine of count vectors of angles [rad]. The error is below 1.1 ulp for |x| <= FAR (tested; the largest
+ * error in a search of 10^8 angles was 1.056 ulp). Larger angles are computed by libm.
  *
- * k is the nearest integer to x / (pi/2): adding 1.5 * 2^52 leaves it in the low bits of a double. One is taken from
- * the exponent, as an integer, before 0.75 * 2^52 is subtracted: the rest is the turn k/2, and no compiler can cancel
- * the two constants. pi is taken in three parts; the first two have 39 bits, so that their products with the turn
- * (13 bits) are exact, and the rest carries the sum to 2^-130. r + low is x - turn pi. On |r| <= pi/4,
- * sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2) with the P and Q of least largest relative error (2^-57.9
- * and 2^-64.0), found by Remez' algorithm (tests/campaigns/sine_cosine.py). k mod 4 then exchanges the two and sets their
- * signs.
+ * Range reduction: k is the integer nearest to x / (pi/2). Adding 1.5 * 2^52 leaves k in the low bits of a double.
+ * Subtracting one from the exponent, as an integer, halves the sum; subtracting 0.75 * 2^52 then gives turn = k/2. The
+ * integer operation keeps compilers from cancelling the two constants. pi is the sum of three parts. The first two have
+ * 39 bits, so that their products with turn (13 bits) are exact; the third extends the sum to 2^-130. The reduced angle is
+ * r + low = x - turn pi, with |r| <= pi/4.
+ *
+ * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm (tests/campaigns/sine_cosine.py)
+ * minimises the largest relative error: 2^-57.9 for the sine, 2^-64.0 for the cosine. k mod 4 decides whether the
+ * two are exchanged and which signs they get.
  */
 {% else %}
 /*
- * Sine and cosine of count lanes of angles, in floats alone: up to FAR within 1.1 ulp, by libm beyond it. (Each of these
- * floats was tried: at most 1.02 ulp without fused multiply-add, 0.96 with it.)
+ * Compute sine and cosine of count vectors of angles [rad], in floats only. The error is below 1.1 ulp for |x| <= FAR; a test
+ * of every such float found at most 1.02 ulp without fused multiply-add and 0.96 with it. Larger angles are computed by libm.
  *
- * k is the nearest integer to x / (pi/2): adding 1.5 * 2^23 leaves it in the low bits of a float. One is taken from
- * the exponent, as an integer, before 0.75 * 2^23 is subtracted: the rest is the turn k/2, and no compiler can cancel
- * the two constants. pi is taken in four parts; the first three have 12 bits, so that their products with the turn
- * (12 bits) are exact, and so are the first two differences; the rest carries the sum to 2^-62. r + low is x - turn pi. On
- * |r| <= pi/4, sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2) with the P and Q of least largest relative error
- * (2^-28.0 and 2^-33.0), found by Remez' algorithm (tests/campaigns/sine_cosine.py). k mod 4 then exchanges the two and sets
- * their signs.
+ * Range reduction: k is the integer nearest to x / (pi/2). Adding 1.5 * 2^23 leaves k in the low bits of a float.
+ * Subtracting one from the exponent, as an integer, halves the sum; subtracting 0.75 * 2^23 then gives turn = k/2. The
+ * integer operation keeps compilers from cancelling the two constants. pi is the sum of four parts. The first three have
+ * 12 bits, so that their products with turn (12 bits) and the first two differences are exact; the fourth extends the sum
+ * to 2^-62. The reduced angle is r + low = x - turn pi, with |r| <= pi/4.
+ *
+ * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm (tests/campaigns/sine_cosine.py)
+ * minimises the largest relative error: 2^-28.0 for the sine, 2^-33.0 for the cosine. k mod 4 decides whether the
+ * two are exchanged and which signs they get.
  */
 {% endif %}
 #define FAR {{ "1e4" if wide else "6e3f" }}
@@ -39,8 +43,9 @@ static void by_libm_beyond_far(const {{ scalar.name }} *x, {{ scalar.name }} *si
 }
 
 /*
- * x as a {{ scalar.name }}, and as a whole: no sum that x is part of is put in another order across it. Costs no instruction, and
- * is left out where the pragma above keeps the order already: it would only tie the registers' hands.
+ * Return x rounded to a {{ scalar.name }}, as a value that the compiler cannot take apart: sums are not reordered across it.
+ * The barrier costs no instruction. It is omitted for clang, whose pragma above already keeps the order, because it would
+ * restrict the choice of registers.
  */
 static inline lanes whole(lanes x)
 {
@@ -59,14 +64,14 @@ static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int c
 {
 {% if wide %}
     const double round = 6755399441055744.0;
-    /* Variables, since constants may have more digits than a double (FLT_EVAL_METHOD). */
+    /* Variables, because FLT_EVAL_METHOD lets constants have more digits than a double. */
     const double pi_1 = 3.1415926535846666, pi_2 = 5.1266883031811465e-12, pi_3 = 7.891108333126411e-24;
 {% else %}
     const float round = 12582912.0f;
-    /* Variables, since constants may have more digits than a float (FLT_EVAL_METHOD). */
+    /* Variables, because FLT_EVAL_METHOD lets constants have more digits than a float. */
     const float pi_1 = 3.140625f, pi_2 = 0.0009675026f, pi_3 = 1.5099067e-07f, pi_4 = 5.126688e-12f;
 {% endif %}
-    lanes reach = x[0] - x[0]; /* sum of all |x|: at most FAR if no angle is beyond it, or if it does not matter */
+    lanes reach = x[0] - x[0]; /* sum of all |x|: a sum up to FAR proves that no angle exceeds FAR */
     for (int n = 0; n < count; ++n) {
         lane_bits size, turns, halved, s, c;
         size.number = x[n];
@@ -119,7 +124,7 @@ static inline void sine_cosine(const lanes *x, lanes *sine, lanes *cosine, int c
     for (int n = 0; n < LANES; ++n) {
         sum += ((const {{ scalar.name }} *)&reach)[n];
     }
-    if (!(sum <= FAR)) { /* also if it is NaN */
+    if (!(sum <= FAR)) { /* true for NaN as well */
         by_libm_beyond_far((const {{ scalar.name }} *)x, ({{ scalar.name }} *)sine, ({{ scalar.name }} *)cosine, LANES * count);
     }
 }

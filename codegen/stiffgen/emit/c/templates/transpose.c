@@ -1,4 +1,4 @@
-/* Transpose a square of LANES x LANES numbers: one round of pairing rows for every halving of their number. */
+/* Transpose a square of LANES x LANES numbers in log2(LANES) rounds, each of which interleaves pairs of rows. */
 static inline void transpose(lanes square[LANES])
 {
 #if LANE_BYTES > {{ scalar.bytes }}
@@ -26,7 +26,7 @@ static inline void transpose(lanes square[LANES])
 
 {% if scalar.name == "float" %}
 #if LANE_BYTES > 4
-/* Squares of four, for what is too short for one of LANES. */
+/* 4 x 4 squares, for remainders shorter than LANES. */
 typedef float four __attribute__((vector_size(16)));
 
 static inline void transpose_four(four square[4])
@@ -50,7 +50,7 @@ static inline void transpose_four(four square[4])
     }
 }
 
-/* Entries first to first + 3 of LANES configurations. */
+/* Load entries first to first + 3 of LANES configurations. */
 static inline void load_four(const float *const configuration[LANES], int first, lanes *to)
 {
     for (int c = 0; c < LANES; c += 4) {
@@ -65,7 +65,7 @@ static inline void load_four(const float *const configuration[LANES], int first,
     }
 }
 
-/* The same the other way, for the configurations that are present. */
+/* Store entries first to first + 3 of the configurations present. */
 static inline void store_four(const lanes *from, int first, int present, int size, float *to)
 {
     lanes finite[4];
@@ -87,9 +87,10 @@ static inline void store_four(const lanes *from, int first, int present, int siz
 
 {% endif %}
 /*
- * Of LANES configurations from number first on, step apart, entry k becomes lanes k; where fewer are left, the last one
- * stands in. What all of them share (step 0) is loaded with the first ones. Not inlined, nor is store_lanes: that took
- * half of the compiler's time, for nothing.
+ * Load LANES configurations, starting at number first: entry k of all of them becomes to[k]. Configurations lie step numbers
+ * apart. If fewer than LANES remain, the last configuration fills the other lanes. An argument shared by all
+ * configurations (step 0) is loaded once, by the first call. Inlining load_lanes and store_lanes would double the
+ * compilation time without making the code faster.
  */
 static APART void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, size_t first, size_t count, int size, lanes *to)
 {
@@ -109,7 +110,7 @@ static APART void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, size
     }
 {% if scalar.name == "float" %}
 #if LANE_BYTES > 4
-    for (int k = whole; k < size && size >= 4; k += 4) { /* the last ones perhaps once more */
+    for (int k = whole; k < size && size >= 4; k += 4) { /* the last four may overlap the four before */
         load_four(configuration, k + 4 <= size ? k : size - 4, to);
     }
     if (size >= 4) {
@@ -125,7 +126,7 @@ static APART void load_lanes(const {{ scalar.name }} *from, ptrdiff_t step, size
 #undef ENTRY
 }
 
-/* Lanes k become entry k of LANES configurations, or of those that are left. */
+/* Store from[k] as entry k of LANES configurations, or of the left ones if fewer remain. */
 static APART void store_lanes(const lanes *from, size_t left, int size, {{ scalar.name }} *to)
 {
     const int present = left < LANES ? (int)left : LANES;
@@ -162,7 +163,7 @@ static APART void store_lanes(const lanes *from, size_t left, int size, {{ scala
     }
 }
 
-/* The upper triangle of a matrix of n rows, row by row, at its beginning. */
+/* Pack the upper triangle of a matrix of n rows, row by row, in place. */
 static APART void pack_upper(lanes *matrix, int n)
 {
     int k = n; /* the first row stays */
