@@ -1,7 +1,7 @@
 #if LANE_BYTES > {{ scalar.bytes }}
 /*
- * Add the lower half of each vector to its upper half; the sums of a and b alternate in the result. After log2(LANES) rounds on
- * LANES vectors, lane k of the last one is the sum of the lanes of vector k.
+ * Add the lower half of each vector to its upper half; the sums of a and b alternate in the result. After log2(LANES)
+ * rounds on LANES vectors, lane k of the last one is the sum of the lanes of vector k.
  */
 static inline lanes add_halves(lanes a, lanes b)
 {

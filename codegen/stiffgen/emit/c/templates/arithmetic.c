@@ -1,6 +1,6 @@
 /*
- * Required arithmetic: {{ scalar.name }}s of {{ scalar.bits }} bits, NaN and infinity, sums in the order in which they are written.
- * A compiler flag that changes the arithmetic is an error here if a macro reveals it; {{ name }}_self_check finds the others.
+ * Required arithmetic: {{ scalar.name }}s of {{ scalar.bits }} bits, NaN and infinity, sums in the order in which they are written. A
+ * compiler flag that changes the arithmetic is an error here if a macro reveals it; {{ name }}_self_check finds others.
  */
 #if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
 #error "compile without -ffast-math, -ffinite-math-only and /fp:fast: they drop NaN, infinity and the order of sums"

@@ -1,8 +1,9 @@
 {% set letters = "abcdefghijklmnop"[:scalar.widest] | list %}
 /*
- * A variable of type `lanes` is one vector of LANES numbers, as wide as the processor's vector registers. It is a plain {{ scalar.name }}
- * where the compiler has no vector types or computes with more bits than a {{ scalar.name }} has. In single calls each lane
- * belongs to a joint, and rows over joints are padded with zeros. In batches each lane belongs to a configuration.
+ * A variable of type `lanes` is one vector of LANES numbers, as wide as the processor's vector registers. `lanes` is a
+ * plain {{ scalar.name }} where the compiler has no vector types or computes with more bits than a {{ scalar.name }} has. In single calls
+ * each lane belongs to a joint, and rows over joints are padded with zeros. In batches each lane belongs to a
+ * configuration.
  */
 #if !defined(__GNUC__) || EXCESS_PRECISION || defined(STIFFGEN_NO_VECTORS)
 #define LANE_BYTES {{ scalar.bytes }}

@@ -1,23 +1,24 @@
 {% set wide = scalar.name == "double" %}
 {% if wide %}
 /*
- * Compute sine and cosine of count vectors of angles [rad]. The error is below 1.1 ulp for |x| <= FAR (tested; the largest
- * error in a search of 10^8 angles was 1.056 ulp). Larger angles are computed by libm.
+ * Compute sine and cosine of count vectors of angles [rad]. The error is below 1.1 ulp for |x| <= FAR (tested; the
+ * largest error in a search of 10^8 angles was 1.056 ulp). Larger angles are computed by libm.
  *
  * Range reduction: k is the integer nearest to x / (pi/2). Adding 1.5 * 2^52 leaves k in the low bits of a double.
  * Subtracting one from the exponent, as an integer, halves the sum; subtracting 0.75 * 2^52 then gives turn = k/2. The
  * integer operation keeps compilers from cancelling the two constants. pi is the sum of three parts. The first two have
- * 39 bits, so that their products with turn (13 bits) are exact; the third extends the sum to 2^-130. The reduced angle is
- * r + low = x - turn pi, with |r| <= pi/4.
+ * 39 bits, so that their products with turn (13 bits) are exact; the third extends the sum to 2^-130. The reduced angle
+ * is r + low = x - turn pi, with |r| <= pi/4.
  *
- * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm (tests/campaigns/sine_cosine.py)
- * minimises the largest relative error: 2^-57.9 for the sine, 2^-64.0 for the cosine. k mod 4 decides whether the
+ * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm
+ * (tests/campaigns/sine_cosine.py) minimises the largest relative error: 2^-57.9 for the sine, 2^-64.0 for the cosine. k mod 4 decides whether the
  * two are exchanged and which signs they get.
  */
 {% else %}
 /*
- * Compute sine and cosine of count vectors of angles [rad], in floats only. The error is below 1.1 ulp for |x| <= FAR; a test
- * of every such float found at most 1.02 ulp without fused multiply-add and 0.96 with it. Larger angles are computed by libm.
+ * Compute sine and cosine of count vectors of angles [rad], in floats only. The error is below 1.1 ulp for |x| <= FAR; a
+ * test of every such float found at most 1.02 ulp without fused multiply-add and 0.96 with it. Larger angles are computed
+ * by libm.
  *
  * Range reduction: k is the integer nearest to x / (pi/2). Adding 1.5 * 2^23 leaves k in the low bits of a float.
  * Subtracting one from the exponent, as an integer, halves the sum; subtracting 0.75 * 2^23 then gives turn = k/2. The
@@ -25,8 +26,8 @@
  * 12 bits, so that their products with turn (12 bits) and the first two differences are exact; the fourth extends the sum
  * to 2^-62. The reduced angle is r + low = x - turn pi, with |r| <= pi/4.
  *
- * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm (tests/campaigns/sine_cosine.py)
- * minimises the largest relative error: 2^-28.0 for the sine, 2^-33.0 for the cosine. k mod 4 decides whether the
+ * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm
+ * (tests/campaigns/sine_cosine.py) minimises the largest relative error: 2^-28.0 for the sine, 2^-33.0 for the cosine. k mod 4 decides whether the
  * two are exchanged and which signs they get.
  */
 {% endif %}
@@ -44,8 +45,8 @@ static void by_libm_beyond_far(const {{ scalar.name }} *x, {{ scalar.name }} *si
 
 /*
  * Return x rounded to a {{ scalar.name }}, as a value that the compiler cannot take apart: sums are not reordered across it.
- * The barrier costs no instruction. It is omitted for clang, whose pragma above already keeps the order, because it would
- * restrict the choice of registers.
+ * The barrier costs no instruction. For clang it is omitted: the pragma above already keeps the order, and the barrier
+ * would restrict the choice of registers.
  */
 static inline lanes whole(lanes x)
 {

@@ -87,8 +87,8 @@ static inline void store_four(const lanes *from, int first, int present, int siz
 
 {% endif %}
 /*
- * Load LANES configurations, starting at number first: entry k of all of them becomes to[k]. Configurations lie step numbers
- * apart. If fewer than LANES remain, the last configuration fills the other lanes. An argument shared by all
+ * Load LANES configurations, starting at number first: entry k of all of them becomes to[k]. Configurations lie step
+ * numbers apart. If fewer than LANES remain, the last configuration fills the other lanes. An argument shared by all
  * configurations (step 0) is loaded once, by the first call. Inlining load_lanes and store_lanes would double the
  * compilation time without making the code faster.
  */
