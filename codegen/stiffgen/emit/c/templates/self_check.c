@@ -1,4 +1,4 @@
-/* Volatile inputs keep the compiler from evaluating the checks; bits tell NaN even with flags that assume there is none. */
+/* Volatile inputs keep the compiler from evaluating the checks; bits reveal NaN even if flags exclude it. */
 int {{ name }}_self_check(void)
 {
     int wrong = 0;

@@ -11,8 +11,8 @@
  * is r + low = x - turn pi, with |r| <= pi/4.
  *
  * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm
- * (tests/campaigns/sine_cosine.py) minimises the largest relative error: 2^-57.9 for the sine, 2^-64.0 for the cosine. k mod 4 decides whether the
- * two are exchanged and which signs they get.
+ * (tests/campaigns/sine_cosine.py) minimises the largest relative error: 2^-57.9 for the sine, 2^-64.0 for the
+ * cosine. k mod 4 decides whether the two are exchanged and which signs they get.
  */
 {% else %}
 /*
@@ -27,8 +27,8 @@
  * to 2^-62. The reduced angle is r + low = x - turn pi, with |r| <= pi/4.
  *
  * Polynomials: sin r = r + r^3 P(r^2) and cos r = 1 - r^2/2 + r^4 Q(r^2). Remez' algorithm
- * (tests/campaigns/sine_cosine.py) minimises the largest relative error: 2^-28.0 for the sine, 2^-33.0 for the cosine. k mod 4 decides whether the
- * two are exchanged and which signs they get.
+ * (tests/campaigns/sine_cosine.py) minimises the largest relative error: 2^-28.0 for the sine, 2^-33.0 for the
+ * cosine. k mod 4 decides whether the two are exchanged and which signs they get.
  */
 {% endif %}
 #define FAR {{ "1e4" if wide else "6e3f" }}
