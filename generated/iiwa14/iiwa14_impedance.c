@@ -97,7 +97,7 @@ static void robot_conventional_stiffness(const double *q, const double *tool, co
     iiwa14_hybrid_joint_stiffness_uncorrected(q, wrench, task_stiffness, joint_stiffness);
 }
 
-/* Springs of all tips: energy; torque -dU/dq; all of energy, wrenches, torque and Hessian. */
+/* Springs of all tips: energy alone; torque -dU/dq alone; energy, wrenches, torque and Hessian together. */
 
 static double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness)
@@ -151,7 +151,7 @@ static const double *robot_tool(const input_t *input)
 static int doubles_within(const double *x, size_t count, double least, double most);
 static int integers_within(const int *x, size_t count, int least, int most);
 
-/* Check every field of a configuration alone: OK, or the error of the first that is refused. */
+/* Check each field of a configuration by itself. Return OK, or the error of the first invalid field. */
 static int check_fields(const config_t *c)
 {
     if (!doubles_within(&c->sample_time, 1, 1e-05, 0.1)) {
@@ -262,14 +262,14 @@ static int check_fields(const config_t *c)
     return ID(OK);
 }
 
-/* Return the class of a fault. */
+/* Return the class of a fault's reason. */
 static int fault_of_reason(int reason)
 {
     static const int classes[] = {0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 4, 5, 5, 5};
     return classes[reason];
 }
 
-/* Report what the output takes from the memory. */
+/* Copy the output fields that the memory holds. */
 static void report_memory(const memory_t *m, output_t *out)
 {
     out->fault = m->fault;

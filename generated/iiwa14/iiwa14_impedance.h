@@ -8,10 +8,10 @@
  * robot's own controller compensates it.
  *
  * Contract of every function
- *   Plain C99 and libm; allocation-free, lock-free, deterministic, bounded time, no globals that change. Everything that
- *   changes is in the state: different states may be used in different threads, one state in one thread at a time.
- *   Whatever comes in, the torque is finite, within the effort limits, and changes by no more than its rate limit. A
- *   torque above a lowered effort limit comes down at the rate limit.
+ *   Plain C99 and libm; allocation-free, lock-free, deterministic, bounded time, no globals that change. All data
+ *   that changes is in the state. Different threads may use different states; use a state in one thread at a time.
+ *   For any input the torque is finite, within the effort limits, and changes by no more than its rate limit. A torque
+ *   above a lowered effort limit decreases at the rate limit.
  *
  * Use
  *   iiwa14_impedance_default_config(&config);            then change fields
@@ -77,7 +77,7 @@ enum {
     IIWA14_E_CONFIG_TANK_MAXIMUM = -54
 };
 
-/* Choices. None has the value 0, so that a configuration or an input of zeros is refused. */
+/* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
 enum { IIWA14_LAW_POTENTIAL = 1, IIWA14_LAW_PAPER };
 enum { IIWA14_STIFFNESS_FORMULA_CORRECTED = 1, IIWA14_STIFFNESS_FORMULA_CONVENTIONAL };
 enum { IIWA14_DAMPING_DESIGN_MODAL = 1, IIWA14_DAMPING_DESIGN_TASK };
@@ -353,7 +353,7 @@ typedef struct {
     double start_total;
 } iiwa14_impedance_output;
 
-/* Memory from step to step; opaque, prepared by iiwa14_impedance_init. */
+/* Memory between steps; opaque, initialised by iiwa14_impedance_init. */
 typedef struct {
     double older[14];
     double feed[21];
@@ -437,7 +437,7 @@ typedef struct {
 /* Set every field to its default, with the limits of the URDF. */
 void iiwa14_impedance_default_config(iiwa14_impedance_config *config);
 
-/* Check a configuration: IIWA14_OK, or the code of the first field that is refused. */
+/* Check a configuration. Return IIWA14_OK, or the code of the first invalid field. */
 int iiwa14_impedance_validate(const iiwa14_impedance_config *config);
 
 /*
