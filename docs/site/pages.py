@@ -187,9 +187,9 @@ def declarations(text: str) -> Iterator[tuple[str, list[str], str]]:
 def cpp() -> str:
     """Return the page of NAME.hpp: every comment of the header with the declaration that follows."""
     text = (ROOT / "generated" / "iiwa14" / "iiwa14.hpp").read_text()
-    text = re.sub(r"^/// What is behind Input.*?^\} // namespace detail$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^/// Implementation of Input.*?^\} // namespace detail$", "", text, flags=re.MULTILINE | re.DOTALL)
     text = re.sub(r"^private:\n.*?^\};$", "", text, flags=re.MULTILINE | re.DOTALL)
-    about = re.search(r" \* Every function comes twice.*?(?=^ \*/)", text, re.MULTILINE | re.DOTALL)
+    about = re.search(r" \* Every function has two overloads.*?(?=^ \*/)", text, re.MULTILINE | re.DOTALL)
     assert about is not None
     intro = re.sub(r"^ [*] ?", "", about[0], flags=re.MULTILINE).replace("  - ", "- ")
     parts = [

@@ -227,6 +227,6 @@ def test_command_line_options_reach_the_chain(tmp_path):
     options = ["--tool-xyz", "0", "0", "0.24", "--tool-mass", "0.455", "--lock", "A3=0.1"]
     assert main(["generate", str(URDF), "--output", str(tmp_path), "--no-build", *options]) == 0
     header = (tmp_path / "iiwa14" / "iiwa14.h").read_text()
-    assert "Joint A3 is held at 0.1" in header and "with the tool's frame in its place" in header
+    assert "Joint A3 is held at 0.1" in header and "replaced by the tool's frame" in header
     readme = (tmp_path / "iiwa14" / "README.md").read_text()
     assert "Joint A3 is held at 0.1" in readme and "0 0 0.24 m" in readme
