@@ -59,7 +59,7 @@ limits
     joint_stiffness(q, lower, upper, zone, limit_stiffness) -> (7, 7)
         Joint stiffness of the potential that keeps joints away from their limits.
 packed
-    The same with symmetric results as their upper triangles, row by row, for large batches:
+    Functions for large batches that return symmetric results as upper triangles, row by row:
     mass_matrix(q)
     gravity_joint_stiffness(q, gravity)
     body_joint_stiffness(q, wrench, task_stiffness)
@@ -72,7 +72,7 @@ packed
     limits_joint_stiffness(q, lower, upper, zone, limit_stiffness)
 
 Impedance(**config)
-    Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name what a step reports.
+    Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name its outcomes.
 DOF, JOINTS, BASE, TIP
     Number and names of the joint positions in q, base link, tip link.
 LOWER, UPPER, VELOCITY, EFFORT
@@ -85,18 +85,18 @@ from pathlib import Path as _Path
 
 import numpy as _np
 
-__path__.append(str(_Path(__file__).parent / "python"))  # the package's modules lie there
+__path__.append(str(_Path(__file__).parent / "python"))  # folder of the package's other modules
 
 try:
     from . import iiwa14_python as _c
 except ImportError as _error:
-    if _error.name != __name__:  # it is there, and does not load: its own message says why
+    if _error.name != __name__:  # the module exists but fails to load: keep the original message
         raise
     raise ImportError(
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "a9e9c41a73d6d525":
+if getattr(_c, "SOURCES", "") != "20fe91672a51b85c":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. Restart Python if it has loaded the old module"
@@ -104,16 +104,16 @@ if getattr(_c, "SOURCES", "") != "a9e9c41a73d6d525":
 
 
 def _tell_arguments() -> None:
-    """Names of the arguments for help, inspect.signature and completion, where NumPy lets them be set (2.1)."""
+    """Set argument names for help, inspect.signature and completion; NumPy before 2.1 does not allow it."""
     options = [
         _Parameter("out", _Parameter.KEYWORD_ONLY, default=None),
         _Parameter("options", _Parameter.VAR_KEYWORD),
     ]
     for name, arguments in _c.ARGUMENTS.items():
         function = getattr(_c, name)
-        given = [_Parameter(argument, _Parameter.POSITIONAL_OR_KEYWORD) for argument in arguments]
+        parameters = [_Parameter(argument, _Parameter.POSITIONAL_OR_KEYWORD) for argument in arguments]
         try:
-            function.__signature__ = _Signature([*given, *options])
+            function.__signature__ = _Signature([*parameters, *options])
             function.__doc__ = f"{name}({', '.join(arguments)}, *, out=None, **options)\n\n" + (
                 function.__doc__ or ""
             ).partition("\n\n")[2]
@@ -125,7 +125,7 @@ _tell_arguments()
 
 
 class _Functions:
-    # Functions that belong together; help() shows the text of the one at hand.
+    # Namespace of functions. No class docstring: help() shows the docstring of the instance.
     __slots__ = ("__dict__", "__doc__", "__name__")
 
     def __init__(self, name: str, **members: object) -> None:
@@ -227,8 +227,8 @@ packed = _Functions(
 
 from .impedance import Fault, Impedance, Mode, Reason, Status
 
-# What help() shows in full beside the text above: without the arrays, each of which would bring NumPy's page on arrays,
-# and the enumerations, which would bring those of their integers.
+# Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
+# NumPy's arrays and of Python's integers for each of them.
 __all__ = [
     "DOF", "JOINTS", "BASE", "TIP", "TOOL",
     "forward_kinematics",

@@ -18,8 +18,9 @@
  *   The result must not overlap an argument.
  *
  * Rounding
- *   Where a function states bounds, no entry is farther from its exact value, the value of the printed formulas in real
- *   arithmetic. The bounds are derived from the printed statements, operation by operation, for
+ *   Where a function states bounds, no entry differs from its exact value by more. The exact value is the value of the
+ *   printed formulas in real arithmetic. The bounds are derived from the printed statements, operation by operation,
+ *   for
  *     joint positions within the limits (up to 10000 rad or 10 m where there are none), every
  *     force up to 200 N and moment up to 50 N m, entries of stiffnesses up to
  *     5000 N/m, 500 N m/rad and, where they couple the two, 1581 N, gravity up to
@@ -42,7 +43,7 @@
 extern "C" {
 #endif
 
-/* Joints in the order of q, and their limits as the URDF has them (infinite where it has none). */
+/* Joint names in the order of q, and joint limits from the URDF (infinite where it states none). */
 extern const char *const iiwa14_joints[7];
 extern const double iiwa14_lower[7];    /* [rad] or [m] */
 extern const double iiwa14_upper[7];    /* [rad] or [m] */
@@ -685,13 +686,13 @@ void iiwa14_limits_joint_stiffness_packed_batch(size_t count, const double *q, p
     double *joint_stiffness);
 
 /*
- * Check this build. Some compiler flags change the arithmetic and cannot be seen by the source (clang -fno-honor-nans
- * -fno-signed-zeros). Return 0 if it is right, else the sum of 1 (sines and cosines are wrong) and 2 (infinity does not
- * become NaN). CMake's build and Python's import call it; a build of your own should.
+ * Check this build: some compiler flags change the arithmetic, and no macro reveals them (clang -fno-honor-nans
+ * -fno-signed-zeros). Return 0 if the arithmetic is correct, else the sum of 1 (sines and cosines are wrong) and 2
+ * (infinity does not become NaN). The CMake build and the Python import call this function; your own build should, too.
  */
 int iiwa14_self_check(void);
 
-/* Check the build of iiwa14_batch.c likewise. Return 0 if it is right, else 4: batches exchange numbers. */
+/* Check the build of iiwa14_batch.c. Return 0 if it is correct, else 4: batches exchange numbers. */
 int iiwa14_batch_self_check(void);
 
 #ifdef __cplusplus

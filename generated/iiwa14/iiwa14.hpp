@@ -7,13 +7,13 @@
  * wrenches (force, moment); the wrench is the one that the ENVIRONMENT APPLIES TO THE ROBOT. A result must not overlap
  * an argument. Link iiwa14.c and iiwa14_impedance.c, compiled as C.
  *
- * Every function comes twice: it returns its result, or writes it into its last arguments. Arguments and results are
- * seen where they lie, as Input and Output, which are made of
+ * Every function has two overloads: one returns the result, the other writes it into its last arguments. Arguments and
+ * results are used in place, through Input and Output, which refer to
  *   - std::array and C arrays of doubles, with as many entries (matrices flat, row by row, or of their shape);
- *   - std::span of fixed extent, and what looks like one;
- *   - vectors, row-major matrices, maps and blocks of Eigen whose size and strides are known when they are compiled.
- * What does not fit is refused by the compiler, which says why. Where Eigen is included before this file there are also
- * Matrix, map and row_major.
+ *   - std::span of fixed extent, and types with the same interface;
+ *   - Eigen's vectors, row-major matrices, maps and blocks whose sizes and strides are known at compile time.
+ * Other types fail to compile, with a message that states the reason. If Eigen is included before this file, the file
+ * also defines Matrix, map and row_major.
  */
 #ifndef IIWA14_HPP
 #define IIWA14_HPP
@@ -39,7 +39,7 @@ inline constexpr const double (&UPPER)[POSITIONS] = ::iiwa14_upper;
 inline constexpr const double (&VELOCITY)[POSITIONS] = ::iiwa14_velocity;
 inline constexpr const double (&EFFORT)[POSITIONS] = ::iiwa14_effort;
 
-/// What is behind Input and Output: which types they are made of, and where those keep their numbers.
+/// Implementation of Input and Output: the types that they accept, and access to their numbers.
 namespace detail {
 
 template <std::size_t... Extents> inline constexpr std::size_t size = (std::size_t{1} * ... * Extents);
@@ -51,7 +51,7 @@ template <std::size_t... Extents> constexpr std::size_t last_extent() noexcept
     return last;
 }
 
-template <class T> struct as_it_is { using type = T; };
+template <class T> struct not_deduced { using type = T; };
 template <class T> using bare = std::remove_cv_t<std::remove_reference_t<T>>;
 template <class T> inline constexpr bool refused = false;
 
@@ -71,12 +71,12 @@ template <class T>
 inline constexpr bool has_data<T, std::void_t<decltype(std::declval<T &>().data())>>
     = std::is_convertible_v<decltype(std::declval<T &>().data()), const double *>;
 
-/// Whether a type keeps its numbers itself, so that those of a temporary are lost.
+/// True if a type owns its numbers, so that a result written into a temporary is lost.
 template <class T, class = void> inline constexpr bool owns = std::is_array_v<T> || array_size<T> != 0;
 template <class T>
 inline constexpr bool owns<T, std::void_t<typename T::PlainObject>> = std::is_same_v<typename T::PlainObject, T>;
 
-/// Refuses, with the reason, what is not Extents doubles in a row.
+/// Fail to compile, with the reason, unless T holds doubles of the given extents contiguously.
 template <class T, std::size_t... Extents> constexpr void check() noexcept
 {
     constexpr std::size_t count = size<Extents...>;
@@ -141,14 +141,14 @@ template <class T> constexpr auto *first(T &values) noexcept
 
 } // namespace detail
 
-/// Numbers of the given extents, row by row: what functions return.
+/// Result of a function: numbers of the given extents, row by row.
 template <std::size_t... Extents> using Array = std::array<double, detail::size<Extents...>>;
 
-/// A result that a function writes where it lies: a reference, not a copy.
+/// Reference to memory that a function writes its result to.
 template <std::size_t... Extents> class Output {
 public:
     template <class T, std::enable_if_t<!std::is_same_v<detail::bare<T>, Output>, int> = 0>
-    constexpr Output(T &&values) noexcept // implicit: it is a parameter
+    constexpr Output(T &&values) noexcept // implicit, so that callers pass their own types
     {
         using Type = std::remove_reference_t<T>;
         detail::check<detail::bare<T>, Extents...>();
@@ -160,7 +160,7 @@ public:
         }
     }
 
-    /// The numbers from here on; how many there are is not checked.
+    /// Refer to the numbers that start at first; their count is not checked.
     [[nodiscard]] static constexpr Output at(double *first) noexcept { return Output(first, 0); }
 
     [[nodiscard]] constexpr double *data() const noexcept { return first_; }
@@ -171,18 +171,18 @@ private:
     double *first_ = nullptr;
 };
 
-/// An argument that a function reads where it lies: a reference, not a copy.
+/// Reference to memory that a function reads an argument from.
 template <std::size_t... Extents> class Input {
 public:
     template <class T, std::enable_if_t<!std::is_same_v<T, Input> && !std::is_same_v<T, Output<Extents...>>, int> = 0>
-    constexpr Input(const T &values) noexcept // implicit: it is a parameter
+    constexpr Input(const T &values) noexcept // implicit, so that callers pass their own types
     {
         detail::check<T, Extents...>();
         first_ = detail::first(values);
     }
     constexpr Input(Output<Extents...> values) noexcept : first_(values.data()) {}
 
-    /// The numbers from here on; how many there are is not checked.
+    /// Refer to the numbers that start at first; their count is not checked.
     [[nodiscard]] static constexpr Input at(const double *first) noexcept { return Input(first, 0); }
 
     [[nodiscard]] constexpr const double *data() const noexcept { return first_; }
@@ -193,14 +193,14 @@ private:
     const double *first_ = nullptr;
 };
 
-/// Copies values into a field of the controller's structs: assign<7>(sample.q, q).
+/// Copy values into a field of the controller's structs: assign<7>(sample.q, q).
 template <std::size_t... Extents>
-constexpr void assign(double (&field)[detail::size<Extents...>], typename detail::as_it_is<Input<Extents...>>::type values) noexcept
+constexpr void assign(double (&field)[detail::size<Extents...>], typename detail::not_deduced<Input<Extents...>>::type values) noexcept
 {
     for (std::size_t k = 0; k < detail::size<Extents...>; ++k) { field[k] = values.data()[k]; }
 }
 
-/// 0: this build computes what the functions promise; else flags changed its arithmetic (iiwa14.h).
+/// Return 0 if this build's arithmetic is correct, else the code of iiwa14.h: compiler flags changed the arithmetic.
 [[nodiscard]] inline int self_check() noexcept { return ::iiwa14_self_check(); }
 
 /**
@@ -216,7 +216,7 @@ inline void forward_kinematics(Input<7> q, Output<4, 4> pose) noexcept
     ::iiwa14_forward_kinematics(q.data(), pose.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<4, 4> forward_kinematics(Input<7> q) noexcept
 {
     Array<4, 4> value;
@@ -239,7 +239,7 @@ inline void mass_matrix(Input<7> q, Output<7, 7> mass_matrix) noexcept
     ::iiwa14_mass_matrix(q.data(), mass_matrix.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> mass_matrix(Input<7> q) noexcept
 {
     Array<7, 7> value;
@@ -247,14 +247,14 @@ inline void mass_matrix(Input<7> q, Output<7, 7> mass_matrix) noexcept
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void mass_matrix_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, double *mass_matrix) noexcept
 {
     ::iiwa14_mass_matrix_batch(count, q, q_step, mass_matrix);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void mass_matrix_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, double *mass_matrix) noexcept
 {
     ::iiwa14_mass_matrix_packed_batch(count, q, q_step, mass_matrix);
@@ -279,7 +279,7 @@ inline void bias_forces(Input<7> q, Input<7> velocity, Input<3> gravity, Output<
     ::iiwa14_bias_forces(q.data(), velocity.data(), gravity.data(), bias_forces.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7> bias_forces(Input<7> q, Input<7> velocity, Input<3> gravity) noexcept
 {
     Array<7> value;
@@ -287,8 +287,8 @@ inline void bias_forces(Input<7> q, Input<7> velocity, Input<3> gravity, Output<
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void bias_forces_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *velocity, std::ptrdiff_t velocity_step, const double *gravity, std::ptrdiff_t gravity_step, double *bias_forces) noexcept
 {
     ::iiwa14_bias_forces_batch(count, q, q_step, velocity, velocity_step, gravity, gravity_step, bias_forces);
@@ -313,7 +313,7 @@ inline void energy(Input<7> q, Input<3> gravity, double &energy) noexcept
     ::iiwa14_gravity_energy(q.data(), gravity.data(), &energy);
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline double energy(Input<7> q, Input<3> gravity) noexcept
 {
     double value;
@@ -321,8 +321,8 @@ inline void energy(Input<7> q, Input<3> gravity, double &energy) noexcept
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *gravity, std::ptrdiff_t gravity_step, double *energy) noexcept
 {
     ::iiwa14_gravity_energy_batch(count, q, q_step, gravity, gravity_step, energy);
@@ -344,7 +344,7 @@ inline void gradient(Input<7> q, Input<3> gravity, Output<7> gradient) noexcept
     ::iiwa14_gravity_gradient(q.data(), gravity.data(), gradient.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7> gradient(Input<7> q, Input<3> gravity) noexcept
 {
     Array<7> value;
@@ -352,8 +352,8 @@ inline void gradient(Input<7> q, Input<3> gravity, Output<7> gradient) noexcept
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void gradient_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *gravity, std::ptrdiff_t gravity_step, double *gradient) noexcept
 {
     ::iiwa14_gravity_gradient_batch(count, q, q_step, gravity, gravity_step, gradient);
@@ -375,7 +375,7 @@ inline void joint_stiffness(Input<7> q, Input<3> gravity, Output<7, 7> joint_sti
     ::iiwa14_gravity_joint_stiffness(q.data(), gravity.data(), joint_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness(Input<7> q, Input<3> gravity) noexcept
 {
     Array<7, 7> value;
@@ -383,14 +383,14 @@ inline void joint_stiffness(Input<7> q, Input<3> gravity, Output<7, 7> joint_sti
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *gravity, std::ptrdiff_t gravity_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_gravity_joint_stiffness_batch(count, q, q_step, gravity, gravity_step, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *gravity, std::ptrdiff_t gravity_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_gravity_joint_stiffness_packed_batch(count, q, q_step, gravity, gravity_step, joint_stiffness);
@@ -414,7 +414,7 @@ inline void jacobian(Input<7> q, Output<6, 7> jacobian) noexcept
     ::iiwa14_body_jacobian(q.data(), jacobian.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6, 7> jacobian(Input<7> q) noexcept
 {
     Array<6, 7> value;
@@ -422,8 +422,8 @@ inline void jacobian(Input<7> q, Output<6, 7> jacobian) noexcept
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, double *jacobian) noexcept
 {
     ::iiwa14_body_jacobian_batch(count, q, q_step, jacobian);
@@ -443,7 +443,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
     ::iiwa14_body_jacobian_transpose_derivative(q.data(), jacobian_transpose_derivative.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7, 6> jacobian_transpose_derivative(Input<7> q) noexcept
 {
     Array<7, 7, 6> value;
@@ -466,7 +466,7 @@ inline void kinematic_stiffness(Input<7> q, Input<6> wrench, Output<7, 7> kinema
     ::iiwa14_body_kinematic_stiffness(q.data(), wrench.data(), kinematic_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> kinematic_stiffness(Input<7> q, Input<6> wrench) noexcept
 {
     Array<7, 7> value;
@@ -489,7 +489,7 @@ inline void connection_correction(Input<6> wrench, Output<6, 6> connection_corre
     ::iiwa14_body_connection_correction(wrench.data(), connection_correction.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6, 6> connection_correction(Input<6> wrench) noexcept
 {
     Array<6, 6> value;
@@ -514,7 +514,7 @@ inline void joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffn
     ::iiwa14_body_joint_stiffness(q.data(), wrench.data(), task_stiffness.data(), joint_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -522,14 +522,14 @@ inline void joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffn
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_body_joint_stiffness_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_body_joint_stiffness_packed_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
@@ -552,7 +552,7 @@ inline void joint_stiffness_uncorrected(Input<7> q, Input<6> wrench, Input<6, 6>
     ::iiwa14_body_joint_stiffness_uncorrected(q.data(), wrench.data(), task_stiffness.data(), joint_stiffness_uncorrected.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness_uncorrected(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -578,7 +578,7 @@ inline void jacobian(Input<7> q, Output<6, 7> jacobian) noexcept
     ::iiwa14_spatial_jacobian(q.data(), jacobian.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6, 7> jacobian(Input<7> q) noexcept
 {
     Array<6, 7> value;
@@ -586,8 +586,8 @@ inline void jacobian(Input<7> q, Output<6, 7> jacobian) noexcept
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, double *jacobian) noexcept
 {
     ::iiwa14_spatial_jacobian_batch(count, q, q_step, jacobian);
@@ -607,7 +607,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
     ::iiwa14_spatial_jacobian_transpose_derivative(q.data(), jacobian_transpose_derivative.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7, 6> jacobian_transpose_derivative(Input<7> q) noexcept
 {
     Array<7, 7, 6> value;
@@ -630,7 +630,7 @@ inline void kinematic_stiffness(Input<7> q, Input<6> wrench, Output<7, 7> kinema
     ::iiwa14_spatial_kinematic_stiffness(q.data(), wrench.data(), kinematic_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> kinematic_stiffness(Input<7> q, Input<6> wrench) noexcept
 {
     Array<7, 7> value;
@@ -655,7 +655,7 @@ inline void connection_correction(Input<6> wrench, Output<6, 6> connection_corre
     ::iiwa14_spatial_connection_correction(wrench.data(), connection_correction.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6, 6> connection_correction(Input<6> wrench) noexcept
 {
     Array<6, 6> value;
@@ -682,7 +682,7 @@ inline void joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffn
     ::iiwa14_spatial_joint_stiffness(q.data(), wrench.data(), task_stiffness.data(), joint_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -690,14 +690,14 @@ inline void joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffn
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_spatial_joint_stiffness_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_spatial_joint_stiffness_packed_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
@@ -720,7 +720,7 @@ inline void joint_stiffness_uncorrected(Input<7> q, Input<6> wrench, Input<6, 6>
     ::iiwa14_spatial_joint_stiffness_uncorrected(q.data(), wrench.data(), task_stiffness.data(), joint_stiffness_uncorrected.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness_uncorrected(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -746,7 +746,7 @@ inline void jacobian(Input<7> q, Output<6, 7> jacobian) noexcept
     ::iiwa14_hybrid_jacobian(q.data(), jacobian.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6, 7> jacobian(Input<7> q) noexcept
 {
     Array<6, 7> value;
@@ -754,8 +754,8 @@ inline void jacobian(Input<7> q, Output<6, 7> jacobian) noexcept
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void jacobian_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, double *jacobian) noexcept
 {
     ::iiwa14_hybrid_jacobian_batch(count, q, q_step, jacobian);
@@ -775,7 +775,7 @@ inline void jacobian_transpose_derivative(Input<7> q, Output<7, 7, 6> jacobian_t
     ::iiwa14_hybrid_jacobian_transpose_derivative(q.data(), jacobian_transpose_derivative.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7, 6> jacobian_transpose_derivative(Input<7> q) noexcept
 {
     Array<7, 7, 6> value;
@@ -798,7 +798,7 @@ inline void kinematic_stiffness(Input<7> q, Input<6> wrench, Output<7, 7> kinema
     ::iiwa14_hybrid_kinematic_stiffness(q.data(), wrench.data(), kinematic_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> kinematic_stiffness(Input<7> q, Input<6> wrench) noexcept
 {
     Array<7, 7> value;
@@ -821,7 +821,7 @@ inline void connection_correction(Input<6> wrench, Output<6, 6> connection_corre
     ::iiwa14_hybrid_connection_correction(wrench.data(), connection_correction.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6, 6> connection_correction(Input<6> wrench) noexcept
 {
     Array<6, 6> value;
@@ -846,7 +846,7 @@ inline void joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffn
     ::iiwa14_hybrid_joint_stiffness(q.data(), wrench.data(), task_stiffness.data(), joint_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -854,14 +854,14 @@ inline void joint_stiffness(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffn
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_hybrid_joint_stiffness_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *wrench, std::ptrdiff_t wrench_step, const double *task_stiffness, std::ptrdiff_t task_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_hybrid_joint_stiffness_packed_batch(count, q, q_step, wrench, wrench_step, task_stiffness, task_stiffness_step, joint_stiffness);
@@ -884,7 +884,7 @@ inline void joint_stiffness_uncorrected(Input<7> q, Input<6> wrench, Input<6, 6>
     ::iiwa14_hybrid_joint_stiffness_uncorrected(q.data(), wrench.data(), task_stiffness.data(), joint_stiffness_uncorrected.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness_uncorrected(Input<7> q, Input<6> wrench, Input<6, 6> task_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -918,7 +918,7 @@ inline void energy(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_
     ::iiwa14_spring_energy(q.data(), equilibrium.data(), translation_stiffness.data(), rotation_stiffness.data(), &energy);
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline double energy(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness) noexcept
 {
     double value;
@@ -926,8 +926,8 @@ inline void energy(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *energy) noexcept
 {
     ::iiwa14_spring_energy_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, energy);
@@ -956,7 +956,7 @@ inline void wrench(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_
     ::iiwa14_spring_wrench(q.data(), equilibrium.data(), translation_stiffness.data(), rotation_stiffness.data(), wrench.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6> wrench(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness) noexcept
 {
     Array<6> value;
@@ -964,8 +964,8 @@ inline void wrench(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void wrench_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *wrench) noexcept
 {
     ::iiwa14_spring_wrench_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, wrench);
@@ -994,7 +994,7 @@ inline void task_stiffness(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> tran
     ::iiwa14_spring_task_stiffness(q.data(), equilibrium.data(), translation_stiffness.data(), rotation_stiffness.data(), task_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<6, 6> task_stiffness(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness) noexcept
 {
     Array<6, 6> value;
@@ -1002,14 +1002,14 @@ inline void task_stiffness(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> tran
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void task_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *task_stiffness) noexcept
 {
     ::iiwa14_spring_task_stiffness_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, task_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void task_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *task_stiffness) noexcept
 {
     ::iiwa14_spring_task_stiffness_packed_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, task_stiffness);
@@ -1037,7 +1037,7 @@ inline void torque(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_
     ::iiwa14_spring_torque(q.data(), equilibrium.data(), translation_stiffness.data(), rotation_stiffness.data(), torque.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7> torque(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness) noexcept
 {
     Array<7> value;
@@ -1045,8 +1045,8 @@ inline void torque(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void torque_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *torque) noexcept
 {
     ::iiwa14_spring_torque_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, torque);
@@ -1075,7 +1075,7 @@ inline void joint_stiffness(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> tra
     ::iiwa14_spring_joint_stiffness(q.data(), equilibrium.data(), translation_stiffness.data(), rotation_stiffness.data(), joint_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -1083,14 +1083,14 @@ inline void joint_stiffness(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> tra
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_spring_joint_stiffness_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_spring_joint_stiffness_packed_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, joint_stiffness);
@@ -1121,14 +1121,14 @@ inline void linearization(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> trans
     ::iiwa14_spring_linearization(q.data(), equilibrium.data(), translation_stiffness.data(), rotation_stiffness.data(), &energy, torque.data(), joint_stiffness.data());
 }
 
-/// What linearization returns.
+/// Results of linearization.
 struct linearization_result {
     double energy;
     Array<7> torque;
     Array<7, 7> joint_stiffness;
 };
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline linearization_result linearization(Input<7> q, Input<4, 4> equilibrium, Input<3, 3> translation_stiffness, Input<3, 3> rotation_stiffness) noexcept
 {
     linearization_result value;
@@ -1136,14 +1136,14 @@ struct linearization_result {
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void linearization_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *energy, double *torque, double *joint_stiffness) noexcept
 {
     ::iiwa14_spring_linearization_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, energy, torque, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void linearization_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *equilibrium, std::ptrdiff_t equilibrium_step, const double *translation_stiffness, std::ptrdiff_t translation_stiffness_step, const double *rotation_stiffness, std::ptrdiff_t rotation_stiffness_step, double *energy, double *torque, double *joint_stiffness) noexcept
 {
     ::iiwa14_spring_linearization_packed_batch(count, q, q_step, equilibrium, equilibrium_step, translation_stiffness, translation_stiffness_step, rotation_stiffness, rotation_stiffness_step, energy, torque, joint_stiffness);
@@ -1169,7 +1169,7 @@ inline void energy(Input<7> q, Input<7> posture, Input<7> posture_stiffness, dou
     ::iiwa14_posture_energy(q.data(), posture.data(), posture_stiffness.data(), &energy);
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline double energy(Input<7> q, Input<7> posture, Input<7> posture_stiffness) noexcept
 {
     double value;
@@ -1177,8 +1177,8 @@ inline void energy(Input<7> q, Input<7> posture, Input<7> posture_stiffness, dou
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *posture, std::ptrdiff_t posture_step, const double *posture_stiffness, std::ptrdiff_t posture_stiffness_step, double *energy) noexcept
 {
     ::iiwa14_posture_energy_batch(count, q, q_step, posture, posture_step, posture_stiffness, posture_stiffness_step, energy);
@@ -1200,7 +1200,7 @@ inline void torque(Input<7> q, Input<7> posture, Input<7> posture_stiffness, Out
     ::iiwa14_posture_torque(q.data(), posture.data(), posture_stiffness.data(), torque.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7> torque(Input<7> q, Input<7> posture, Input<7> posture_stiffness) noexcept
 {
     Array<7> value;
@@ -1208,8 +1208,8 @@ inline void torque(Input<7> q, Input<7> posture, Input<7> posture_stiffness, Out
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void torque_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *posture, std::ptrdiff_t posture_step, const double *posture_stiffness, std::ptrdiff_t posture_stiffness_step, double *torque) noexcept
 {
     ::iiwa14_posture_torque_batch(count, q, q_step, posture, posture_step, posture_stiffness, posture_stiffness_step, torque);
@@ -1231,7 +1231,7 @@ inline void joint_stiffness(Input<7> q, Input<7> posture, Input<7> posture_stiff
     ::iiwa14_posture_joint_stiffness(q.data(), posture.data(), posture_stiffness.data(), joint_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness(Input<7> q, Input<7> posture, Input<7> posture_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -1239,14 +1239,14 @@ inline void joint_stiffness(Input<7> q, Input<7> posture, Input<7> posture_stiff
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *posture, std::ptrdiff_t posture_step, const double *posture_stiffness, std::ptrdiff_t posture_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_posture_joint_stiffness_batch(count, q, q_step, posture, posture_step, posture_stiffness, posture_stiffness_step, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *posture, std::ptrdiff_t posture_step, const double *posture_stiffness, std::ptrdiff_t posture_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_posture_joint_stiffness_packed_batch(count, q, q_step, posture, posture_step, posture_stiffness, posture_stiffness_step, joint_stiffness);
@@ -1277,7 +1277,7 @@ inline void energy(Input<7> q, Input<7> lower, Input<7> upper, double zone, Inpu
     ::iiwa14_limits_energy(q.data(), lower.data(), upper.data(), &zone, limit_stiffness.data(), &energy);
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline double energy(Input<7> q, Input<7> lower, Input<7> upper, double zone, Input<7> limit_stiffness) noexcept
 {
     double value;
@@ -1285,8 +1285,8 @@ inline void energy(Input<7> q, Input<7> lower, Input<7> upper, double zone, Inpu
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void energy_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *lower, std::ptrdiff_t lower_step, const double *upper, std::ptrdiff_t upper_step, const double *zone, std::ptrdiff_t zone_step, const double *limit_stiffness, std::ptrdiff_t limit_stiffness_step, double *energy) noexcept
 {
     ::iiwa14_limits_energy_batch(count, q, q_step, lower, lower_step, upper, upper_step, zone, zone_step, limit_stiffness, limit_stiffness_step, energy);
@@ -1313,7 +1313,7 @@ inline void torque(Input<7> q, Input<7> lower, Input<7> upper, double zone, Inpu
     ::iiwa14_limits_torque(q.data(), lower.data(), upper.data(), &zone, limit_stiffness.data(), torque.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7> torque(Input<7> q, Input<7> lower, Input<7> upper, double zone, Input<7> limit_stiffness) noexcept
 {
     Array<7> value;
@@ -1321,8 +1321,8 @@ inline void torque(Input<7> q, Input<7> lower, Input<7> upper, double zone, Inpu
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void torque_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *lower, std::ptrdiff_t lower_step, const double *upper, std::ptrdiff_t upper_step, const double *zone, std::ptrdiff_t zone_step, const double *limit_stiffness, std::ptrdiff_t limit_stiffness_step, double *torque) noexcept
 {
     ::iiwa14_limits_torque_batch(count, q, q_step, lower, lower_step, upper, upper_step, zone, zone_step, limit_stiffness, limit_stiffness_step, torque);
@@ -1349,7 +1349,7 @@ inline void joint_stiffness(Input<7> q, Input<7> lower, Input<7> upper, double z
     ::iiwa14_limits_joint_stiffness(q.data(), lower.data(), upper.data(), &zone, limit_stiffness.data(), joint_stiffness.data());
 }
 
-/// The same, returned.
+/// Return the result instead of writing it.
 [[nodiscard]] inline Array<7, 7> joint_stiffness(Input<7> q, Input<7> lower, Input<7> upper, double zone, Input<7> limit_stiffness) noexcept
 {
     Array<7, 7> value;
@@ -1357,14 +1357,14 @@ inline void joint_stiffness(Input<7> q, Input<7> lower, Input<7> upper, double z
     return value;
 }
 
-/// The same for count configurations, whose results lie one after the other; argument x of configuration c is read at
-/// x + c * x_step, and a step of 0 shares it (iiwa14.h).
+/// Batch of count configurations with contiguous results. Argument x of configuration c is read at x + c * x_step; a
+/// step of 0 means that all configurations share it (iiwa14.h).
 inline void joint_stiffness_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *lower, std::ptrdiff_t lower_step, const double *upper, std::ptrdiff_t upper_step, const double *zone, std::ptrdiff_t zone_step, const double *limit_stiffness, std::ptrdiff_t limit_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_limits_joint_stiffness_batch(count, q, q_step, lower, lower_step, upper, upper_step, zone, zone_step, limit_stiffness, limit_stiffness_step, joint_stiffness);
 }
 
-/// The same with symmetric results as their upper triangles, row by row.
+/// Batch that stores symmetric results as upper triangles, row by row.
 inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std::ptrdiff_t q_step, const double *lower, std::ptrdiff_t lower_step, const double *upper, std::ptrdiff_t upper_step, const double *zone, std::ptrdiff_t zone_step, const double *limit_stiffness, std::ptrdiff_t limit_stiffness_step, double *joint_stiffness) noexcept
 {
     ::iiwa14_limits_joint_stiffness_packed_batch(count, q, q_step, lower, lower_step, upper, upper_step, zone, zone_step, limit_stiffness, limit_stiffness_step, joint_stiffness);
@@ -1373,9 +1373,9 @@ inline void joint_stiffness_packed_batch(std::size_t count, const double *q, std
 } // namespace limits
 
 /**
- * @brief The impedance controller as a value: copies of it are controllers of their own. iiwa14_impedance.h has its contract.
+ * @brief Impedance controller as a value: copies are independent controllers. iiwa14_impedance.h has its contract.
  *
- * One step a sample time; nothing allocates or throws. Different ones may run in different threads.
+ * Call step once per sample time. No function allocates or throws. Different controllers may run in different threads.
  */
 class Impedance {
 public:
@@ -1383,7 +1383,7 @@ public:
     using Sample = ::iiwa14_impedance_input;
     using Report = ::iiwa14_impedance_output;
 
-    /// The configuration that the field comments call default, with the URDF's limits.
+    /// Return the configuration with every field's default and the URDF's limits.
     [[nodiscard]] static Config default_config() noexcept
     {
         Config config;
@@ -1391,33 +1391,33 @@ public:
         return config;
     }
 
-    /// IIWA14_OK, or the code of the first field that is refused.
+    /// Return IIWA14_OK, or the code of the first invalid field.
     [[nodiscard]] static int validate(const Config &config) noexcept { return ::iiwa14_impedance_validate(&config); }
 
-    /// One line of English for a code.
+    /// Return one line of English for an error code.
     [[nodiscard]] static const char *error_text(int code) noexcept { return ::iiwa14_impedance_error_text(code); }
 
-    /// A controller that has seen no sample, at torque zero; error() tells whether the configuration is refused.
+    /// Create a controller without any sample, at torque zero; error() tells whether the configuration is valid.
     Impedance() noexcept : Impedance(default_config()) {}
     explicit Impedance(const Config &config) noexcept : config_(config), state_{}, error_(::iiwa14_impedance_init(&config_, &state_, nullptr)) {}
-    /// The same, where a torque [N m or N] acts already, from which the controller's moves on at the rate limit.
+    /// Create a controller that starts from a torque already in force [N m or N] and changes it at the rate limit.
     Impedance(const Config &config, Input<DOF> torque) noexcept
         : config_(config), state_{}, error_(::iiwa14_impedance_init(&config_, &state_, torque.data()))
     {
     }
 
-    /// IIWA14_OK, or why the controller was not set up.
+    /// Return IIWA14_OK, or the reason why the controller was not initialised.
     [[nodiscard]] int error() const noexcept { return error_; }
 
-    /// May change between steps; a change that is refused shows in the step.
+    /// Return the configuration. It may change between steps; the next step reports an invalid field.
     [[nodiscard]] Config &config() noexcept { return config_; }
     [[nodiscard]] const Config &config() const noexcept { return config_; }
 
-    /// One step. IIWA14_OK, also with a fault, which report.status tells; else why nothing could be computed. The torque
-    /// in the report is always one to command.
+    /// Do one step. Return IIWA14_OK, also with a fault (see report.status), or an error if nothing could be computed.
+    /// The torque in the report is finite and within its limits in either case.
     [[nodiscard]] int step(const Sample &sample, Report &report) noexcept { return ::iiwa14_impedance_step(&config_, &state_, &sample, &report); }
 
-    /// Clear a latched fault, deliberately.
+    /// Reset a latched fault; call it only after a deliberate decision.
     [[nodiscard]] int reset() noexcept { return ::iiwa14_impedance_reset(&state_); }
 
 private:
@@ -1430,7 +1430,7 @@ private:
 
 #endif
 
-/* Beside the rest, so that a file that includes Eigen after this one can include this one again. */
+/* Separate include guard: a source that includes Eigen after this file can include this file again. */
 #if defined(EIGEN_WORLD_VERSION) && !defined(IIWA14_HPP_EIGEN)
 #define IIWA14_HPP_EIGEN
 
@@ -1438,11 +1438,11 @@ private:
 
 namespace iiwa14 {
 
-/// An Eigen matrix as the functions have them, row by row; a vector for one column.
+/// Row-major Eigen matrix, as the functions take; a column vector for one column.
 template <std::size_t Rows, std::size_t Columns = 1>
 using Matrix = Eigen::Matrix<double, static_cast<int>(Rows), static_cast<int>(Columns), Columns == 1 ? Eigen::ColMajor : Eigen::RowMajor>;
 
-/// An array as an Eigen matrix, where it lies: map<6, 7>(jacobian). A temporary array would be gone, and is refused.
+/// View an array as an Eigen matrix, without a copy: map<6, 7>(jacobian). A temporary array fails to compile.
 template <std::size_t Rows, std::size_t Columns = 1>
 [[nodiscard]] Eigen::Map<Matrix<Rows, Columns>> map(std::array<double, Rows * Columns> &values) noexcept
 {
@@ -1465,7 +1465,7 @@ template <std::size_t Rows, std::size_t Columns = 1>
 }
 template <std::size_t Rows, std::size_t Columns = 1> void map(const std::array<double, Rows * Columns> &&) = delete;
 
-/// A copy of any Eigen expression, row by row; every entry is NaN where its size is another one.
+/// Copy any Eigen expression to a row-major matrix; every entry is NaN if the expression has another size.
 template <std::size_t Rows, std::size_t Columns, class Derived>
 [[nodiscard]] Matrix<Rows, Columns> row_major(const Eigen::MatrixBase<Derived> &matrix) noexcept
 {

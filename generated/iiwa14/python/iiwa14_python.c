@@ -20,12 +20,12 @@ typedef struct {
     const char *signature;
     const char *documentation;
     int inputs;
-    int operands; /* with the outputs, which follow the inputs */
+    int operands; /* inputs, then outputs */
     const char *argument[MAX_OPERANDS];
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
     void (*evaluate)(const double *const *in, double *const *out); /* NULL: batches only */
-    /* many configurations, steps in doubles; NULL where the C code has no batch */
+    /* count configurations, steps between them in doubles; NULL where the C code has no batch */
     void (*evaluate_batch)(size_t count, const double *const *in, const npy_intp *steps, double *const *out);
 } kernel;
 
@@ -38,7 +38,7 @@ static npy_intp size_of(const kernel *k, int operand)
     return size;
 }
 
-/* Whether an operand's core block can be handed to the C function as it is. */
+/* Check whether the C function can use an operand's memory in place: aligned and without gaps. */
 static int is_direct(const kernel *k, int operand, const char *block, npy_intp outer, const npy_intp *steps)
 {
     npy_intp expected = (npy_intp)sizeof(double);
@@ -51,14 +51,14 @@ static int is_direct(const kernel *k, int operand, const char *block, npy_intp o
     return (npy_uintp)block % sizeof(double) == 0 && outer % (npy_intp)sizeof(double) == 0;
 }
 
-/* Whether the blocks of an operand can be handed to the batch function as they are. */
+/* Check whether the batch function can use an operand's memory in place; results must also be contiguous. */
 static int is_batch(const kernel *k, int operand, const char *block, npy_intp outer, const npy_intp *steps)
 {
     return is_direct(k, operand, block, outer, steps)
         && (operand < k->inputs || outer == size_of(k, operand) * (npy_intp)sizeof(double));
 }
 
-/* Copy a strided core block into or out of a packed buffer. */
+/* Copy one configuration of a strided operand into (pack = 1) or out of a packed buffer. */
 static void copy_block(const kernel *k, int operand, char *block, const npy_intp *steps, double *packed, int pack)
 {
     const npy_intp *extent = k->extent[operand];
@@ -90,7 +90,7 @@ static void out_of_memory(void)
     PyGILState_Release(state);
 }
 
-/* Operands that are not contiguous go through a buffer of CHUNK blocks: the memory does not grow with the count. */
+/* Run a batch. To bound memory, operands that are not contiguous are copied CHUNK configurations at a time. */
 static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
 {
     const npy_intp *core_steps[MAX_OPERANDS];
@@ -2028,7 +2028,7 @@ enum { KERNELS = sizeof kernels / sizeof kernels[0] };
 
 static PyUFuncGenericFunction loops[] = {loop};
 static PyObject *argument_names[KERNELS][MAX_OPERANDS];
-static vectorcallfunc numpys_call; /* of every ufunc */
+static vectorcallfunc numpys_call; /* NumPy's own call, the same for every ufunc */
 
 static PyObject *argument_error(const kernel *k, const char *what, const char *name)
 {
@@ -2048,7 +2048,7 @@ static int argument_place(const kernel *k, PyObject *name)
 {
     PyObject *const *const names = argument_names[k - kernels];
     for (int i = 0; i < k->inputs; ++i) {
-        if (names[i] == name) { /* as a rule: names in a program are interned */
+        if (names[i] == name) { /* the usual case: Python interns names in source code */
             return i;
         }
     }
@@ -2060,12 +2060,12 @@ static int argument_place(const kernel *k, PyObject *name)
     return -1;
 }
 
-/* Call a ufunc with named arguments: put them in order and let NumPy do the rest. */
-static PyObject *call(PyObject *self, PyObject *const *given, size_t flags, PyObject *keywords)
+/* Call a ufunc with named arguments. NumPy's call takes a function's arguments only by position: put them in order. */
+static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObject *keywords)
 {
     enum { MAX_OTHERS = 16 };
     if (keywords == NULL) {
-        return numpys_call(self, given, flags, NULL);
+        return numpys_call(self, args, flags, NULL);
     }
     const kernel *const k = (const kernel *)((PyUFuncObject *)self)->data[0];
     const Py_ssize_t count = PyVectorcall_NARGS(flags), named = PyTuple_GET_SIZE(keywords);
@@ -2073,25 +2073,25 @@ static PyObject *call(PyObject *self, PyObject *const *given, size_t flags, PyOb
     PyObject *others[MAX_OTHERS];
     Py_ssize_t left = 0;
     if (count > k->inputs || named > MAX_OTHERS) {
-        return numpys_call(self, given, flags, keywords);
+        return numpys_call(self, args, flags, keywords);
     }
     for (Py_ssize_t i = 0; i < count; ++i) {
-        ordered[i] = given[i];
+        ordered[i] = args[i];
     }
     for (Py_ssize_t i = 0; i < named; ++i) {
         PyObject *const name = PyTuple_GET_ITEM(keywords, i);
         const int place = argument_place(k, name);
         if (place < 0) {
-            ordered[k->inputs + left] = given[count + i];
+            ordered[k->inputs + left] = args[count + i];
             others[left++] = name;
         } else if (ordered[place] != NULL) {
             return argument_error(k, "got several values for", k->argument[place]);
         } else {
-            ordered[place] = given[count + i];
+            ordered[place] = args[count + i];
         }
     }
     if (left == named) {
-        return numpys_call(self, given, flags, keywords);
+        return numpys_call(self, args, flags, keywords);
     }
     for (int i = 0; i < k->inputs; ++i) {
         if (ordered[i] == NULL) {
@@ -2113,7 +2113,7 @@ static PyObject *call(PyObject *self, PyObject *const *given, size_t flags, PyOb
     return result;
 }
 
-/* Make a ufunc accept its arguments by name, and tell Python the names. */
+/* Make a ufunc accept its arguments by name, and list the names in the module's ARGUMENTS. */
 static int name_arguments(PyObject *ufunc, int index, PyObject *arguments)
 {
     const kernel *const k = &kernels[index];
@@ -2497,7 +2497,7 @@ static int add_controller(PyObject *module)
         "input", (Py_ssize_t)sizeof(iiwa14_impedance_input), "output", (Py_ssize_t)sizeof(iiwa14_impedance_output)));
 }
 
-/* Return the first instruction set that this build uses and the machine lacks. Fused multiply-add comes with AVX2 here. */
+/* Return an instruction set that the build uses and the machine lacks, or NULL. AVX2 includes multiply-add (FMA). */
 static const char *missing_instructions(void)
 {
 #if defined(__GNUC__) && (defined(__x86_64__) || defined(__i386__))
@@ -2541,11 +2541,11 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "a9e9c41a73d6d525") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "20fe91672a51b85c") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
-    Py_DECREF(arguments); /* the module has it */
+    Py_DECREF(arguments); /* the module holds a reference */
     for (int i = 0; i < KERNELS; ++i) {
         const kernel *k = &kernels[i];
         data[i] = &kernels[i];
