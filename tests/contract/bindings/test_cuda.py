@@ -204,7 +204,7 @@ def test_files(folder, chain):
     manifest = json.loads((folder / "manifest.json").read_text())
     assert {"iiwa14.cu", "iiwa14_cuda.h"} <= set(manifest["files"])
     header = (folder / "iiwa14_cuda.h").read_text()
-    assert "Moves 41 doubles per configuration." in header  # 7 of q, 6 of the wrench, 28 of the result
+    assert "Memory traffic: 41 doubles per configuration." in header  # 7 of q, 6 of the wrench, 28 of the result
     for file in ("README.md", "CMakeLists.txt", "iiwa14.cu", "iiwa14_cuda.h"):
         assert "http" not in (folder / file).read_text()
 

@@ -330,4 +330,4 @@ def test_what_needs_doubles_is_refused(folder, tmp_path, capsys):
 def test_there_is_no_controller(folder, floats):
     assert not hasattr(floats, "Impedance")
     assert [file.name for file in folder.iterdir() if "impedance" in file.name] == []
-    assert "There is no controller" in (folder / f"{NAME}.h").read_text()
+    assert "For a controller" in (folder / f"{NAME}.h").read_text()

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from stiffgen import open_robot
+from stiffgen.emit.build import kernel_sources
 from stiffgen.prove.harness import functions, widths
 from support.project import require_compiler
 from support.warnings import sources_of_varied_robot
@@ -23,11 +24,19 @@ COUNT = 3
 
 def check(seed: int, width: str, folder: Path) -> None:
     clang = require_compiler("clang")
-    _, (source, *_) = sources_of_varied_robot(seed, 4, folder)
+    sources_of_varied_robot(seed, 4, folder)
     robot = open_robot(folder)
     (folder / "main.c").write_text(widths(robot, functions(robot), COUNT))
     flags = ["-std=c99", "-O1", "-w", "-fsanitize=memory", "-fno-sanitize-recover=all", *WIDTHS[width]]
-    command = [clang, *flags, str(source), str(folder / "main.c"), "-o", str(folder / "program"), "-lm"]
+    command = [
+        clang,
+        *flags,
+        *map(str, kernel_sources(folder, robot.name)),
+        str(folder / "main.c"),
+        "-o",
+        str(folder / "program"),
+        "-lm",
+    ]
     subprocess.run(command, check=True)
     done = subprocess.run([str(folder / "program")], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -281,7 +281,7 @@ def test_a_floating_root_joint_is_the_base(tree, tmp_path):
     chain = stiffgen.load_chain(file, tip=TIPS)
     assert chain.floating and chain.base == "pelvis" and chain.joints == tree.chain.joints
     assert not stiffgen.load_chain(file, tip=TIPS, base="pelvis").floating
-    with pytest.raises(ChainError, match=r"leave out --base, or take --base world"):
+    with pytest.raises(ChainError, match=r"remove --base, or use --base world"):
         stiffgen.load_chain(file, tip=TIPS, base="left_1", floating_base=True)
 
 
