@@ -128,7 +128,7 @@ class GenerationOptions:
         default=None,
         metadata=_help(
             f"largest argument for which the header states rounding bounds; NAME is one of {', '.join(_RANGES)}; "
-            "repeatable (defaults: docs/accuracy.md)",
+            "repeatable (defaults: see the header)",
             metavar="NAME=VALUE",
             action="append",
             flag="--range",

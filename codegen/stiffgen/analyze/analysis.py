@@ -25,10 +25,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import stiffgen.analyze.measures as ms
-from stiffgen.analyze.measures import MEASURES, Summary, Task, bad_rows, units
-from stiffgen.analyze.options import AnalysisOptions, Progress, taking
+from stiffgen.analyze.export import NAME as EXPORT_NAME
+from stiffgen.analyze.export import export
+from stiffgen.analyze.measures import MEASURES, Summary, Task, units
+from stiffgen.analyze.options import EXPORTS, AnalysisOptions, Progress, taking
 from stiffgen.analyze.recording import Array, Layout, Partition, Recording, Request, extra, open_recording, read_blocks
-from stiffgen.analyze.report import write_report
+from stiffgen.analyze.report import bad_rows, write_report
 from stiffgen.errors import EmptyRecordingError, OutputError, RecordingError, StiffgenError, listed, printable
 from stiffgen.folder import swapped_in
 from stiffgen.opened import open_robot
@@ -104,7 +106,11 @@ def analyze(options: AnalysisOptions) -> Analysis:
         q_topic=options.q_topic,
         wrench_topic=options.wrench_topic,
         tolerance=options.tolerance,
+        q_prefix=options.q,
+        wrench_prefix=options.wrench,
     )
+    if options.export is not None and options.export not in EXPORTS:
+        raise RecordingError(f"--export {options.export}: choose one of {listed(EXPORTS)}")
     with swapped_in(target) as staging:
         recording = open_recording(log, request, progress=lambda step: progress(step, 0.0))
         job = _Job(robot.absolute(), task, recording.layout, options.block_rows)
@@ -114,12 +120,27 @@ def analyze(options: AnalysisOptions) -> Analysis:
         summary = _summary(recording, chain, task, result)
         try:
             (staging / SUMMARY).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            if options.export is not None:
+                _exported(staging, options, task, recording, result)
             if options.figures:
                 progress("drawing", 1.0)
                 write_report(staging, recording, chain, result, summary)
         except OSError as error:
             raise OutputError(f"{target}: cannot be written ({error.strerror}); choose another --output") from error
     return Analysis(target, summary, result, recording)
+
+
+def _exported(folder: Path, options: AnalysisOptions, task: Task, recording: Recording, result: Summary) -> None:
+    assert options.export is not None
+    done = 0.0
+
+    def advance(rows: float) -> None:
+        nonlocal done
+        done += rows
+        options.progress("exporting", done / result.good)
+
+    module = _robot_module(Path(options.robot).absolute())
+    export(folder, options.export, module, task, recording, result.good, options.block_rows, advance)
 
 
 def checked_stiffness(value: ArrayLike) -> Array:
@@ -205,7 +226,8 @@ def _refuse_foreign(target: Path) -> None:
         raise OutputError(
             f"{target}: exists and is not an analysis by stiffgen; move it away or choose another --output"
         )
-    foreign = sorted(e.name for e in target.iterdir() if e.name not in (SUMMARY, "report.html") and e.suffix != ".svg")
+    ours = {SUMMARY, "report.html", *(f"{EXPORT_NAME}.{kind}" for kind in EXPORTS)}
+    foreign = sorted(e.name for e in target.iterdir() if e.name not in ours and e.suffix != ".svg")
     if foreign:
         raise OutputError(
             f"{target}: holds files that stiffgen did not write ({listed(foreign)}); move them away first"
@@ -348,6 +370,15 @@ def _measures(recording: Recording, chain: Chain, result: Summary) -> dict[str, 
     return measures
 
 
+def _smallest_torque_limit(chain: Chain) -> dict[str, Any] | None:
+    """Return the turning joint with the smallest torque limit [N m], or None if no joint has one."""
+    limited = [each for each in chain.coordinates if each.type != "prismatic" and 0 < each.effort < math.inf]
+    if not limited:
+        return None
+    weakest = min(limited, key=lambda each: each.effort)
+    return {"joint": weakest.name, "limit": weakest.effort}
+
+
 def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) -> dict[str, Any]:
     """Return the contents of summary.json; docs/analyze.md lists them."""
     assert result.q_least is not None and result.q_most is not None
@@ -383,6 +414,7 @@ def _summary(recording: Recording, chain: Chain, task: Task, result: Summary) ->
         "rows_indefinite": result.indefinite,
         "share_indefinite": result.indefinite / result.good,
         "rows_corrected_not_symmetric": result.asymmetric,
+        "smallest_torque_limit": _smallest_torque_limit(chain),
         "joint_positions": [
             {"joint": coordinate.name, "least": float(low), "most": float(high)}
             for coordinate, low, high in zip(chain.coordinates, result.q_least, result.q_most, strict=True)

@@ -13,12 +13,12 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiffgen.analyze.recording import Array, Block, Layout, Problem, Recording
+from stiffgen.analyze.recording import Array, Block, Layout, Problem
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import Representation
 
@@ -103,7 +103,7 @@ def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
     wrench = wrench.copy()
     if count == 1:  # single calls and batches differ in the last digit
         q, wrench = np.repeat(q, 2, axis=0), np.repeat(wrench, 2, axis=0)
-    functions = getattr(getattr(robot, task.tip) if task.tip else robot, task.representation)
+    functions = functions_of(robot, task)
     K = task.task_stiffness
     conventional = functions.joint_stiffness_uncorrected(q, wrench, K)
     corrected = functions.joint_stiffness(q, wrench, K)
@@ -131,6 +131,11 @@ def measured(robot: ModuleType, task: Task, q: Array, wrench: Array) -> Array:
     result = np.stack(columns, axis=1)
     result[~sound] = np.nan
     return result[:count]
+
+
+def functions_of(robot: ModuleType, task: Task) -> Any:
+    """Return the functions of the task's tip and representation in a generated module."""
+    return getattr(getattr(robot, task.tip) if task.tip else robot, task.representation)
 
 
 def _parts(matrices: Array) -> tuple[Array, Array]:
@@ -335,8 +340,18 @@ class Summary:
         return float(np.clip(middle, self.least[column], self.most[column]))
 
 
-def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Summary:
-    """Return the summary of one block: its bad rows are counted and named, the others measured."""
+class Judged(NamedTuple):
+    """Rows of a block: which are good, q and wrench as analysed, MEASURES of the good rows, reasons of the others."""
+
+    good: NDArray[np.bool_]
+    q: Array
+    wrench: Array
+    measures: Array
+    reasons: dict[int, Problem]
+
+
+def judged(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Judged:
+    """Find the rows of a block that can be analysed, and measure them."""
     dof = len(layout.q)
     values = block.values
     timed = int(layout.time is not None)
@@ -356,13 +371,20 @@ def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Su
         reasons.setdefault(int(index), Problem("beyond joint limits", text))
     good = np.ones(len(values), dtype=bool)
     good[list(reasons)] = False
-    analysed = measured(robot, task, q[good], -wrench[good] if task.negate else wrench[good])
+    wrench = -wrench if task.negate else wrench
+    analysed = measured(robot, task, q[good], wrench[good])
     for index in np.flatnonzero(good)[np.isnan(analysed[:, 0])]:
         reasons[int(index)] = Problem("overflow", "the stiffness is beyond what floating point holds")
         good[index] = False
-    analysed = analysed[~np.isnan(analysed[:, 0])]
-    result = _of_good_rows(block.rows[good], q[good], values[good, 0] if timed else None, analysed)
-    result.rows = len(values)
+    return Judged(good, q, wrench, analysed[~np.isnan(analysed[:, 0])], reasons)
+
+
+def summarise(robot: ModuleType, task: Task, layout: Layout, block: Block) -> Summary:
+    """Return the summary of one block: its bad rows are counted and named, the others measured."""
+    good, q, _, analysed, reasons = judged(robot, task, layout, block)
+    time = None if layout.time is None else block.values[good, 0]
+    result = _of_good_rows(block.rows[good], q[good], time, analysed)
+    result.rows = len(block.values)
     result.bad = Counter(problem.category for problem in reasons.values())
     result.named = [(int(block.rows[i]), reasons[i].text) for i in sorted(reasons)[:NAMED_ROWS]]
     return result
@@ -434,30 +456,6 @@ def _grid(moment: Array, antisymmetric: Array) -> NDArray[np.int64]:
     size = (GRID_DECADES[1] - GRID_DECADES[0]) * GRID_PER_DECADE + 2
     x, y = (_decade_bins(v, GRID_DECADES, GRID_PER_DECADE) for v in (moment, antisymmetric))
     return np.bincount(x * size + y, minlength=size * size).reshape(size, size).astype(np.int64)
-
-
-def bad_rows(recording: Recording, result: Summary, most: int = 5) -> list[str]:
-    """Return lines about skipped rows: counts by reason, then the first rows by name."""
-    if not result.bad:
-        return []
-    counts = ", ".join(f"{category} {count}" for category, count in sorted(result.bad.items()))
-    lines = [counts]
-    lines += [f"{recording.row_name(row)}: {text}" for row, text in result.named[:most]]
-    left = sum(result.bad.values()) - min(most, len(result.named))
-    if left:
-        lines.append(f"and {left} more")
-    if result.bad.get("beyond joint limits", 0) > result.rows / 2:
-        lines.append("joint positions are read in radians (metres): are these degrees, or another order of joints?")
-    return lines
-
-
-def late_rows(recording: Recording, result: Summary, most: int = 3) -> str:
-    """Return a sentence about time that runs backwards, or ""."""
-    if not result.backwards:
-        return ""
-    shown = ", ".join(recording.row_name(row) for row in result.backwards_named[:most])
-    more = f" and {result.backwards - most} more" if result.backwards > most else ""
-    return f"time runs backwards at {shown}{more}; these rows are analysed, and the figures are drawn over rows"
 
 
 def stiffness_unit(chain: Chain) -> str:

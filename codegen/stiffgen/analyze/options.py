@@ -38,9 +38,11 @@ class Told:
 
 
 COLUMNS = "columns"
+EXPORTS = ("npz", "csv", "parquet")
 TOPICS = "MCAP"
 GROUPS = {
-    COLUMNS: "default: time [s] (optional), q_0 ... [rad], wrench_0 ... wrench_5",
+    COLUMNS: "default: time [s] (optional), q_0 ... [rad], wrench_0 ... wrench_5. A prefix finds PREFIX0 ..., PREFIX1 "
+    "... or PREFIX with the joints' names (wrench: fx fy fz mx my mz)",
     TOPICS: "topics are needed where there are several of their type",
 }
 
@@ -87,12 +89,22 @@ class AnalysisOptions:
     _: KW_ONLY
     representation: Representation = field(
         default="hybrid",
-        metadata=_told("representation of wrenches and task stiffness (docs/frames.md)", choices=REPRESENTATIONS),
+        metadata=_told(
+            "representation of wrenches and task stiffness: axes and point of reference (hybrid: base axes, moment "
+            "about the tip's origin)",
+            choices=REPRESENTATIONS,
+        ),
     )
     negate_wrench: bool = field(
         default=False, metadata=_told("recorded wrenches are those that the robot applies to the environment")
     )
     tip: str | None = field(default=None, metadata=_told("tip link, for a robot with several tips", metavar="LINK"))
+    q: str | None = field(
+        default=None, metadata=_told("prefix of the columns with joint positions", COLUMNS, metavar="PREFIX")
+    )
+    wrench: str | None = field(
+        default=None, metadata=_told("prefix of the columns with the wrench", COLUMNS, metavar="PREFIX")
+    )
     q_columns: Sequence[str] | None = field(
         default=None,
         metadata=_told(
@@ -133,6 +145,13 @@ class AnalysisOptions:
         metadata=_told("folder to write (default: analysis/NAME, with the recording's name)", metavar="DIR"),
     )
     figures: bool = field(default=True, metadata=_told("write summary.json only, without figures and report.html"))
+    export: str | None = field(
+        default=None,
+        metadata=_told(
+            "also write the corrected joint stiffness of each row: joint_stiffness.npz, .csv or .parquet",
+            choices=EXPORTS,
+        ),
+    )
     dask: str | None = field(
         default=None,
         metadata=_told(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,6 @@ from stiffgen.analyze.measures import (
     MEASURES,
     SMALL_MOMENT,
     Summary,
-    bad_rows,
-    late_rows,
     stiffness_unit,
 )
 from stiffgen.analyze.recording import Array, Recording
@@ -89,8 +88,54 @@ def statements(recording: Recording, result: Summary, summary: Mapping[str, Any]
         else f"The corrected stiffness is NOT symmetric at {result.asymmetric} rows.",
         f"The conventional stiffness is asymmetric by up to {worst['most']:.4g} {worst['unit']} ({worst['most_at']}).",
         f"The corrected stiffness is indefinite at {100 * summary['share_indefinite']:.3g} % of the rows.",
+        *beside_torque_limits(summary),
     ]
     return lines + list(recording.notes)
+
+
+DEFLECTION = 0.1
+"""Joint deflection [rad] at which the asymmetry is compared with the torque limits."""
+
+
+def beside_torque_limits(summary: Mapping[str, Any]) -> list[str]:
+    """Return a sentence that compares the asymmetry with the smallest torque limit; none for sliding joints."""
+    worst = summary["measures"]["singular_value_antisymmetric"]
+    if worst["unit"] != "N m/rad":
+        return []
+    torque = DEFLECTION * worst["most"]
+    line = (
+        f"At a joint deflection |dq| of {DEFLECTION:g} rad ({math.degrees(DEFLECTION):.2g} deg) this asymmetry is a "
+        f"torque of at most {torque:.3g} N m"
+    )
+    limit = summary["smallest_torque_limit"]
+    if limit is None:
+        return [f"{line}; the robot's description has no torque limits to compare with."]
+    return [f"{line}, {100 * torque / limit['limit']:.2g} % of the smallest torque limit ({limit['joint']}, "
+            f"{limit['limit']:g} N m)."]  # fmt: skip
+
+
+def bad_rows(recording: Recording, result: Summary, most: int = 5) -> list[str]:
+    """Return lines about skipped rows: counts by reason, then the first rows by name."""
+    if not result.bad:
+        return []
+    counts = ", ".join(f"{category} {count}" for category, count in sorted(result.bad.items()))
+    lines = [counts]
+    lines += [f"{recording.row_name(row)}: {text}" for row, text in result.named[:most]]
+    left = sum(result.bad.values()) - min(most, len(result.named))
+    if left:
+        lines.append(f"and {left} more")
+    if result.bad.get("beyond joint limits", 0) > result.rows / 2:
+        lines.append("joint positions are read in radians (metres): are these degrees, or another order of joints?")
+    return lines
+
+
+def late_rows(recording: Recording, result: Summary, most: int = 3) -> str:
+    """Return a sentence about time that runs backwards, or ""."""
+    if not result.backwards:
+        return ""
+    shown = ", ".join(recording.row_name(row) for row in result.backwards_named[:most])
+    more = f" and {result.backwards - most} more" if result.backwards > most else ""
+    return f"time runs backwards at {shown}{more}; these rows are analysed, and the figures are drawn over rows"
 
 
 def warnings(recording: Recording, result: Summary) -> list[str]:

@@ -29,9 +29,7 @@ def add(commands: Any) -> None:
     command.add_argument("--seed", type=natural, default=0, help="seed of the random configurations (default: 0)")
     command.add_argument("--report", type=Path, metavar="FILE.html", help="write the evidence as one page")
     command.add_argument("--proofs", type=Path, metavar="FILE", help="add the verdicts of 'stiffgen prove --json'")
-    command.add_argument(
-        "--targets", type=Path, metavar="FILE", help="add measurements on other processors (docs/targets.md)"
-    )
+    command.add_argument("--targets", type=Path, metavar="FILE", help="add measurements on other processors")
     command.add_argument("--date", metavar="TEXT", help="date to print on the page (default: none)")
     command.set_defaults(run=run)
 

@@ -21,9 +21,10 @@ import stiffgen
 from stiffgen.analyze import analysis, recording
 from stiffgen.analyze import measures as ms
 from stiffgen.analyze.analysis import _tip, checked_stiffness
-from stiffgen.analyze.measures import late_rows, stiffness_unit
+from stiffgen.analyze.measures import stiffness_unit
 from stiffgen.analyze.options import AnalysisOptions, told
 from stiffgen.analyze.recording import Request, csv_file, npz_file, open_recording, parquet_file
+from stiffgen.analyze.report import late_rows
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, RecordingError
 from stiffgen.symbolic.connection import REPRESENTATIONS
@@ -116,6 +117,15 @@ def test_hybrid_closed_form(robot):
     assert measured(SimpleNamespace(hybrid=wrong), ROWS)["closed_form_difference"].max() > 1e-3
 
 
+def blanks(path):
+    """NumPy's savetxt, with runs of blanks and tabs, Windows's line ends, and blanks at both ends of a line."""
+    lines = recordings.write_csv(path, ROWS, delimiter=" ").read_text().splitlines()
+    path.write_bytes(
+        "".join(f"  {line.replace(' ', '  ', 3)}\t\r\n" for line in ["# " + lines[0], *lines[1:]]).encode()
+    )
+    return path
+
+
 def write_all(folder):
     lines = recordings.write_csv(folder / "plain.csv", ROWS).read_text()
     commented = "# " + lines.replace(",", " ; ").replace("\n", "\r\n")
@@ -127,6 +137,7 @@ def write_all(folder):
         folder / "plain.csv",
         folder / "excel.csv",
         recordings.write_csv(folder / "tabs.tsv", ROWS, delimiter="\t"),
+        blanks(folder / "blanks.txt"),
         recordings.write_npz(folder / "stored.npz", ROWS),
         recordings.write_npz(folder / "compressed.npz", ROWS, compressed=True),
         recordings.write_npz(folder / "fortran.npz", ROWS, fortran=True),
@@ -168,6 +179,66 @@ def test_formats_agree_with_a_direct_computation(here, robot, robot_folder, monk
         assert summary["time"]["last"] == ROWS[-1, 0]
         positions = [[joint["least"], joint["most"]] for joint in summary["joint_positions"]]
         assert positions == np.stack([ROWS[:, 1:8].min(0), ROWS[:, 1:8].max(0)], 1).tolist()
+
+
+UR = [f"actual_q_{k}" for k in range(7)], [f"actual_TCP_force_{k}" for k in range(6)]
+BY_PREFIX = {
+    "from 0": (*UR, "actual_q_", "actual_TCP_force_"),
+    "from 1": ([f"q{k + 1}" for k in range(7)], [f"F[{k}]" for k in range(6)], "q", "F["),
+    "names": ([f"position.{name}" for name in JOINTS], ["wfx", "wfy", "wfz", "wtx", "wty", "wtz"], "position.", "w"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BY_PREFIX)
+def test_columns_by_prefix(case, here, robot_folder, capsys):
+    """Columns in another order than their numbers, beside others that begin alike."""
+    q, wrench, *prefixes = BY_PREFIX[case]
+    names, order = ["time", *q, *wrench, "target_q_0", f"{prefixes[0]}_std"], np.random.default_rng(1).permutation(16)
+    rows = np.hstack([ROWS, np.full((300, 2), 9.0)])[:, order]
+    log = recordings.write_csv(here / "ur.csv", rows, [names[k] for k in order], delimiter=" ")
+    np.savez(here / "ur.npz", **dict(zip([names[k] for k in order], rows.T, strict=True)))
+    plain = stiffgen.analyze(recordings.write_npz(here / "plain.npz", ROWS), robot_folder, K, figures=False).summary
+    for file in (log, here / "ur.npz"):
+        options = ("--q", prefixes[0], "--wrench", prefixes[1], "--no-figures")
+        assert run(capsys, *command(robot_folder, file, *options))[0] == 0
+        summary = json.loads((here / "analysis" / "ur" / "summary.json").read_text())
+        assert summary["columns"]["q"] == q and summary["columns"]["wrench"] == wrench
+        assert summary["measures"]["moment"]["most"] == plain["measures"]["moment"]["most"]
+        assert summary["rows_analysed"] == 300
+
+
+@pytest.mark.parametrize("kind", ["npz", "csv", "parquet"])
+def test_export_is_the_joint_stiffness_of_the_good_rows(kind, here, robot, robot_folder, capsys):
+    rows = ROWS.copy()
+    rows[[5, 40], 3] = np.nan
+    log = recordings.write_npz(here / "log.npz", rows)
+    options = ("--export", kind, "--negate-wrench", "--no-figures")
+    for _ in range(2):  # the second replaces the first
+        assert run(capsys, *command(robot_folder, log, *options))[0] == 0
+    file = here / "analysis" / "log" / f"joint_stiffness.{kind}"
+    assert sorted(path.name for path in file.parent.iterdir()) == [file.name, "summary.json"]
+    if kind == "npz":
+        found = dict(np.load(file))
+        number, time, stiffness = found["row"], found["time"], found["joint_stiffness"]
+    else:
+        table = pa.csv.read_csv(file) if kind == "csv" else pa.parquet.read_table(file)
+        assert table.column_names[:4] == ["row", "time", "K_0_0", "K_0_1"]
+        number, time, *entries = (column.to_numpy() for column in table.columns)
+        stiffness = np.stack(entries, axis=1).reshape(-1, 7, 7)
+    kept = np.delete(np.arange(300), [5, 40])
+    assert np.array_equal(number, kept) and np.array_equal(time, rows[kept, 0])
+    assert np.array_equal(
+        stiffness, robot.hybrid.joint_stiffness(rows[kept, 1:8], -rows[kept, 8:], np.diag(np.array(K, dtype=float)))
+    )
+
+
+def test_the_asymmetry_is_compared_with_the_smallest_torque_limit(here, robot, robot_folder, capsys):
+    log = recordings.write_npz(here / "log.npz", ROWS)
+    _, out, _ = run(capsys, *command(robot_folder, log, "--no-figures"))
+    torque = 0.1 * measured(robot, ROWS)["singular_value_antisymmetric"].max()
+    share = 100 * torque / robot.EFFORT.min()
+    weakest = robot.JOINTS[robot.EFFORT.argmin()]
+    assert f"at most {torque:.3g} N m, {share:.2g} % of the smallest torque limit ({weakest}," in out
 
 
 def test_float32_and_integers(here, robot_folder):
@@ -419,6 +490,10 @@ REFUSALS = [
     (lambda here, log: (here / "absent.csv", {}), "is no file"),
     (lambda here, log: (here, {}), "not ''"),
     (lambda here, log: (log, {"options": ["--q-columns", "a,b"]}), "2 names, but the robot has 7"),
+    (lambda here, log: (log, {"options": ["--q", "q_", "--q-columns", "a"]}), "prefix or the names, not both"),
+    (lambda here, log: (log, {"options": ["--wrench", "q_"]}), "needs 6 columns, q_0 ... q_5 or q_fx"),
+    (lambda here, log: (log, {"options": ["--q", "wrench_"]}), "needs 7 columns"),
+    (lambda here, log: (log, {"options": ["--q", "joint"]}), "the file has time, q_0"),
     (lambda here, log: (log, {"options": ["--wrench-columns", "a,b"]}), "2 names, but a wrench has 6"),
     (lambda here, log: (log, {"options": ["--time-column", "clock"]}), "no column clock; it has time, q_0"),
     (lambda here, log: (log, {"options": ["--q-columns", "a,b,c,d,e,f,q_0"]}), "no column a, b, c, d, e, f;"),

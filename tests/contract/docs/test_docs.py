@@ -239,6 +239,18 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert anchor in slugs, link
 
 
+def test_pages_that_the_package_names_exist():
+    """Help, messages and docstrings of the package, generated texts among them."""
+    named = {
+        (file, page)
+        for file in (ROOT / "codegen").rglob("*")
+        if file.suffix in (".py", ".j2", ".c", ".h", ".html", ".js")
+        for page in re.findall(r"\bdocs/[\w/]+\.md\b", file.read_text())
+    }
+    assert len(named) > 10
+    assert [(str(file), page) for file, page in sorted(named) if not (ROOT / page).is_file()] == []
+
+
 def test_every_test_that_the_design_names_exists():
     design = (ROOT / "docs" / "design.md").read_text()
     file = ""

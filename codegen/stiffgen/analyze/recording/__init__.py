@@ -8,9 +8,10 @@ its part of the file as :class:`Block` objects of bounded size. The readers keep
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -23,6 +24,10 @@ Array = NDArray[np.float64]
 
 PARTITION_ROWS = 1 << 18
 """Rows per partition, for formats that can be divided at any row."""
+
+NAME_OTHERS = "Name others with --q, --wrench (prefixes), --q-columns, --wrench-columns and --time-column"
+_NUMBER = re.compile(r"\d{1,3}\]?", re.ASCII)
+_WRENCH_NAMES = (("fx", "fy", "fz", "mx", "my", "mz"), ("fx", "fy", "fz", "tx", "ty", "tz"))
 
 
 class Problem(NamedTuple):
@@ -104,6 +109,7 @@ class Request:
         joints: names of the robot's coordinates, in the order of q.
         q: names of the columns with q, or None for ``q_0`` ... (NPZ: one array ``q``).
         wrench: names of the six columns of the wrench, or None for ``wrench_0`` ... (NPZ: one array ``wrench``).
+        q_prefix, wrench_prefix: the beginning of these names, None where there is no common one.
         time: name of the column with time [s], None for ``time`` if there is one, "" for no time.
         q_topic, wrench_topic: topics of an MCAP file (default: the only ones of their type).
         tolerance: MCAP: largest time between joint positions and their wrench [s].
@@ -113,6 +119,8 @@ class Request:
     joints: tuple[str, ...]
     q: tuple[str, ...] | None = None
     wrench: tuple[str, ...] | None = None
+    q_prefix: str | None = None
+    wrench_prefix: str | None = None
     time: str | None = None
     q_topic: str | None = None
     wrench_topic: str | None = None
@@ -123,6 +131,23 @@ class Request:
         """Return the number of joint positions per row."""
         return len(self.joints)
 
+    def with_prefixes_found(self, path: Path, columns: Sequence[str]) -> Request:
+        """Return the request with the names of the columns that begin with the prefixes.
+
+        Raises:
+            RecordingError: the columns of a prefix are not as many as needed, or names and a prefix are given.
+
+        """
+        for option, prefix, names in (("q", self.q_prefix, self.q), ("wrench", self.wrench_prefix, self.wrench)):
+            if prefix is not None and names is not None:
+                raise RecordingError(f"--{option} and --{option}-columns: give the prefix or the names, not both")
+        q, wrench = self.q, self.wrench
+        if self.q_prefix is not None:
+            q = _prefixed(path, columns, "--q", self.q_prefix, [self.joints])
+        if self.wrench_prefix is not None:
+            wrench = _prefixed(path, columns, "--wrench", self.wrench_prefix, _WRENCH_NAMES)
+        return replace(self, q=q, wrench=wrench, q_prefix=None, wrench_prefix=None)
+
     def flat_layout(self, path: Path, columns: Sequence[str]) -> Layout:
         """Find the columns of a table by name.
 
@@ -130,6 +155,8 @@ class Request:
             RecordingError: a column does not exist, or the number of names is wrong.
 
         """
+        if self.q_prefix is not None or self.wrench_prefix is not None:
+            return self.with_prefixes_found(path, columns).flat_layout(path, columns)
         if self.q is not None and len(self.q) != self.dof:
             raise RecordingError(f"--q-columns: {len(self.q)} names, but the robot has {self.dof} joint positions")
         if self.wrench is not None and len(self.wrench) != 6:
@@ -142,14 +169,36 @@ class Request:
         )
         absent = [name for name in layout.names if name not in columns]
         if absent:
-            raise RecordingError(
-                f"{path}: has no column {listed(absent)}; it has {listed(columns, 40)}. "
-                "Name others with --q-columns, --wrench-columns and --time-column"
-            )
+            raise RecordingError(f"{path}: has no column {listed(absent)}; it has {listed(columns, 40)}. {NAME_OTHERS}")
         doubled = sorted({name for name in layout.names if list(columns).count(name) > 1})
         if doubled:
             raise RecordingError(f"{path}: has several columns {listed(doubled)}; rename all but one of each")
         return layout
+
+
+def _prefixed(
+    path: Path, columns: Sequence[str], option: str, prefix: str, endings: Sequence[Sequence[str]]
+) -> tuple[str, ...]:
+    """Return the columns of a prefix: with one of the lists of endings, or numbered from 0 or 1."""
+    for names in endings:
+        named = tuple(prefix + name for name in names)
+        if all(name in columns for name in named):
+            return named
+    count = len(endings[0])
+    numbered = {int(rest.removesuffix("]")): name for name in columns if _NUMBER.fullmatch(rest := _rest(name, prefix))}
+    first = min(numbered, default=0)
+    if first > 1 or sorted(numbered) != list(range(first, first + count)):
+        raise RecordingError(
+            f"{path}: {option} {printable(prefix)}: needs {count} columns, {printable(prefix)}0 ... "
+            f"{printable(prefix)}{count - 1} or {listed([prefix + name for name in endings[0]])}; the file has "
+            f"{listed([name for name in columns if name.startswith(prefix)] or columns, 40)}. "
+            f"Name them one by one with {option}-columns"
+        )
+    return tuple(numbered[k] for k in range(first, first + count))
+
+
+def _rest(name: str, prefix: str) -> str:
+    return name[len(prefix) :] if name.startswith(prefix) else ""
 
 
 @dataclass(frozen=True)
@@ -225,6 +274,11 @@ def open_recording(
     topics = request.q_topic or request.wrench_topic or request.tolerance != Request.tolerance
     if known.name != "MCAP" and topics:
         raise RecordingError(f"{path}: --q-topic, --wrench-topic and --tolerance apply to MCAP files; leave them out")
+    if known.name == "MCAP" and (request.q_prefix or request.wrench_prefix):
+        raise RecordingError(
+            f"{path}: --q and --wrench are prefixes of columns, which MCAP files do not have; name the joints with "
+            "--q-columns"
+        )
     reader = importlib.import_module(f"{__name__}.{known.module}")
     with _decoding(path):
         opened: Recording = reader.open_file(path, request, progress)
@@ -276,6 +330,7 @@ def extra(module: str, purpose: str) -> Any:
 
 
 __all__ = [
+    "NAME_OTHERS",
     "PARTITION_ROWS",
     "Array",
     "Block",

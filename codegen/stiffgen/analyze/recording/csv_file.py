@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""CSV files: pyarrow reads pieces without a fault, Python reads the rows of the other pieces one by one."""
+"""Text files: pyarrow reads pieces without a fault, Python reads the rows of the other pieces one by one."""
 
 from __future__ import annotations
 
@@ -20,6 +20,10 @@ _PIECE = 4 << 20
 _LONGEST_LINE = 1 << 20
 _SPACE = " \t\r"
 """Space around a cell. Python's strip() and float() also drop control characters, which stand for damage here."""
+_BLANKS = " "
+"""Delimiter of a file whose cells stand apart by any number of spaces and tabs."""
+_RUN = re.compile(rb"[ \t]+")
+_EDGE = re.compile(rb"^[ \t]+|[ \t\r]+$", re.MULTILINE)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 
 
@@ -62,6 +66,9 @@ class CsvPartition:
         """Read a piece with pyarrow; return None if pyarrow does not take every line of it."""
         if piece.count(b"\r") != piece.count(b"\r\n"):
             return None  # pyarrow takes a carriage return alone for the end of a line
+        size = len(piece)
+        if self.delimiter == _BLANKS:
+            piece = _RUN.sub(b" ", _EDGE.sub(b"", piece))
         pa, pacsv = extra("pyarrow", "reading CSV"), extra("pyarrow.csv", "reading CSV")
         columns = [f"c{i}" for i in range(self.width)]  # unused columns may share a name
         wanted = [columns[i] for i in self.wanted]
@@ -69,7 +76,9 @@ class CsvPartition:
             table = pacsv.read_csv(
                 pa.BufferReader(piece),
                 read_options=pacsv.ReadOptions(column_names=columns, use_threads=False, block_size=len(piece) + 1),
-                parse_options=pacsv.ParseOptions(delimiter=self.delimiter),
+                parse_options=pacsv.ParseOptions(
+                    delimiter=self.delimiter, quote_char=False if self.delimiter == _BLANKS else '"'
+                ),
                 convert_options=pacsv.ConvertOptions(
                     column_types=dict.fromkeys(wanted, pa.float64()), include_columns=wanted, null_values=[""]
                 ),
@@ -82,7 +91,7 @@ class CsvPartition:
         missing = None
         if any(column.null_count for column in table.columns):
             missing = np.stack([column.is_null().to_numpy() for column in table.columns], axis=1)
-        return Block(np.arange(row, row + lines), values, missing, work=len(piece))
+        return Block(np.arange(row, row + lines), values, missing, work=size)
 
     def _line_by_line(self, piece: bytes, row: int) -> Block:
         rows: list[int] = []
@@ -120,6 +129,8 @@ class CsvPartition:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
+    if delimiter == _BLANKS:
+        return [cell for cell in re.split(f"[{_SPACE}]+", line) if cell]
     try:
         return [cell.strip(_SPACE) for cell in next(csv.reader([line], delimiter=delimiter))]
     except csv.Error:
@@ -148,7 +159,7 @@ def _refuse_long(line: bytes, path: Path) -> None:
 
 
 def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> Recording:
-    """Find the columns in the header line, and divide the file at line ends. Separators: comma, semicolon, tab."""
+    """Find the columns in the header line, and divide the file at line ends."""
     extra("pyarrow.csv", "reading CSV")
     header_line = 0
     with path.open("rb") as file:
@@ -161,7 +172,7 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
             header_line += 1
             # NumPy's savetxt marks the header as a comment.
             header = line.decode("utf-8-sig", errors="replace").strip().removeprefix("#").strip()
-        delimiter = max(",;\t", key=header.count)
+        delimiter = _delimiter(header)
         names = _cells(header, delimiter)
         if all(_number(name) is not None for name in names):
             raise RecordingError(
@@ -177,6 +188,12 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
             partitions.append(_partition(path, start, stop, row, delimiter, names, layout))
             start, row = stop, row + piece.count(b"\n")
     return Recording(path, layout, tuple(partitions), first_line=header_line + 1)
+
+
+def _delimiter(header: str) -> str:
+    """Return the separator that gives the most columns: comma, semicolon or tab, or blanks where there is none."""
+    best = max(",;\t", key=lambda delimiter: len(_cells(header, delimiter)))
+    return best if len(_cells(header, best)) > 1 else _BLANKS
 
 
 def _partition(

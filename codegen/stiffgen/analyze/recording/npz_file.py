@@ -14,7 +14,7 @@ from typing import IO, BinaryIO, cast
 
 import numpy as np
 
-from stiffgen.analyze.recording import PARTITION_ROWS, Array, Block, Layout, Recording, Request
+from stiffgen.analyze.recording import NAME_OTHERS, PARTITION_ROWS, Array, Block, Layout, Recording, Request
 from stiffgen.errors import RecordingError, listed
 
 _LOCAL_HEADER = 30
@@ -112,7 +112,7 @@ def open_file(path: Path, request: Request, progress: Callable[[str], None]) -> 
     progress(f"checking the arrays of {path.name}")
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
         names = [info.filename[:-4] for info in archive.infolist() if info.filename.endswith(".npy")]
-        time, q, wrench = _chosen(path, request, names)
+        time, q, wrench = _chosen(path, request.with_prefixes_found(path, names), names)
         members = {name: _member(archive, file, name, path) for name in (*time, *q, *wrench)}
     for group, width, what in ((time, 1, "time"), (q, request.dof, "q"), (wrench, 6, "wrench")):
         _check_shapes(path, [members[name] for name in group], width, what)
@@ -141,10 +141,7 @@ def _chosen(path: Path, request: Request, names: Sequence[str]) -> tuple[tuple[s
             raise RecordingError(f"{option}: name one array (N, {width}), or {width} arrays (N,)")
     absent = [name for name in (*time, *q, *wrench) if name not in names]
     if absent:
-        raise RecordingError(
-            f"{path}: has no array {listed(absent)}; it has {listed(names, 40)}. "
-            "Name others with --q-columns, --wrench-columns and --time-column"
-        )
+        raise RecordingError(f"{path}: has no array {listed(absent)}; it has {listed(names, 40)}. {NAME_OTHERS}")
     return time, q, wrench
 
 
