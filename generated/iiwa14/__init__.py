@@ -96,7 +96,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
         "or 'stiffgen generate' on the URDF"
     ) from _error
-if getattr(_c, "SOURCES", "") != "20fe91672a51b85c":
+if getattr(_c, "SOURCES", "") != "b17e13fc78b6db4b":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
         "project, or 'stiffgen generate' on the URDF. Restart Python if it has loaded the old module"

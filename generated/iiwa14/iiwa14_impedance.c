@@ -969,16 +969,18 @@ static double available_energy(const memory_t *m)
 }
 
 /*
- * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the
- * joint's velocity limit, and as far as the sample time allows (docs/controller.md).
+ * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow spring and
+ * damping within its rate limit, and as far as the sample time allows (docs/controller.md).
  */
 static double limit_stiffness(const step_t *s, int i)
 {
     const config_t *const c = s->c;
     const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
-    const double followed = c->torque_rate_limit[i] / c->velocity_limit[i];
-    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * s->m->inertia[i] / (T * T * delayed);
-    return fmin(c->limit_stiffness[i], fmin(followed, sampled));
+    const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
+    const double followed = rate / c->velocity_limit[i];
+    const double damped = cbrt(inertia * (rate / (2.0 * c->limit_zone)) * (rate / (2.0 * c->limit_zone)));
+    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * inertia / (T * T * delayed);
+    return fmin(fmin(c->limit_stiffness[i], sampled), fmin(followed, damped));
 }
 
 /*
@@ -1389,7 +1391,8 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
 }
 
 /*
- * Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive.
+ * Measure the inertia at q that bounds the limit avoidance of each joint beside that of all others: 1 / sum_j
+ * |(M^-1)_ij|; no bound if M is not positive.
  */
 static void measure_inertia(step_t *s, const double *q)
 {
@@ -1400,8 +1403,18 @@ static void measure_inertia(step_t *s, const double *q)
         s->m->inertia[i] = DBL_MAX;
     }
     const double mass = largest_entry(NN, M);
-    if (factorise_cholesky(N, M, mass, 0.0, L) == 0) {
-        reduce_inertia(L, mass, s->m->inertia);
+    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
+        return;
+    }
+    for (int i = 0; i < N; ++i) {
+        double column[N] = {0.0}, sum = 0.0;
+        column[i] = 1.0;
+        solve_lower(N, 1, L, column);
+        solve_upper(N, L, column);
+        for (int j = 0; j < N; ++j) {
+            sum += fabs(column[j]);
+        }
+        s->m->inertia[i] = mass / sum;
     }
 }
 

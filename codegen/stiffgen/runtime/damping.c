@@ -19,7 +19,8 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
 }
 
 /*
- * Measure the inertia that each joint has alone at q, which bounds its limit avoidance; no bound if M is not positive.
+ * Measure the inertia at q that bounds the limit avoidance of each joint beside that of all others: 1 / sum_j
+ * |(M^-1)_ij|; no bound if M is not positive.
  */
 void measure_inertia(step_t *s, const double *q)
 {
@@ -30,8 +31,18 @@ void measure_inertia(step_t *s, const double *q)
         s->m->inertia[i] = DBL_MAX;
     }
     const double mass = largest_entry(NN, M);
-    if (factorise_cholesky(N, M, mass, 0.0, L) == 0) {
-        reduce_inertia(L, mass, s->m->inertia);
+    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
+        return;
+    }
+    for (int i = 0; i < N; ++i) {
+        double column[N] = {0.0}, sum = 0.0;
+        column[i] = 1.0;
+        solve_lower(N, 1, L, column);
+        solve_upper(N, L, column);
+        for (int j = 0; j < N; ++j) {
+            sum += fabs(column[j]);
+        }
+        s->m->inertia[i] = mass / sum;
     }
 }
 

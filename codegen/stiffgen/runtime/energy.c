@@ -152,16 +152,18 @@ double available_energy(const memory_t *m)
 }
 
 /*
- * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow it at the
- * joint's velocity limit, and as far as the sample time allows (docs/controller.md).
+ * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow spring and
+ * damping within its rate limit, and as far as the sample time allows (docs/controller.md).
  */
 static double limit_stiffness(const step_t *s, int i)
 {
     const config_t *const c = s->c;
     const double T = c->sample_time, delayed = 1.0 + 2.0 * c->delay_samples;
-    const double followed = c->torque_rate_limit[i] / c->velocity_limit[i];
-    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * s->m->inertia[i] / (T * T * delayed);
-    return fmin(c->limit_stiffness[i], fmin(followed, sampled));
+    const double rate = c->torque_rate_limit[i], inertia = s->m->inertia[i];
+    const double followed = rate / c->velocity_limit[i];
+    const double damped = cbrt(inertia * (rate / (2.0 * c->limit_zone)) * (rate / (2.0 * c->limit_zone)));
+    const double sampled = LIMIT_SHARE * LARGEST_STIFFNESS * inertia / (T * T * delayed);
+    return fmin(fmin(c->limit_stiffness[i], sampled), fmin(followed, damped));
 }
 
 /*

@@ -2541,7 +2541,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "20fe91672a51b85c") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "b17e13fc78b6db4b") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
