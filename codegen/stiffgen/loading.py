@@ -13,7 +13,7 @@ from stiffgen.errors import DescriptionWarning, PotentialError, listed
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
 from stiffgen.robot.chain import Chain, ChainOptions, Tool
-from stiffgen.robot.description import Description
+from stiffgen.robot.description import Description, Reading
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
 from stiffgen.symbolic.kernels import RESERVED_NAMES
@@ -34,11 +34,13 @@ def load_chain(
     lock: Mapping[str, float] | None = None,
     floating_base: bool = False,
     ignore: Sequence[str] = (),
+    arguments: Mapping[str, str] | None = None,
+    package_path: Sequence[str | Path] = (),
 ) -> Chain:
-    """Read the chain between two links of a URDF file, or the tree between a base and several tips.
+    """Read the chain between two links of a robot's file, or the tree between a base and several tips.
 
     Args:
-        urdf: path of the URDF file. Meshes are not needed and not opened.
+        urdf: path of the robot's file: URDF, or a xacro template. Meshes are not needed.
         tip: link at the end of the chain; its frame is where the wrench acts. May be left out if the robot has
             a single leaf link. Several links: the chains to all of them, with one vector q.
         base: link at the start of the chain, an ancestor of the tip; default: the root link.
@@ -51,6 +53,8 @@ def load_chain(
             file's own floating joint between base and tips, with nothing that moves before it, has the same effect:
             the link behind it is the base.
         ignore: names of unknown elements that resemble a URDF's own and are none.
+        arguments: values of a xacro template's arguments, by name.
+        package_path: folders in which a template's packages are looked for, before ROS_PACKAGE_PATH.
 
     Returns:
         The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry. Joints off
@@ -65,7 +69,18 @@ def load_chain(
         DescriptionWarning: the file has problems that cannot change this chain.
 
     """
-    options = ChainOptions(tip, base, masses, tool, runtime_tool, lock, floating_base, tuple(ignore))
+    options = ChainOptions(
+        tip,
+        base,
+        masses,
+        tool,
+        runtime_tool,
+        lock,
+        floating_base,
+        tuple(ignore),
+        arguments or {},
+        tuple(package_path),
+    )
     return read_chain(urdf, options)
 
 
@@ -74,11 +89,22 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
 
     The warning names the line that called the caller.
     """
-    description = read_description(urdf, options.ignore)
+    description = describe(urdf, options.reading)
     selection = select(description, options)
     if selection.beside:
         warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
     return assemble(description, options, selection, _RESERVED)
+
+
+def describe(source: str | Path, reading: Reading | None = None) -> Description:
+    """Read a robot's file of any format that stiffgen knows; the one entry of all readers.
+
+    Raises:
+        DescriptionError: the file cannot be read, or its links do not form a tree; all its problems are named.
+        MissingExtraError: the package that reads this format is not installed.
+
+    """
+    return read_description(source, reading)
 
 
 def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -> Chain:

@@ -80,6 +80,15 @@ class GenerationOptions:
             "unknown element of the file that is no misspelling; repeatable", metavar="ELEMENT", action="append"
         ),
     )
+    arguments: Mapping[str, str] | None = field(
+        default=None, metadata=_python_only("values of a xacro template's arguments, by name")
+    )
+    package_path: Sequence[str | Path] = field(
+        default=(),
+        metadata=_help(
+            "folder of ROS packages that a xacro template includes; repeatable", metavar="DIR", action="append"
+        ),
+    )
     tool: Tool | None = field(default=None, metadata=_python_only("tool mounted on the tip link"))
     runtime_tool: bool = field(
         default=False, metadata=_python_only("pass the tool's pose to the functions, as an argument after q")
@@ -150,6 +159,8 @@ class GenerationOptions:
             self.lock,
             self.floating_base,
             tuple(self.ignore),
+            self.arguments or {},
+            tuple(self.package_path),
         )
 
     @property

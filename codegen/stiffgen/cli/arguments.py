@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,9 @@ from typing import Any
 
 from stiffgen.errors import StiffgenError
 from stiffgen.robot.chain import Tool
+from stiffgen.robot.description import Reading
+
+_ASSIGNMENT = re.compile(r"(\w+):=(.*)", re.DOTALL)
 
 
 class Once(argparse.Action):
@@ -49,13 +53,35 @@ class OnceFalse(OnceTrue):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose options may appear once, unless they collect values."""
+    """A parser whose options may appear once, unless they collect values.
+
+    ``takes_arguments`` tells whether words NAME:=VALUE, anywhere on the command line, are arguments of a template.
+    """
+
+    takes_arguments = False
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.register("action", None, Once)
         self.register("action", "store_true", OnceTrue)
         self.register("action", "store_false", OnceFalse)
+
+    def parse_known_args(  # type: ignore[override]  # argparse's overloads serve namespaces of other types
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse a command line; take the arguments of a template out of it first, wherever they stand."""
+        words = list(sys.argv[1:] if args is None else args)
+        if not self.takes_arguments:
+            return super().parse_known_args(words, namespace)
+        found = [(match[1], match[2]) for match in map(_ASSIGNMENT.fullmatch, words) if match]
+        names = [name for name, _ in found]
+        for name in names:
+            if names.count(name) > 1:
+                self.error(f"argument {name} of the template is given twice; leave one of them out")
+        rest = [word for word in words if not _ASSIGNMENT.fullmatch(word)]
+        options, unknown = super().parse_known_args(rest, namespace)
+        options.arguments = dict(found)
+        return options, unknown
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if message:  # argparse would hide that it cannot be written
@@ -81,6 +107,37 @@ def positive(text: str) -> int:
 def add_folder(command: argparse.ArgumentParser) -> None:
     """Add the folder that a command reads."""
     command.add_argument("folder", type=Path, metavar="DIR", help="folder that 'stiffgen generate' wrote")
+
+
+def add_robot(command: Any) -> None:
+    """Add the robot's file and the arguments of a template."""
+    command.takes_arguments = True
+    command.add_argument(
+        "urdf", type=Path, metavar="FILE", help="URDF of the robot, or a xacro template with NAME:=VALUE behind it"
+    )
+
+
+def add_reading(command: argparse.ArgumentParser) -> None:
+    """Add the options of the reader, as ``generate`` has them."""
+    command.add_argument(
+        "--ignore",
+        metavar="ELEMENT",
+        action="append",
+        default=[],
+        help="unknown element of the file that is no misspelling; repeatable",
+    )
+    command.add_argument(
+        "--package-path",
+        metavar="DIR",
+        action="append",
+        default=[],
+        help="folder of ROS packages that a xacro template includes; repeatable",
+    )
+
+
+def reading_of(options: argparse.Namespace) -> Reading:
+    """Return the settings of the reader."""
+    return Reading(options.arguments, tuple(options.package_path or ()), tuple(options.ignore or ()))
 
 
 def add_tool(command: argparse.ArgumentParser, meaning: str) -> Any:

@@ -6,10 +6,9 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import Field, fields, replace
-from pathlib import Path
 from typing import Any
 
-from stiffgen.cli.arguments import add_tool, tool_of
+from stiffgen.cli.arguments import add_robot, add_tool, tool_of
 from stiffgen.cli.console import Progress, messages
 from stiffgen.errors import StiffgenError, printable
 from stiffgen.generate import generate_folder
@@ -23,7 +22,7 @@ from stiffgen.symbolic.springs import AXES, KINDS, Placement
 def add(commands: Any) -> None:
     """Add the command."""
     command = commands.add_parser("generate", help="generate C code and a Python module for a robot")
-    command.add_argument("urdf", type=Path, metavar="URDF", help="URDF of the robot")
+    add_robot(command)
     for option in fields(GenerationOptions):
         if help_of(option).argument is not None:
             _add_option(command, option)
@@ -102,6 +101,8 @@ def _generation_options(options: argparse.Namespace, progress: Progress) -> Gene
         | {
             "tip": tips[0] if len(tips) == 1 else options.tip,
             "ignore": options.ignore or (),
+            "arguments": options.arguments,
+            "package_path": options.package_path or (),
             "lock": _locks(options.lock or []),
             "ranges": replace(Ranges(), **dict(options.ranges or [])),
             "tool": tool_of(options),

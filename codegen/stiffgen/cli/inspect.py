@@ -6,17 +6,17 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
 
+from stiffgen.cli.arguments import add_reading, add_robot, reading_of
 from stiffgen.cli.console import table, tables
 from stiffgen.errors import DescriptionError, StiffgenError, listed
+from stiffgen.loading import describe
 from stiffgen.names import comment
 from stiffgen.robot.description import Description, JointElement
-from stiffgen.robot.reader import read_description
 from stiffgen.robot.survey import TipSurvey, survey_tip
 
 _MOST_TIPS = 100
@@ -26,16 +26,17 @@ _MOST_TIPS = 100
 def add(commands: Any) -> None:
     """Add the command."""
     command = commands.add_parser("inspect", help="show joints, chains to each tip, and problems of a robot's file")
-    command.add_argument("urdf", type=Path, metavar="FILE", help="URDF of the robot")
+    add_robot(command)
     command.add_argument("--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)")
     command.add_argument("--base", metavar="LINK", help="first link (default: the one nearest the root)")
+    add_reading(command)
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Show a robot's file; return 1 if it has problems."""
     try:
-        description = read_description(options.urdf)
+        description = describe(options.urdf, reading_of(options))
     except DescriptionError as error:
         raise StiffgenError(error.full) from error  # all problems, where other commands show the first ones
     console = tables()

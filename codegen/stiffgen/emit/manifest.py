@@ -21,6 +21,7 @@ from stiffgen.robot.chain import Chain
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
+_OPTIONAL = ("ignored", "inputs", "arguments")  # fields of a chain that are written where they are not empty
 _MOST_BYTES = 1 << 26
 DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """Errors with which a damaged manifest, or one of another version, ends."""
@@ -46,7 +47,12 @@ def manifest_text(request: Request, texts: Mapping[str, str]) -> str:
         "generator": _GENERATOR,
         "versions": {"stiffgen": __version__, "casadi": version("casadi"), "sympy": version("sympy")},
         "name": request.name,
-        "urdf": {"file": chain.source, "sha256": chain.digest},
+        "urdf": {
+            "file": chain.source,
+            "sha256": chain.digest,
+            **({"arguments": dict(chain.arguments)} if chain.arguments else {}),
+            **({"inputs": {each.file: each.digest for each in chain.inputs}} if chain.inputs else {}),
+        },
         "options": request.options.to_manifest(),
         "kernels": kernels,
         "rounding": {
@@ -59,7 +65,7 @@ def manifest_text(request: Request, texts: Mapping[str, str]) -> str:
         "springs": springs.to_manifest(),
         **({"scalar": scalar.name} if scalar != DOUBLE else {}),
         **({"derivatives": True} if springs.derivatives else {}),
-        "chain": _finite({k: v for k, v in asdict(chain).items() if k != "ignored" or v}),
+        "chain": _finite({k: v for k, v in asdict(chain).items() if k not in _OPTIONAL or v}),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 

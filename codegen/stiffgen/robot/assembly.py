@@ -42,6 +42,8 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
         locked=tuple(sorted((options.lock or {}).items())),
         floating=selection.floating,
         ignored=options.ignore,
+        inputs=description.inputs,
+        arguments=description.arguments,
     )
 
 
@@ -162,7 +164,7 @@ class _Tree:
                 pose = pose @ selection.couplings.pose_at_rest(element)
                 continue
             self.parents[index] = parent
-            self.poses[index] = pose @ Pose.from_xyz_rpy(element.xyz, element.rpy)
+            self.poses[index] = pose @ Pose.placed(element.xyz, element.orientation)
             parent, pose = index, Pose.identity()
         return parent, pose
 
@@ -223,7 +225,7 @@ def _inertias(description: Description, selection: Selection, slides: list[Pose]
             frame = frames[link] = parent if above is None else parent @ selection.couplings.pose_at_rest(above)
             inertial = description.inertials[link]
             if inertial is not None:
-                at_com = frame @ Pose.from_xyz_rpy(inertial.com, inertial.rpy)
+                at_com = frame @ Pose.placed(inertial.com, inertial.orientation)
                 total = total + Inertia.of_body(inertial.mass, inertial.tensor, at_com)
         inertias.append(total)
     return inertias

@@ -7,8 +7,10 @@ A chain contains the effect of fixed joints, mimic relations and masses. Its use
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
+from stiffgen.robot.description import Input, Reading
 from stiffgen.robot.geometry import Matrix, Vector
 
 MAX_MOVING_JOINTS = 128
@@ -127,6 +129,13 @@ class ChainOptions:
     lock: Mapping[str, float] | None = None
     floating_base: bool = False
     ignore: tuple[str, ...] = ()
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    package_path: tuple[str | Path, ...] = ()
+
+    @property
+    def reading(self) -> Reading:
+        """Settings of the reader."""
+        return Reading(self.arguments, self.package_path, self.ignore)
 
 
 @dataclass(frozen=True)
@@ -148,7 +157,7 @@ class Chain:
         coordinates: entries of q, fewer than joints where joints mimic. The velocity coordinates are six for a floating
             base, then one per entry of q.
         massless: moving links without ``<inertial>``.
-        source: file name of the URDF, without folder.
+        source: name of the robot's file, without folder.
         digest: SHA-256 of the file.
         masses: False if the user excluded masses: then every body is zero, and there are no side joints.
         runtime_tool: whether the kernels take the tool's pose in the tip's frame as an argument.
@@ -156,6 +165,8 @@ class Chain:
         locked: locked joints and their positions, for the record; the other fields contain their effect.
         floating: whether the base floats, so that its pose is an argument.
         ignored: unknown elements that the user excluded from the checks.
+        inputs: files that the file includes.
+        arguments: values of a xacro template's arguments.
 
     """
 
@@ -173,6 +184,8 @@ class Chain:
     locked: tuple[tuple[str, float], ...] = ()
     floating: bool = False
     ignored: tuple[str, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    arguments: tuple[tuple[str, str], ...] = ()
 
     @property
     def base_joints(self) -> int:

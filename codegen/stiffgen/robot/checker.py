@@ -276,7 +276,8 @@ class Checker:
         place = f'{_title(this)}: <{element.tag} {key}="{printable(text)}">'
         if "${" in text or "$(" in text:
             yield Problem(
-                this, f"{place} holds an expression of xacro; expand the file first: xacro IN.xacro > OUT.urdf"
+                this,
+                f"{place} holds an expression of xacro; give the template (NAME.urdf.xacro), which stiffgen expands",
             )
             return
         if len(words) != count:

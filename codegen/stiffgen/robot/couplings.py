@@ -67,7 +67,7 @@ class Couplings:
 
     def pose_at_rest(self, element: JointElement) -> Pose:
         """Return the pose of a joint's child link in its parent link, for a joint that is fixed, locked or not in q."""
-        pose = Pose.from_xyz_rpy(element.xyz, element.rpy)
+        pose = Pose.placed(element.xyz, element.orientation)
         if element.type not in MOVING_TYPES:
             return pose
         position = self.position_at_rest(element)

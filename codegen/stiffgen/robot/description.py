@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Content of a URDF file: links and joints with checked numbers, and all problems of the file."""
+"""Content of a robot's file: links and joints with checked numbers, and all problems of the file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 LARGEST = 1e12  # bound on lengths, angles, masses and moments of inertia; keeps every sum and product finite
@@ -11,21 +13,48 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Orientation = Vector | Quaternion
+"""Roll, pitch, yaw as in a URDF's ``<origin>`` [rad], or a quaternion (w, x, y, z) of any length."""
 Affects = Literal["place", "motion", "bounds", "coupling", "nothing"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Settings of the reader.
+
+    Attributes:
+        arguments: values of a xacro template's arguments.
+        package_path: folders that hold ROS packages or are some, in addition to ROS_PACKAGE_PATH.
+        ignored: names of unknown elements that are no misspellings.
+
+    """
+
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    package_path: tuple[str | Path, ...] = ()
+    ignored: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Input:
+    """File that the main file includes: path relative to the main file, or package://NAME/PATH, and SHA-256."""
+
+    file: str
+    digest: str
 
 
 @dataclass(frozen=True)
 class Inertial:
     """Element ``<inertial>`` of a link.
 
-    ``com`` is the centre of mass [m] and ``rpy`` the orientation [rad] of the inertial frame, both in the link frame.
+    ``com`` is the centre of mass [m] and ``orientation`` that of the inertial frame, both in the link frame.
     ``tensor`` is (ixx, ixy, ixz, iyy, iyz, izz) [kg m^2] about the centre of mass in the inertial frame. ``mass`` is in
     kg.
     """
 
     mass: float
     com: Vector
-    rpy: Vector
+    orientation: Orientation
     tensor: tuple[float, float, float, float, float, float]
 
 
@@ -51,7 +80,7 @@ class JointElement:
     parent: str
     child: str
     xyz: Vector
-    rpy: Vector
+    orientation: Orientation
     axis: Vector
     lower: float
     upper: float
@@ -81,10 +110,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Description:
-    """Checked content of a URDF file.
+    """Checked content of a robot's file.
 
-    ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without ``<inertial>``). ``digest``
-    is the SHA-256 of the file. ``notes`` name ignored elements of vendors.
+    ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without inertia). ``digest`` is the
+    SHA-256 of the file, ``inputs`` are the files that it includes, ``arguments`` the values of a template's arguments.
+    ``notes`` name what has no effect, such as ignored elements of vendors.
     """
 
     file: str
@@ -94,6 +124,8 @@ class Description:
     joints: dict[str, JointElement]
     problems: tuple[Problem, ...]
     notes: tuple[str, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    arguments: tuple[tuple[str, str], ...] = ()
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -72,6 +72,19 @@ class Pose:
         return Pose(rotation, tuple(exact(v) for v in xyz))
 
     @staticmethod
+    def placed(xyz: Sequence[float], orientation: Sequence[float]) -> Pose:
+        """Return the pose with a translation [m] and an orientation: three angles as in a URDF, or a quaternion."""
+        if len(orientation) == 3:
+            return Pose.from_xyz_rpy(xyz, orientation)
+        w, x, y, z = _snapped([exact(v) for v in orientation])
+        rotation = (
+            (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
+        )
+        return Pose(rotation, tuple(exact(v) for v in xyz))
+
+    @staticmethod
     def rotation_about(axis: Sequence[float], angle: float) -> Pose:
         """Return the rotation by ``angle`` [rad] about a unit axis through the origin (Rodrigues)."""
         c, s = _cos_sin(angle)
@@ -131,6 +144,21 @@ def unit(vector: Sequence[float]) -> Vector:
     entries = [v if abs(v) > SNAP * length else mpf(0) for v in entries]
     length = _context.sqrt(sum(v * v for v in entries))
     return _vector([v / length for v in entries])
+
+
+def _snapped(quaternion: Sequence[Real]) -> list[Real]:
+    """Return a quaternion of unit length, whose entries within SNAP of zero or of each other become so exactly."""
+    length = _context.sqrt(sum(v * v for v in quaternion))
+    sizes: list[Real] = [mpf(0)]
+    entries = []
+    for value in quaternion:
+        size = abs(value) / length
+        near = next((known for known in sizes if abs(size - known) < SNAP / 2), None)
+        if near is None:
+            sizes.append(near := size)
+        entries.append(near if value > 0 else -near)
+    length = _context.sqrt(sum(v * v for v in entries))
+    return [v / length for v in entries]
 
 
 def aligning_rotation(axis: Vector) -> Matrix:

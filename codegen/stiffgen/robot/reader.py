@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Reader of URDF files: makes a :class:`Description` from a file.
+"""Reader of a robot's file: makes a :class:`Description` from a URDF, or from a xacro template of one.
 
 The file is untrusted input. lxml parses it once, without entities, DTDs or network access. The links, inertials and
 joints are checked (:mod:`stiffgen.robot.checker`) and passed to yourdfpy, which reads the elements. Origins are an
@@ -17,13 +17,12 @@ import math
 import os
 import re
 import select
-from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from lxml import etree
 
-from stiffgen.errors import DescriptionError, printable
+from stiffgen.errors import DescriptionError, listed, printable
 from stiffgen.robot.checker import Checker
 from stiffgen.robot.description import (
     JOINT_TYPES,
@@ -32,9 +31,11 @@ from stiffgen.robot.description import (
     Inertial,
     JointElement,
     Mimic,
+    Reading,
     Vector,
 )
 from stiffgen.robot.geometry import unit
+from stiffgen.robot.templates import Expansion, expand
 
 if TYPE_CHECKING:
     import yourdfpy
@@ -43,7 +44,7 @@ _PIPE_TIMEOUT = 2  # time until the first data of a pipe [s]
 # The largest description in docs/robots.md has 0.2 MB. One byte of XML can take 50 bytes of memory after parsing.
 MAX_BYTES = 4 * 2**20
 
-_XACRO = re.compile(rb"www\.ros\.org/wiki/xacro|wiki\.ros\.org/xacro|<xacro:")
+_XACRO = re.compile(rb"<xacro:[a-zA-Z]")
 # Faults of the XML that other readers of URDF accept and that change no element: prefixes without a namespace
 # (<drake:...>), "--" in a comment, an unknown version number, a blank line before the XML declaration.
 _HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_HYPHEN_IN_COMMENT", "ERR_UNKNOWN_VERSION", "ERR_RESERVED_XML_NAME"}
@@ -51,21 +52,34 @@ _MAX_LOGGED = 100  # size of lxml's log of errors; further errors are lost
 _OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "MJCF", "COLLADA": "COLLADA", "openrave": "OpenRAVE"}
 
 
-def read_description(path: str | Path, ignored: Collection[str] = ()) -> Description:
-    """Read a URDF file; unknown elements with names in ``ignored`` are accepted.
+def read_description(path: str | Path, reading: Reading | None = None) -> Description:
+    """Read a robot's file: a URDF, or a xacro template, which is expanded first.
 
     ``problems`` of the result holds the problems of single joints and links; :func:`stiffgen.load_chain` documents
     which of them reject a chain.
 
     Raises:
-        DescriptionError: the file cannot be read, is no URDF, or its links do not form a tree. The error holds all
-            problems of the file.
+        DescriptionError: the file cannot be read, has another format, or its links do not form a tree. The error
+            holds all problems of the file.
+        MissingExtraError: the package that reads this format is not installed.
 
     """
-    path = Path(path)
+    path, reading = Path(path), reading or Reading()
     data = _read_bytes(path)
-    robot = _parse_xml(path.name, data)
-    checker = Checker(robot, ignored)
+    expansion = Expansion(data)
+    is_template = _is_template(path.name, data)
+    if is_template:
+        expansion = expand(path, reading)
+    elif reading.arguments:
+        given = listed([f"{name}:={value}" for name, value in reading.arguments.items()])
+        raise DescriptionError(path.name, [f"takes no arguments ({given}): it is no xacro template; leave them out"])
+    robot = _parse_xml(path.name, expansion.text)
+    if is_template and robot.find("link") is None:
+        raise DescriptionError(
+            path.name,
+            ["expands to a robot without links; if it only defines macros, give the file that calls them"],
+        )
+    checker = Checker(robot, reading.ignored)
     problems = tuple(checker.run())
     if any(p.element == "file" for p in problems):
         # Problems of the whole file come first, because the message shows only some of them.
@@ -78,7 +92,9 @@ def read_description(path: str | Path, ignored: Collection[str] = ()) -> Descrip
         inertials={link.name: _inertial(link, checker) for link in model.links},
         joints={joint.name: _joint(joint, checker) for joint in model.joints},
         problems=tuple(problem for problem in problems if problem.affects != "nothing"),
-        notes=tuple(problem.text for problem in problems if problem.affects == "nothing"),
+        notes=(*expansion.warnings, *(problem.text for problem in problems if problem.affects == "nothing")),
+        inputs=expansion.inputs,
+        arguments=tuple(sorted(reading.arguments.items())),
     )
 
 
@@ -115,25 +131,28 @@ def _open(path: Path) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
+def _is_template(file: str, data: bytes) -> bool:
+    """Return whether a file is a xacro template: by its name, or by elements of xacro outside comments."""
+    if file.endswith(".xacro") or not _XACRO.search(data):
+        return file.endswith(".xacro")
+    try:
+        elements = _well_formed(data).iter()
+    except (etree.XMLSyntaxError, ValueError):
+        return True
+    tags = (str(element.tag) for element in elements)
+    return any("xacro" in tag and tag.startswith(("{", "xacro:")) for tag in tags)
+
+
 def _parse_xml(file: str, data: bytes) -> etree._Element:
-    xacro = (
-        "is a xacro file, a template of a URDF; expand it first: xacro INPUT.xacro > OUTPUT.urdf "
-        "(ROS package 'xacro', also on the Python registry), then give OUTPUT.urdf"
-    )
     try:
         root = _well_formed(data)
     except (etree.XMLSyntaxError, ValueError) as error:
-        if _XACRO.search(data):
-            raise DescriptionError(file, [xacro]) from error
         reason = printable(getattr(error, "msg", None) or str(error) or "empty file", 200).rstrip(".")
         raise DescriptionError(file, [f"is not well-formed XML: {reason}; give a URDF file"]) from error
     tree = root.getroottree()
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
         raise DescriptionError(file, ["has a DOCTYPE; a URDF needs none: remove the <!DOCTYPE ...> declaration"])
     _drop_default_namespace(root)
-    # Files that xacro has expanded still declare its namespace; only elements of xacro show a template.
-    if any(isinstance(e.tag, str) and e.tag.startswith(("{", "xacro:")) and "xacro" in e.tag for e in root.iter()):
-        raise DescriptionError(file, [xacro])
     if root.tag != "robot":
         other = _OTHER_FORMATS.get(str(root.tag))
         fault = f"is an {other} file" if other else f"has the root element <{printable(str(root.tag))}>"
@@ -247,7 +266,7 @@ def _joint(joint: yourdfpy.urdf.Joint, checker: Checker) -> JointElement:
         parent=joint.parent,
         child=joint.child,
         xyz=xyz,
-        rpy=rpy,
+        orientation=rpy,
         axis=axis,
         lower=lower,
         upper=upper,

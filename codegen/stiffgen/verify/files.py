@@ -99,7 +99,7 @@ def load_module(robot: GeneratedRobot) -> None:
 
 
 def check_urdf(chain: Chain, urdf: Path) -> Check:
-    """Compare the manifest's chain with that of the URDF file, read again with the same base, tips, tool and locks.
+    """Compare the manifest's chain with that of the robot's file, read again with the same base, tips, tool and locks.
 
     Raises:
         DescriptionError, ChainError: the URDF cannot be read, or no longer has such a chain.
@@ -116,8 +116,9 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         lock=dict(chain.locked),
         floating_base=chain.floating,
         ignore=chain.ignored,
+        arguments=dict(chain.arguments),
     )
-    names = [field.name for field in fields(Chain) if field.name not in ("source", "digest")]
+    names = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]
     faults = [name for name in names if getattr(fresh, name) != getattr(chain, name)]
     return faultless("chain", f"{urdf.name}, read again", faults)
 
