@@ -257,7 +257,7 @@ def test_the_other_framing_is_named(
     client_program: Callable[[str], Path], version: str, other: str, found: str
 ) -> None:
     message = RobotScript(other).message(SessionState.MONITORING_WAIT)
-    with served(client_program(version), "--wait", 2) as session:
+    with served(client_program(version), "--wait", 2, "--timeout", 3000) as session:
         while session.client.poll() is None:
             with contextlib.suppress(ConnectionRefusedError):
                 session.send(message)
