@@ -66,8 +66,9 @@ clean:  ## remove what the above made, but not generated/
 # Examples: each with the robot that it needs.
 EXAMPLES := experiment whole-body identify identify-torch adaptive optimal-control fri-demo
 .PHONY: $(EXAMPLES)
-experiment: build/robots/iiwa14_plate
+experiment: build/robots/iiwa14_plate build/robots/iiwa14_ball
 	$(BIN)/python -m examples.bowl_wiping
+	$(BIN)/python -m examples.parkour
 whole-body: build/robots/solo12
 	$(BIN)/python -m examples.whole_body
 identify: build/robots/iiwa14_tool
@@ -88,8 +89,11 @@ solo12 := tests/data/solo12.urdf --floating-base $(foreach foot,FL FR HL HR,--ti
 build/robots/%: urdf/iiwa14.urdf tests/data/solo12.urdf $(GENERATOR) $(VENV)/installed-examples
 	$(BIN)/stiffgen generate $($*) --name $* --output build/robots
 	@touch $@
-build/robots/iiwa14_plate: urdf/iiwa14.urdf examples/bowl_wiping/tool.py $(GENERATOR) $(VENV)/installed-examples
-	$(BIN)/python -m examples.bowl_wiping.tool --output build/robots
+iiwa14_plate := bowl_wiping
+iiwa14_ball := parkour
+build/robots/iiwa14_plate build/robots/iiwa14_ball: build/robots/%: urdf/iiwa14.urdf examples/experiments/tool.py \
+  examples/bowl_wiping/tool.py examples/parkour/tool.py $(GENERATOR) $(VENV)/installed-examples
+	$(BIN)/python -m examples.$($*).tool --output build/robots
 	@touch $@
 
 # The virtual environment, and what is installed into it: a file for each of pyproject.toml's extras.

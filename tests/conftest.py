@@ -22,7 +22,7 @@ import pytest
 from filelock import FileLock
 
 import stiffgen
-from examples.bowl_wiping.tool import NAME, tool
+from examples.bowl_wiping.tool import PLATE
 from stiffgen import open_robot
 from stiffgen.emit import build
 from support.c_program import STRICT, language_flags
@@ -128,9 +128,9 @@ def plate_folder(once: Once) -> Path:
     def make(output: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("CFLAGS", f"-O1 {EXACT}")
-            stiffgen.generate(URDF, name=NAME, tool=tool(), output=output)
+            stiffgen.generate(URDF, name=PLATE.robot, tool=PLATE.for_generator(), output=output)
 
-    return once("robots", make) / NAME
+    return once("robots", make) / PLATE.robot
 
 
 @pytest.fixture(scope="session")

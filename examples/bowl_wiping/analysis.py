@@ -12,48 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from examples.bowl_wiping.trajectory import MEASURED, STATED, Comparison, recorded
-from examples.bowl_wiping.trial import LAWS, TASK_STIFFNESS, Trace, faults, parts
+from examples.experiments.analysis import Row, closed_form, imbalance, largest, worst_per_moment
+from examples.experiments.trial import TASK_STIFFNESS, Trace, faults, parts
 
 Array = NDArray[np.float64]
 
+LAWS = ("corrected", "conventional", "potential")
+"""The trials, in this order."""
 SYMMETRY_BAR = 1e-12
 """[N m/rad] largest entry of the antisymmetric part with the correction."""
-CLOSED_FORM_BAR = 1e-9
+CLOSED_FORM_BAR = 1e-12
 """[N m/rad] largest deviation from the closed form without it."""
 CONTACT_BAR = 0.9
 """Share of the wipe in contact."""
 MOMENT_BAR = 5.0
 """[N m] that the moment at the tool must reach."""
-
-
-def closed_form(robot: ModuleType, q: Array, wrench: Array) -> Array:
-    """Return the antisymmetric part of the conventional joint stiffness, J_r^T [m]x J_r / 2.
-
-    J_r is the angular part of the Jacobian. The corrected stiffness is symmetric and differs from the conventional one
-    by J^T (Gamma F) J. In hybrid form Gamma F = [[0, 0], [0, [m]x^T / 2]] is antisymmetric itself.
-
-    Args:
-        robot: generated module of the arm with its tool.
-        q: (N, n) [rad].
-        wrench: (N, 6) of the environment on the robot, hybrid frame [N, N m].
-
-    Returns:
-        (N, n, n) [N m/rad].
-
-    """
-    Jr = robot.hybrid.jacobian(q)[:, 3:]
-    moment_cross_J = np.cross(wrench[:, 3:, None], Jr, axis=1)
-    return np.asarray(np.swapaxes(Jr, 1, 2) @ moment_cross_J / 2)
-
-
-def worst_per_moment(robot: ModuleType, q: Array) -> float:
-    """Largest singular value of :func:`closed_form` at any posture q (N, n) under any moment of 1 N m [1/rad].
-
-    With J_r = U S V^T it is that of S [U^T m]x S / 2: for the moment along the third left singular vector, half the
-    product of the two largest singular values.
-    """
-    singular = np.linalg.svd(robot.hybrid.jacobian(q)[:, 3:], compute_uv=False)
-    return float((singular[:, 0] * singular[:, 1]).max() / 2)
 
 
 @dataclass(frozen=True)
@@ -108,7 +81,7 @@ class Findings:
 
 
 def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
-    """Analyse the trials, in the order of :data:`trial.LAWS`."""
+    """Analyse the trials, in the order of :data:`LAWS`."""
     paper, potential = trials[:2], trials[2]
     applied = [parts(trace["stiffness"])[1] for trace in paper]
     formula = [
@@ -116,7 +89,7 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
         for trace in paper
     ]
     closed = [closed_form(robot, trace["q"], trace["wrench_used"]) for trace in paper]
-    wipes = [trace["wiping"] for trace in trials]
+    wipes = [trace["pressing"] for trace in trials]
     conventional, wipe = trials[1], wipes[1]
     moment = np.linalg.norm(conventional["wrench_used"][wipe, 3:], axis=1)
     per_moment = conventional["antisymmetric"][wipe] / moment
@@ -132,10 +105,10 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
     tips = [robot.forward_kinematics(trace["q"])[wipe, :3, 3] for trace in (trials[0], potential)]
 
     return Findings(
-        antisymmetric_entry=(_largest(applied[0]), _largest(applied[1])),
+        antisymmetric_entry=(largest(applied[0]), largest(applied[1])),
         closed_form_error=(
-            _largest(formula[0] - closed[0]),
-            _largest(np.stack([formula[1], applied[1]]) - closed[1]),
+            largest(formula[0] - closed[0]),
+            largest(np.stack([formula[1], applied[1]]) - closed[1]),
         ),
         antisymmetric=each(lambda t, w: t["antisymmetric"].max()),
         antisymmetric_median=float(np.median(conventional["antisymmetric"][wipe])),
@@ -158,28 +131,8 @@ def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
         deflection=all_three(lambda t, w: np.abs(t["error"]).max()),
         port_work=all_three(lambda t, w: t["port_total"][-1]),
         reference_work=float(potential["reference_total"][-1]),
-        balance=_largest(np.concatenate([imbalance(trace) for trace in trials])),
+        balance=largest(np.concatenate([imbalance(trace) for trace in trials])),
     )
-
-
-def imbalance(trace: Trace) -> Array:
-    """Return the residual of the controller's energy account (N,) [J] (docs/controller.md)."""
-    put_in = sum(trace[f"{name}_total"] for name in ("sampling", "reference", "stiffness"))
-    return np.asarray(trace["port_total"] + trace["elastic_energy"] - put_in)
-
-
-def _largest(values: Array) -> float:
-    return float(np.abs(values).max())
-
-
-@dataclass(frozen=True)
-class Row:
-    """Row of the summary: quantity, statement of the paper, measured value, and remark on a difference."""
-
-    what: str
-    paper: str
-    measured: str
-    remark: str
 
 
 def summary(found: Findings) -> list[Row]:

@@ -12,27 +12,28 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from examples.bowl_wiping.plant import START_POSTURE
 from examples.bowl_wiping.tool import TOOL_POINT
+from examples.experiments.motion import (
+    SAMPLE_TIME,
+    SMOOTHING,
+    Motion,
+    approach_and_follow,
+    damped_inverse,
+    minimum_jerk,
+)
+from examples.experiments.plant import START_POSTURE
 
 Array = NDArray[np.float64]
 
 RECORDED = Path(__file__).resolve().parent / "zero_force_trajectory.csv"
-SAMPLE_TIME = 0.005
-"""[s] between the recorded samples."""
-APPROACH_TIME = 5.0
-"""[s] of the minimum-jerk move from the start posture to the trajectory's start."""
 CENTRE_POSTURE: Array = np.array([1.3184, 0.9462, -0.4382, -1.9943, -0.0564, -0.0986, -3.7078])
 """[rad] at which the tip is the circle's centre, as the paper's code has it."""
 IK_DAMPING = 0.01
 """k of the damped pseudo-inverse W J^T (J W J^T + k I)^-1, W the inverse mass matrix."""
-SMOOTHING = {"window_length": 11, "polyorder": 3, "axis": 0}
-"""Savitzky-Golay filter of the inverse kinematics' result."""
 
 
 @dataclass(frozen=True)
@@ -74,45 +75,14 @@ tool's axis. At 0.2636 m from joint 7 the radius is 0.1000 m, and the tip at CEN
 but its far end, to 0.1 mm in each coordinate."""
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Zero-force joint trajectory on a grid of times: q0 [rad] and its velocity dq0 [rad/s], (N, n) each."""
-
-    time: Array
-    q0: Array
-    dq0: Array
-    wiping: NDArray[np.bool_]
-
-
 def recorded() -> Array:
     """Return the recorded zero-force trajectory (2793, 7) [rad], SAMPLE_TIME apart."""
     return np.loadtxt(RECORDED, delimiter=",").T
 
 
-def minimum_jerk(s: ArrayLike) -> Array:
-    """Return the position from 0 to 1 over the time share s, clipped to 0 ... 1 (Flash and Hogan 1985)."""
-    share = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
-    return np.asarray(share**3 * (10 - 15 * share + 6 * share**2))
-
-
-def reference(sample_time: float) -> Reference:
-    """Return the whole trial: the approach, then the recorded trajectory, at any sample time [s].
-
-    The record has four decimals, which is coarse for a velocity; so dq0 is its Savitzky-Golay derivative.
-    """
-    wipe = recorded()
-    knots = SAMPLE_TIME * np.arange(len(wipe))
-    count = round((APPROACH_TIME + knots[-1]) / sample_time) + 1
-    time = sample_time * np.arange(count)
-    wiping = time >= APPROACH_TIME - 1e-9
-    s = time[~wiping] / APPROACH_TIME
-    way = wipe[0] - START_POSTURE
-    rate = 30 * s**2 * (1 - s) ** 2 / APPROACH_TIME
-    at = np.minimum(time[wiping] - APPROACH_TIME, knots[-1])
-    velocity = savgol_filter(wipe, deriv=1, delta=SAMPLE_TIME, **SMOOTHING)
-    q0 = np.concatenate([START_POSTURE + minimum_jerk(s)[:, None] * way, CubicSpline(knots, wipe)(at)])
-    dq0 = np.concatenate([rate[:, None] * way, CubicSpline(knots, velocity)(at)])
-    return Reference(time, q0, dq0, wiping)
+def motion(sample_time: float) -> Motion:
+    """Return the whole trial: the approach, then the recorded trajectory, at any sample time [s]."""
+    return approach_and_follow(recorded(), START_POSTURE, sample_time)
 
 
 def poses(robot: ModuleType, geometry: Geometry, count: int) -> Array:
@@ -150,8 +120,7 @@ def inverse_kinematics(robot: ModuleType, target: Array, q: Array, tip: float, s
         turn = Rotation.from_matrix(pose[:3, :3] @ present[:3, :3].T).as_rotvec()
         error = np.concatenate([pose[:3, 3] - present[:3, 3], turn])
         J = tip_jacobian(robot, q, tip)
-        W = np.linalg.inv(robot.mass_matrix(q))
-        q = q + W @ J.T @ np.linalg.solve(J @ W @ J.T + IK_DAMPING * np.eye(6), error)
+        q = q + damped_inverse(J, robot.mass_matrix(q), IK_DAMPING) @ error
         result.append(q)
     return np.asarray(savgol_filter(np.array(result)[settle:], **SMOOTHING))
 

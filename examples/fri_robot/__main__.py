@@ -28,7 +28,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
+from examples.bowl_wiping.bowl import bowl_plant
+from examples.experiments.plant import MOTOR_INERTIA
 from stiffgen import StiffgenError, open_robot
 
 from . import faults
@@ -200,7 +201,7 @@ def _robot(options: argparse.Namespace, policy: Policy) -> Robot:
         raise RefusedError("--start: a joint is beyond its limits")
     mode = CommandMode[options.command_mode.upper()]
     stiffness = np.broadcast_to(np.array(options.stiffness, dtype=float), JOINTS).copy()
-    plant = Plant(timestep=TIMESTEP, bowl=options.bowl, **start)
+    plant = bowl_plant(TIMESTEP, surface=options.bowl, **start)
     return Robot(plant, model, MOTOR_INERTIA, stiffness, mode, policy)
 
 

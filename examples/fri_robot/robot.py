@@ -29,7 +29,7 @@ DAMPING_RATIO = 0.7
 
 
 class Plant(Protocol):
-    """Interface of the simulated arm that the controller needs (examples/bowl_wiping/plant.py)."""
+    """Interface of the simulated arm that the controller needs (examples/experiments/plant.py)."""
 
     timestep: float
     data: Any

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from examples.bowl_wiping.plant import START_POSTURE
+from examples.experiments.plant import START_POSTURE
 from examples.fri_robot.messages import SessionState
 from support.fri_run import Run, versions
 from support.fri_served import served

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from examples.bowl_wiping.plant import MOTOR_INERTIA, START_POSTURE, Plant
+from examples.bowl_wiping.bowl import bowl_plant
+from examples.experiments.plant import MOTOR_INERTIA, START_POSTURE
 from examples.fri_robot.link import LinkError
 from examples.fri_robot.messages import (
     VERSIONS,
@@ -43,7 +44,7 @@ FREE = START_POSTURE + np.array([0.2, -0.6, 0.1, 0.2, 0.3, -0.4, 0.5])  # away f
 
 
 def make_robot(plate: ModuleType, stiffness: float, mode: CommandMode = CommandMode.TORQUE) -> Robot:
-    return Robot(Plant(bowl=False, q=FREE), plate, MOTOR_INERTIA, np.full(7, stiffness), mode, Policy())
+    return Robot(bowl_plant(surface=False, q=FREE), plate, MOTOR_INERTIA, np.full(7, stiffness), mode, Policy())
 
 
 def test_joint_impedance_gives_way_as_a_spring(plate: ModuleType) -> None:

@@ -32,11 +32,18 @@ def test_examples_import_public_names(file):
             assert public is None or {alias.name for alias in node.names} <= public
 
 
-@pytest.mark.parametrize("example", ["bowl_wiping", "whole_body"])
+@pytest.mark.parametrize("example", ["bowl_wiping", "experiments", "parkour", "whole_body"])
 def test_what_examples_write_is_not_committed(example):
     files = subprocess.run(
         ["git", "ls-files", f"examples/{example}"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout.split()
     assert {file.rpartition(".")[2] for file in files} <= {"py", "md", "csv"}
-    program = (ROOT / "examples" / example / "__main__.py").read_text()
-    assert f'RESULTS = Path("build/{example}")' in program  # git ignores build/
+
+
+def test_results_of_the_experiments_go_to_build():
+    """Git ignores build/."""
+    from examples.bowl_wiping.experiment import EXPERIMENT as BOWL
+    from examples.parkour.experiment import EXPERIMENT as PARKOUR
+
+    assert [str(each.results) for each in (BOWL, PARKOUR)] == ["build/bowl_wiping", "build/parkour"]
+    assert 'RESULTS = Path("build/whole_body")' in (ROOT / "examples" / "whole_body" / "__main__.py").read_text()

@@ -15,9 +15,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from examples.bowl_wiping import analysis, render, report, trajectory, trial
-from examples.bowl_wiping.__main__ import main
-from examples.bowl_wiping.plant import START_POSTURE, Plant
+from examples.bowl_wiping import analysis, trajectory
+from examples.bowl_wiping.__main__ import CAPTIONS, main
+from examples.bowl_wiping.bowl import bowl_plant
+from examples.experiments import render, report, trial
+from examples.experiments.analysis import closed_form, imbalance, worst_per_moment
+from examples.experiments.motion import Motion, minimum_jerk
+from examples.experiments.plant import START_POSTURE, Plant
 
 
 @pytest.fixture(scope="session")
@@ -36,9 +40,16 @@ def traces(results: Path) -> dict[str, np.ndarray]:
         return dict(file)
 
 
+def run(robot: ModuleType, law: str, steps: int, *, sample_time: float = 0.005, seed: int = 0) -> trial.Trace:
+    """Run the first steps of a trial."""
+    plan = trajectory.motion(sample_time)
+    first = Motion(plan.time[:steps], plan.q0[:steps], plan.dq0[:steps], plan.pressing[:steps])
+    return trial.run(robot, law, bowl_plant(sample_time), first, seed=seed)
+
+
 def angular_jacobians(q: np.ndarray) -> np.ndarray:
     """(N, 3, 7) by MuJoCo."""
-    plant, result = Plant(bowl=False), np.empty((len(q), 3, 7))
+    plant, result = bowl_plant(surface=False), np.empty((len(q), 3, 7))
     for k, posture in enumerate(q):
         plant.data.qpos[:] = posture
         mujoco.mj_kinematics(plant.model, plant.data)
@@ -82,7 +93,7 @@ def test_the_kernels_on_both_paper_trials_states(plate: ModuleType, traces: dict
     q, wrench = traces["q"], traces["wrench_used"]
     formula = plate.hybrid.joint_stiffness_uncorrected(q, wrench, trial.TASK_STIFFNESS)
     symmetric, antisymmetric = trial.parts(formula)
-    np.testing.assert_allclose(antisymmetric, analysis.closed_form(plate, q, wrench), atol=1e-9)
+    np.testing.assert_allclose(antisymmetric, closed_form(plate, q, wrench), atol=1e-9)
     expected = symmetric + np.eye(7) + antisymmetric * traces["trial"][:, None, None]
     np.testing.assert_allclose(traces["stiffness"], expected, atol=1e-9)
 
@@ -90,12 +101,12 @@ def test_the_kernels_on_both_paper_trials_states(plate: ModuleType, traces: dict
 @pytest.mark.slow  # the whole experiment
 def test_contact_moments_and_faults(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
     for index in range(3):
-        wipe = (traces["trial"] == index) & traces["wiping"]
+        wipe = (traces["trial"] == index) & traces["pressing"]
         assert traces["contact"][wipe].mean() >= 0.9
         assert np.linalg.norm(traces["wrench_used"][wipe, 3:], axis=1).max() >= 5
         assert trial.faults(plate, traces["status"][traces["trial"] == index]) == {}
     assert not traces["arm_contact"].any()
-    wipe = traces["wiping"]
+    wipe = traces["pressing"]
     # The force is where contact is, the environment pushes the plate up, and the spring's deflection balances it.
     assert np.all(np.linalg.norm(traces["wrench"][~traces["contact"], :3], axis=1) < 1)
     assert traces["wrench_used"][wipe, 2].min() > 20
@@ -119,13 +130,13 @@ def test_the_potential_law_is_the_gradient(plate: ModuleType, traces: dict[str, 
     # The tangent is no law: where it is indefinite the arm stays as near as under the paper's.
     assert potential["eigenvalues"].min() < -1
     assert np.abs(error).max() < 1.1 * np.abs(paper["error"]).max()
-    means = [np.linalg.norm(each["wrench_used"][each["wiping"], :3], axis=1).mean() for each in (paper, potential)]
+    means = [np.linalg.norm(each["wrench_used"][each["pressing"], :3], axis=1).mean() for each in (paper, potential)]
     assert means[1] == pytest.approx(means[0], rel=0.1)
 
 
 @pytest.mark.slow  # the whole experiment
 def test_the_energy_account_closes(traces: dict[str, np.ndarray]) -> None:
-    assert np.abs(analysis.imbalance(traces)).max() < 1e-10
+    assert np.abs(imbalance(traces)).max() < 1e-10
     for index in range(3):  # and it is the work at the port, summed up outside
         torque, q, port = (traces[name][traces["trial"] == index] for name in ("torque", "q", "port_total"))
         work = np.cumsum(np.sum(torque[:-1] * np.diff(q, axis=0), axis=1))
@@ -147,9 +158,9 @@ def test_report_and_figures(results: Path) -> None:
     assert render.HINT in page.replace("&#x27;", "'")
     assert "prefers-color-scheme:dark" in page
     assert not re.search(r"(href|src)=\"(?!#|data:)", page)  # self-contained
-    assert page.count("<svg") == len(report.CAPTIONS) - 1
-    for name in report.CAPTIONS:
-        if name == report.PICTURE:
+    assert page.count("<svg") == len(CAPTIONS) - 2
+    for name in CAPTIONS:
+        if name in (report.PICTURE, report.FILM):
             assert not (results / name).exists()
             continue
         svg = (results / name).read_text()
@@ -166,7 +177,7 @@ def test_report_and_figures(results: Path) -> None:
 @pytest.mark.slow
 def test_picture_where_there_is_a_renderer(tmp_path: Path) -> None:
     picture = tmp_path / "postures.png"
-    reason = render.render(np.stack([START_POSTURE, trajectory.recorded()[0]]), picture)
+    reason = render.picture("bowl_wiping", np.stack([START_POSTURE, trajectory.recorded()[0]]), picture)
     if reason is not None:
         if os.environ.get("CI"):
             pytest.fail(f"{reason}; .ci/run installs it")
@@ -176,7 +187,7 @@ def test_picture_where_there_is_a_renderer(tmp_path: Path) -> None:
 
 
 def test_a_trial_repeats_bit_for_bit(plate: ModuleType) -> None:
-    first, second, other = (trial.run(plate, "corrected", seed=seed, steps=350) for seed in (3, 3, 4))
+    first, second, other = (run(plate, "corrected", 350, seed=seed) for seed in (3, 3, 4))
     assert first["contact"].any()
     for name in first:
         assert np.array_equal(first[name], second[name]), name
@@ -186,7 +197,7 @@ def test_a_trial_repeats_bit_for_bit(plate: ModuleType) -> None:
 @pytest.mark.slow
 def test_one_millisecond(plate: ModuleType) -> None:
     """Five times as many steps, the same physics: the same motion and contact, in nearly the same place."""
-    fast, slow = (trial.run(plate, "corrected", sample_time=time, steps=round(2.5 / time)) for time in (0.001, 0.005))
+    fast, slow = (run(plate, "corrected", round(2.5 / time), sample_time=time) for time in (0.001, 0.005))
     assert trial.faults(plate, fast["status"]) == {}
     np.testing.assert_allclose(fast["q"][::5], slow["q"], atol=0.02)
     assert abs(np.argmax(fast["contact"]) * 0.001 - np.argmax(slow["contact"]) * 0.005) < 0.05
@@ -195,17 +206,17 @@ def test_one_millisecond(plate: ModuleType) -> None:
 def test_reference() -> None:
     """The approach starts and ends at rest, the wipe is the record, and velocities are those of the positions."""
     for sample_time in (0.005, 0.001):
-        plan = trajectory.reference(sample_time)
+        plan = trajectory.motion(sample_time)
         np.testing.assert_array_equal(plan.q0[0], START_POSTURE)
         every = round(0.005 / sample_time)
-        np.testing.assert_allclose(plan.q0[plan.wiping][::every], trajectory.recorded(), atol=1e-12)
-        assert plan.time[plan.wiping][0] == pytest.approx(5.0)
-        approach = ~plan.wiping
+        np.testing.assert_allclose(plan.q0[plan.pressing][::every], trajectory.recorded(), atol=1e-12)
+        assert plan.time[plan.pressing][0] == pytest.approx(5.0)
+        approach = ~plan.pressing
         change = np.gradient(plan.q0[approach], sample_time, axis=0)
         np.testing.assert_allclose(plan.dq0[approach][1:-1], change[1:-1], atol=1e-5)
-        moved = np.trapezoid(plan.dq0[plan.wiping], dx=sample_time, axis=0)
-        np.testing.assert_allclose(moved, plan.q0[-1] - plan.q0[plan.wiping][0], atol=5e-4)
-    assert trajectory.minimum_jerk(0.5) == 0.5
+        moved = np.trapezoid(plan.dq0[plan.pressing], dx=sample_time, axis=0)
+        np.testing.assert_allclose(moved, plan.q0[-1] - plan.q0[plan.pressing][0], atol=5e-4)
+    assert minimum_jerk(0.5) == 0.5
 
 
 def test_stated_geometry(plate: ModuleType) -> None:
@@ -240,7 +251,7 @@ def test_the_recording_is_the_measured_geometry(plate: ModuleType) -> None:
 def test_the_tip_can_be_taken_elsewhere(plate: ModuleType) -> None:
     """Pose and Jacobian of a point of the tool's axis: the flange's place by MuJoCo, and differences."""
     q = START_POSTURE
-    flange = Plant(bowl=False, tool=False, q=q).pose
+    flange = Plant(q=q).pose
     np.testing.assert_allclose(trajectory.tip_pose(plate, q, 0.0), flange, atol=1e-12)
     J = trajectory.tip_jacobian(plate, q, 0.1)
     for joint, step in enumerate(1e-6 * np.eye(7)):
@@ -256,8 +267,8 @@ def test_worst_per_moment(plate: ModuleType) -> None:
     directions = np.random.default_rng(0).normal(size=(20000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     wrench = np.concatenate([np.zeros_like(directions), directions], axis=1)
-    values = np.linalg.norm(analysis.closed_form(plate, np.repeat(q, len(wrench), axis=0), wrench), 2, axis=(1, 2))
-    worst = analysis.worst_per_moment(plate, q)
+    values = np.linalg.norm(closed_form(plate, np.repeat(q, len(wrench), axis=0), wrench), 2, axis=(1, 2))
+    worst = worst_per_moment(plate, q)
     assert 0.999 * worst < values.max() <= worst * (1 + 1e-12)
 
 

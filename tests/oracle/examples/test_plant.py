@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from examples.bowl_wiping.plant import MOTOR_INERTIA, START_POSTURE, Bowl, Plant
+from examples.bowl_wiping.bowl import Bowl, bowl_plant
+from examples.experiments.plant import MOTOR_INERTIA, START_POSTURE, Plant
 from stiffgen import StiffgenError
 
 ABOVE = START_POSTURE + np.array([0.2, -0.6, 0.1, 0.2, 0.3, -0.4, 0.5])  # well clear of the bowl
@@ -21,7 +22,7 @@ def postures(count: int = 20) -> np.ndarray:
 
 def test_kinematics_and_masses_are_the_generated_ones(plate: ModuleType) -> None:
     for q in postures():
-        plant = Plant(bowl=False, q=q)
+        plant = bowl_plant(surface=False, q=q)
         np.testing.assert_allclose(plant.pose, plate.forward_kinematics(q), atol=1e-12)
         M = np.empty((7, 7))
         mujoco.mj_fullM(plant.model, plant.data, M)
@@ -30,7 +31,7 @@ def test_kinematics_and_masses_are_the_generated_ones(plate: ModuleType) -> None
 
 def test_without_a_tool_it_is_the_plain_arm(robot: ModuleType) -> None:
     q = postures(1)[0]
-    plant = Plant(bowl=False, tool=False, q=q)
+    plant = Plant(q=q)
     np.testing.assert_allclose(plant.pose, robot.forward_kinematics(q), atol=1e-12)
     M = np.empty((7, 7))
     mujoco.mj_fullM(plant.model, plant.data, M)
@@ -40,7 +41,7 @@ def test_without_a_tool_it_is_the_plain_arm(robot: ModuleType) -> None:
 
 
 def test_zero_command_lets_the_arm_float() -> None:
-    plant = Plant(q=ABOVE)
+    plant = bowl_plant(q=ABOVE)
     for _ in range(1000):
         plant.step(np.zeros(7))
     assert plant.time == pytest.approx(1.0)
@@ -49,7 +50,7 @@ def test_zero_command_lets_the_arm_float() -> None:
 
 def test_coriolis_torques_are_compensated() -> None:
     """What is left of the dynamics is M(q) ddq = torque, also in fast motion."""
-    plant = Plant(bowl=False, q=ABOVE)
+    plant = bowl_plant(surface=False, q=ABOVE)
     plant.data.qvel[:] = np.linspace(1, 2, 7)
     torque = np.linspace(-5, 5, 7)
     M = np.empty((7, 7))
@@ -70,7 +71,7 @@ def test_coriolis_torques_are_compensated() -> None:
 @pytest.mark.parametrize("timestep", [0.001, 0.005])
 def test_pressing_with_a_known_force(plate: ModuleType, timestep: float) -> None:
     """A force command J^T f down into the bowl: at rest the environment answers with -f, in sensor and contacts."""
-    plant = Plant(timestep)
+    plant = bowl_plant(timestep)
     assert not plant.in_contact
     for _ in range(round(4 / timestep)):
         J = plate.hybrid.jacobian(plant.q)
@@ -84,7 +85,7 @@ def test_pressing_with_a_known_force(plate: ModuleType, timestep: float) -> None
 
 def test_sensor_agrees_with_the_contacts_in_motion(plate: ModuleType) -> None:
     """Weight and inertia of the tool do not show: sliding and bumping, sensor minus tool is the sum of the contacts."""
-    plant, forces, rates = Plant(), [], []
+    plant, forces, rates = bowl_plant(), [], []
     for k in range(1500):
         J = plate.hybrid.jacobian(plant.q)
         push = np.array([20 * np.sin(0.01 * k), 20 * np.cos(0.02 * k), -60, 1.0, -2.0, 1.0])
@@ -101,7 +102,7 @@ def test_sensor_agrees_with_the_contacts_in_motion(plate: ModuleType) -> None:
 
 def test_a_push_on_the_tool_shows_in_the_sensor(plate: ModuleType) -> None:
     """The sign, without any contact code: an external force on the tool's mass is what the environment applies."""
-    plant = Plant(bowl=False, q=ABOVE)
+    plant = bowl_plant(surface=False, q=ABOVE)
     tool = plant.model.body("tool").id
     force, moment = np.array([3.0, -5.0, 7.0]), np.array([0.2, 0.5, -0.4])
     plant.data.xfrc_applied[tool] = [*force, *moment]
@@ -113,7 +114,7 @@ def test_a_push_on_the_tool_shows_in_the_sensor(plate: ModuleType) -> None:
 
 def test_the_surface_is_the_sphere(plate: ModuleType) -> None:
     """Contact points of the pressed plate lie on the bowl's sphere, and the forces point to its centre."""
-    plant, bowl = Plant(), Bowl()
+    plant, bowl = bowl_plant(), Bowl()
     for _ in range(2000):
         plant.step(plate.hybrid.jacobian(plant.q).T @ np.array([0, 0, -30.0, 0, 0, 0]) - 5 * plant.dq)
     centre = np.array([*bowl.centre, bowl.bottom + bowl.radius])
@@ -132,7 +133,7 @@ def test_the_surface_is_the_sphere(plate: ModuleType) -> None:
 def test_the_same_torques_give_the_same_motion() -> None:
     ends = []
     for _ in range(2):
-        plant = Plant()
+        plant = bowl_plant()
         for k in range(500):
             plant.step(np.array([0, 20, 0, -5, 0, 1.0, np.sin(k)]))
         ends.append(np.concatenate([plant.q, plant.dq, plant.wrench()]))

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from examples.bowl_wiping.plant import Plant
+from examples.experiments.plant import Plant
 from support.plant.loop import Q0, Loop
 
 MOTOR = 0.1
@@ -49,7 +49,7 @@ def test_mujoco_sees_the_same(loop: Loop) -> None:
     rows = loop.run(
         2000, loop.segments({"load": load}, {"start": 300, "wanted": wanted}), configs=config(loop), rows=True
     )[1]
-    arm = Plant(bowl=False, tool=False, q=Q0)
+    arm = Plant(q=Q0)
     model, data = arm.model, arm.data
     model.opt.gravity[:] = 0
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4

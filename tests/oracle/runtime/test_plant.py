@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from examples.bowl_wiping.plant import Plant
+from examples.experiments.plant import Plant
 from support.plant.loop import FREE, KERNELS, Q0, Loop
 
 RANDOM = np.random.default_rng(3)
@@ -22,7 +22,7 @@ def loop(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Loop:
 
 def test_inertia_and_bias_are_mujocos(loop: Loop) -> None:
     """Two readers of the URDF, two dynamics: mass matrix to 1e-9, Coriolis and centrifugal forces to 1e-6."""
-    other = Plant(bowl=False, tool=False)
+    other = Plant()
     other.model.opt.gravity[:] = 0
     motor = np.diag(other.model.dof_armature)
     for _ in range(20):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Run one trial: the plant under the C controller with the paper's gains, recorded step by step.
+"""Run one trial: the plant under a law with the paper's gains, recorded step by step.
 
-Three laws: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and ``potential``, the gradient
-of a spring with the same gains at the tool point.
+Three laws of the C controller: the paper's with the ``corrected`` and with the ``conventional`` stiffness, and
+``potential``, the gradient of a spring with the same gains at the tool point. Beside them ``cartesian``, the law in
+common use (cartesian.py).
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from examples.bowl_wiping.plant import MOTOR_INERTIA, Plant
-from examples.bowl_wiping.trajectory import reference
+from examples.experiments.cartesian import CartesianLaw
+from examples.experiments.motion import Motion
+from examples.experiments.plant import MOTOR_INERTIA, Plant
 
 Array = NDArray[np.float64]
 Trace = dict[str, NDArray[Any]]
@@ -28,42 +30,48 @@ TASK_DAMPING: Array = np.diag([40.0, 40.0, 40.0, 12.0, 12.0, 12.0])
 """B [N s/m, N m s/rad], hybrid frame."""
 FORCE_NOISE, MOMENT_NOISE = 0.05, 0.002
 """[N], [N m] standard deviation of the force/torque sensor's noise, seeded."""
-LAWS = ("corrected", "conventional", "potential")
+POSTURE_STIFFNESS, JOINT_DAMPING = 1.0, 0.1
+"""[N m/rad], [N m s/rad] of the nullspace."""
+LAWS = ("corrected", "conventional", "potential", "cartesian")
 """The trials, in this order."""
 EXPECTED = ("MOVING", "INDEFINITE", "JOINT_LIMIT", "DAMPING_CAPPED")
 """Status bits that are no fault: the equilibrium moves, the stiffness may be indefinite, joints may come near their
 limits (which do not push back here), and 5 ms allow no more damping. All others must not show."""
 
 COLUMNS = {
-    "trial": "0 corrected, 1 conventional, 2 potential",
+    "trial": "0 corrected, 1 conventional, 2 potential, 3 cartesian",
     "time": "[s] since the trial's start",
-    "wiping": "whether the zero-force trajectory runs; before it the approach",
+    "pressing": "whether the zero-force trajectory runs; before it the approach",
     "q": "[rad] joint positions",
     "dq": "[rad/s] joint velocities",
     "q0": "[rad] zero-force joint positions",
     "dq0": "[rad/s] zero-force joint velocities",
     "wrench": "[N, N m] of the environment on the robot at the tool point, base axes, as measured",
+    "contact_wrench": "[N, N m] the same as the sum of the simulated contacts, without a sensor",
     "wrench_used": "[N, N m] the mean of its last three samples: what the paper's stiffness was computed with",
     "torque": "[N m] command of the controller, without gravity and Coriolis compensation",
     "damping_torque": "[N m] the damping's share of it",
     "status": "status bits of the controller (NAME_impedance.h)",
-    "contact": "whether plate and bowl touch",
-    "arm_contact": "whether a link of the arm touches the bowl",
+    "contact": "whether tool and surface touch",
+    "arm_contact": "whether a link of the arm touches the surface",
     "position": "[m] of the tool point, base frame",
     "error": "[rad] deflection r - q from the equilibrium posture",
     "stiffness": "[N m/rad] joint stiffness Kq, posture stiffness included: applied in the paper's law, the tangent "
-    "of the energy in the potential law",
+    "of the energy in the potential law, -d torque/dq at rest by differences in the Cartesian law",
     "symmetric": "[N m/rad] largest singular value of the symmetric part of the controller's joint stiffness",
     "antisymmetric": "[N m/rad] the same of its antisymmetric part",
     "eigenvalues": "[N m/rad] of the symmetric part, ascending",
-    "elastic_energy": "[J] of the springs; 0 in the paper's law, which has none",
+    "elastic_energy": "[J] of the springs; 0 in the laws that have none",
     "port_total": "[J] put out at the robot's port since the start",
-    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; in the paper's "
-    "law, which has no energy, all of the port's work but reference_total",
-    "reference_total": "[J] put in by moving the equilibrium; in the paper's law the damper's share alone",
+    "sampling_total": "[J] put in by holding the torque between samples, damping counted against it; in laws that "
+    "have no energy, all of the port's work but reference_total",
+    "reference_total": "[J] put in by moving the equilibrium; in the paper's law the damper's share alone, in the "
+    "Cartesian law 0",
     "stiffness_total": "[J] put in by changing the stiffness",
 }
 """Arrays of the trace: name and content; the first axis is time."""
+ENERGIES = ("_total", "_energy")
+"""Ends of the names of the energy account's columns."""
 
 
 def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> Any:
@@ -73,7 +81,7 @@ def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> A
 
     Args:
         robot: generated module of the arm with its tool.
-        law: one of :data:`LAWS`.
+        law: one of the first three of :data:`LAWS`.
         sample_time: [s].
         steps: to be recorded.
 
@@ -83,8 +91,8 @@ def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> A
         {} if law == "potential" else paper,
         sample_time=sample_time,
         stiffness_formula="conventional" if law == "conventional" else "corrected",
-        posture_stiffness=1.0,
-        joint_damping=0.1,
+        posture_stiffness=POSTURE_STIFFNESS,
+        joint_damping=JOINT_DAMPING,
         motor_inertia=MOTOR_INERTIA,
         limit_stiffness=0.0,
         reference_velocity_limit=robot.VELOCITY,
@@ -99,10 +107,10 @@ def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> A
 def run(
     robot: ModuleType,
     law: str,
+    plant: Plant,
+    motion: Motion,
     *,
-    sample_time: float = 0.005,
     seed: int = 0,
-    steps: int | None = None,
     progress: Callable[[], None] = lambda: None,
 ) -> Trace:
     """Run one trial.
@@ -110,51 +118,100 @@ def run(
     Args:
         robot: generated module of the arm with its tool.
         law: one of :data:`LAWS`.
-        sample_time: [s] between two steps of the controller, the torque held.
+        plant: the arm at the trial's start; its time step is the controller's, with the torque held.
+        motion: the equilibrium's, on the plant's time steps.
         seed: of the sensor's noise; the same for all trials, so that they differ by the law alone.
-        steps: how many at most; default: the whole trajectory.
         progress: called after every step.
 
     Returns:
         Arrays with a leading time axis: all of COLUMNS but ``trial``.
 
     """
-    plan = reference(sample_time)
-    count = len(plan.time) if steps is None else min(steps, len(plan.time))
-    impedance = controller(robot, law, sample_time, count)
-    plant = Plant(sample_time)
+    count = len(motion.time)
+    steps = _steps(robot, law, plant.timestep, count)
     noise = np.random.default_rng(seed).normal(scale=[FORCE_NOISE] * 3 + [MOMENT_NOISE] * 3, size=(count, 6))
     position, contact, arm_contact = np.empty((count, 3)), np.empty(count, bool), np.empty(count, bool)
-    measured, used = np.empty((count, 6)), np.empty((count, 6))
+    measured, used, contacts = (np.empty((count, 6)) for _ in range(3))
     for k in range(count):
         position[k], contact[k], arm_contact[k] = plant.pose[:3, 3], plant.in_contact, plant.arm_in_contact
-        measured[k] = plant.wrench() + noise[k]
+        measured[k], contacts[k] = plant.wrench() + noise[k], plant.contact_wrench()
         used[k] = measured[max(0, k - 2) : k + 1].mean(axis=0)
-        gains = SPRING if law == "potential" else {"task_stiffness": TASK_STIFFNESS}
-        output = impedance.step(q=plant.q, dq=plant.dq, q0=plan.q0[k], wrench=used[k], **gains)
-        plant.step(output.torque)
+        plant.step(steps.torque(plant, motion.q0[k], used[k]))
         progress()
-    inputs, outputs = impedance.trace
-    stiffness = np.array(outputs.joint_stiffness)
-    symmetric, antisymmetric = parts(stiffness)
+    columns = steps.columns()
+    symmetric, antisymmetric = parts(columns["stiffness"])
     return {
-        "time": plan.time[:count],
-        "wiping": plan.wiping[:count],
-        **{name: np.array(inputs[name]) for name in ("q", "dq", "q0")},
-        "dq0": plan.dq0[:count],
+        "time": motion.time,
+        "pressing": motion.pressing,
+        "q0": motion.q0,
+        "dq0": motion.dq0,
         "wrench": measured,
+        "contact_wrench": contacts,
         "wrench_used": used,
-        **{name: np.array(outputs[name]) for name in ("torque", "damping_torque", "status")},
-        "error": np.array(outputs.reference - outputs.position),
         "contact": contact,
         "arm_contact": arm_contact,
         "position": position,
-        "stiffness": stiffness,
         "symmetric": np.linalg.norm(symmetric, 2, axis=(1, 2)),
         "antisymmetric": np.linalg.norm(antisymmetric, 2, axis=(1, 2)),
         "eigenvalues": np.linalg.eigvalsh(symmetric),
-        **{name: np.array(outputs[name]) for name in COLUMNS if name.endswith(("_total", "_energy"))},
+        **columns,
     }
+
+
+def _steps(robot: ModuleType, law: str, sample_time: float, count: int) -> _ControllerSteps | _CartesianSteps:
+    if law == "cartesian":
+        return _CartesianSteps(robot)
+    return _ControllerSteps(robot, law, sample_time, count)
+
+
+class _ControllerSteps:
+    """Steps of the C controller, which records what it does."""
+
+    def __init__(self, robot: ModuleType, law: str, sample_time: float, count: int) -> None:
+        self._impedance = controller(robot, law, sample_time, count)
+        self._gains = SPRING if law == "potential" else {"task_stiffness": TASK_STIFFNESS}
+
+    def torque(self, plant: Plant, q0: Array, wrench: Array) -> Array:
+        output = self._impedance.step(q=plant.q, dq=plant.dq, q0=q0, wrench=wrench, **self._gains)
+        return np.asarray(output.torque)
+
+    def columns(self) -> Trace:
+        inputs, outputs = self._impedance.trace
+        names = ("torque", "damping_torque", "status", *(name for name in COLUMNS if name.endswith(ENERGIES)))
+        return {
+            **{name: np.array(inputs[name]) for name in ("q", "dq")},
+            **{name: np.array(outputs[name]) for name in names},
+            "error": np.array(outputs.reference - outputs.position),
+            "stiffness": np.array(outputs.joint_stiffness),
+        }
+
+
+class _CartesianSteps:
+    """Steps of the Cartesian law, recorded here; it has no energy and no status."""
+
+    def __init__(self, robot: ModuleType) -> None:
+        self._law = CartesianLaw(robot, TASK_STIFFNESS, TASK_DAMPING, POSTURE_STIFFNESS, JOINT_DAMPING)
+        self._rows: dict[str, list[Any]] = {
+            name: [] for name in ("q", "dq", "torque", "damping_torque", "error", "stiffness")
+        }
+
+    def torque(self, plant: Plant, q0: Array, wrench: Array) -> Array:
+        q, dq = plant.q, plant.dq
+        spring, damping = self._law.torques(q, dq, q0)
+        stiffness = self._law.stiffness(q, q0)
+        values = (q, dq, spring + damping, damping, q0 - q, stiffness)
+        for rows, value in zip(self._rows.values(), values, strict=True):
+            rows.append(value)
+        return spring + damping
+
+    def columns(self) -> Trace:
+        columns = {name: np.array(rows) for name, rows in self._rows.items()}
+        moved = np.sum(columns["torque"][:-1] * np.diff(columns["q"], axis=0), axis=1)
+        work = np.concatenate([[0.0], np.cumsum(moved)])
+        zero = np.zeros(len(work))
+        energies = {name: zero for name in COLUMNS if name.endswith(ENERGIES)}
+        status = np.zeros(len(work), np.uint32)
+        return {**columns, **energies, "status": status, "port_total": work, "sampling_total": work}
 
 
 def parts(stiffness: Array) -> tuple[Array, Array]:

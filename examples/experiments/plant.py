@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Simulate the LBR iiwa 14 with its wiping tool and the bowl: MuJoCo behind a torque interface.
+"""Simulate the LBR iiwa 14 with a tool over a surface: MuJoCo behind a torque interface.
 
 The arm comes from urdf/iiwa14.urdf through MuJoCo's own URDF reader. Its kinematics and masses are therefore
 independent of stiffgen's, and the tests compare the two.
@@ -7,12 +7,9 @@ independent of stiffgen's, and the tests compare the two.
 Like KUKA's controller, the plant adds the torques that cancel gravity and Coriolis effects of the arm with its tool. A
 zero command lets the arm float.
 
-The paper does not state the following data, which are our choice:
-
-* the tool's shape (tool.py);
-* the bowl's shape, place and friction, such that the zero-force trajectory presses the plate on the bowl;
-* the motors' inertia at the joints. A URDF has none, and with the links' inertia alone the paper's damping cannot run
-  at 5 ms: the wrist's light directions would need a sample time 30 times shorter.
+The motors' inertia at the joints is our choice: the paper does not state it, a URDF has none, and with the links'
+inertia alone the paper's damping cannot run at 5 ms. The wrist's light directions would need a sample time 30 times
+shorter.
 """
 
 from __future__ import annotations
@@ -23,8 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from examples.bowl_wiping import tool as wiping_tool
-from examples.bowl_wiping.tool import PARTS, PLATE_RADIUS, TOOL_POINT, URDF
+from examples.experiments.tool import URDF, WorkingTool
 from stiffgen import StiffgenError
 
 Array = NDArray[np.float64]
@@ -32,52 +28,44 @@ Array = NDArray[np.float64]
 DOF = 7
 FLANGE = "link_ee"
 START_POSTURE: Array = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
-"""Start configuration of the paper's experiment [rad]."""
+"""Start configuration of the paper's bowl experiment [rad]."""
 
 MOTOR_INERTIA = 0.2
 """[kg m^2] of each motor as it appears at its joint."""
 LONGEST_SUBSTEP = 0.0005
 """[s] of the physics."""
 
-EDGE_RADIUS = 0.005
-"""[m] of the edge's rounding."""
-EDGE_SPHERES = 72
-"""The edge is a ring of so many spheres: a flat plate in a hollow bowl touches with its edge only."""
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Height field that the tool can touch; metres in the base frame.
 
-@dataclass(frozen=True)
-class Bowl:
-    """A spherical bowl in a square block, open upwards; metres in the base frame.
-
-    Args:
-        centre: x and y of its axis.
-        bottom: height of its lowest point.
-        radius: of the sphere.
-        opening: radius of its upper edge.
-        friction: coefficient of sliding friction with the plate.
+    Attributes:
+        name: of the geometry in the model.
+        centre: x and y of the grid's middle.
+        half: half of its extent along x and y.
+        height: (rows, columns) heights; rows along y, columns along x, both ascending.
+        friction: coefficient of sliding friction with the tool.
+        softness: time constant of the contact [s]; a hard contact chatters from cell to cell.
 
     """
 
-    centre: tuple[float, float] = (0.508, 0.398)
-    bottom: float = -0.055
-    radius: float = 0.41
-    opening: float = 0.24
+    name: str
+    centre: tuple[float, float]
+    half: tuple[float, float]
+    height: Array
     friction: float = 0.5
-
-    def height(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Height of the surface over the points (x, y) of the base frame [m]."""
-        square = (np.asarray(x) - self.centre[0]) ** 2 + (np.asarray(y) - self.centre[1]) ** 2
-        return self.bottom + self.radius - np.sqrt(self.radius**2 - np.minimum(square, self.opening**2))
+    softness: float = 0.02
 
 
 class Plant:
-    """Arm, tool and bowl. Deterministic: the same torques give the same motion, bit for bit, on one machine.
+    """Arm, tool and surface. Deterministic: the same torques give the same motion, bit for bit, on one machine.
 
     Args:
         timestep: [s] that one :meth:`step` advances, the torque held; the physics runs in substeps of at most
             LONGEST_SUBSTEP.
-        bowl: the bowl, or whether there is the standard one.
-        tool: whether the tool is mounted. Without it the flange is the tip.
+        surface: the surface, or None for free space.
+        tool: the tool on the flange. Without one the flange is the tip.
         q: joint positions at the start [rad], at rest.
 
     Raises:
@@ -86,21 +74,27 @@ class Plant:
     """
 
     def __init__(
-        self, timestep: float = 0.001, bowl: bool | Bowl = True, tool: bool = True, q: ArrayLike = START_POSTURE
+        self,
+        timestep: float = 0.001,
+        *,
+        surface: Surface | None = None,
+        tool: WorkingTool | None = None,
+        q: ArrayLike = START_POSTURE,
     ) -> None:
         if not 0 < timestep < np.inf:
             raise StiffgenError(f"timestep {timestep} s must be positive")
         self._substeps = int(np.ceil(timestep / LONGEST_SUBSTEP * (1 - 1e-12)))
-        self.model = _model(Bowl() if bowl is True else bowl or None, tool, timestep / self._substeps)
+        self.model = _model(surface, tool, timestep / self._substeps)
         self.data = mujoco.MjData(self.model)
         self.timestep = timestep
         self._steps = 0
         self._tip = self.model.site("tip").id
         self._sensor = self.model.site("sensor").id
         self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
-        self._place(np.asarray(q, dtype=float))
+        self.place(np.asarray(q, dtype=float))
 
-    def _place(self, q: Array) -> None:
+    def place(self, q: Array) -> None:
+        """Put the arm to a configuration [rad], at rest."""
         if q.shape != (DOF,):
             raise StiffgenError(f"q has shape {q.shape}, not ({DOF},)")
         self.data.qpos[:] = q
@@ -178,7 +172,7 @@ class Plant:
             contact, local = self.data.contact[index], np.empty(6)
             mujoco.mj_contactForce(self.model, self.data, index, local)
             # On the second geom of the pair, in the contact's axes (rows of the frame), at its position. MuJoCo orders
-            # a pair by the geoms' types: the height field of the bowl comes first.
+            # a pair by the geoms' types: the height field comes first.
             force, moment = local.reshape(2, 3) @ contact.frame.reshape(3, 3)
             total[:3] += force
             total[3:] += moment + _cross(contact.pos - self.data.site_xpos[self._tip], force)
@@ -201,12 +195,12 @@ class Plant:
 
     @property
     def in_contact(self) -> bool:
-        """Whether the tool touches the bowl."""
+        """Whether the tool touches the surface."""
         return len(self._tool_contacts()) > 0
 
     @property
     def arm_in_contact(self) -> bool:
-        """Whether a link of the arm touches the bowl, which it should not."""
+        """Whether a link of the arm touches the surface, which it should not."""
         return bool(self.data.ncon > len(self._tool_contacts()))
 
     def _tool_contacts(self) -> list[int]:
@@ -221,7 +215,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
-def _model(bowl: Bowl | None, tool: bool, substep: float) -> mujoco.MjModel:
+def _model(surface: Surface | None, tool: WorkingTool | None, substep: float) -> mujoco.MjModel:
     if not URDF.is_file():
         raise StiffgenError(f"{URDF.name} is not in urdf/; run the example from a checkout of the repository")
     spec = mujoco.MjSpec.from_file(str(URDF))
@@ -234,74 +228,65 @@ def _model(bowl: Bowl | None, tool: bool, substep: float) -> mujoco.MjModel:
     for joint in spec.joints:
         joint.armature = MOTOR_INERTIA
     for geom in spec.geoms:
-        geom.contype, geom.conaffinity = 0, 1  # the arm's links can touch the bowl, not each other
+        geom.contype, geom.conaffinity = 0, 1  # the arm's links can touch the surface, not each other
     flange = spec.body(FLANGE)
-    held = flange
-    if tool:
-        held = flange.add_body(
-            name="tool",
-            mass=wiping_tool.MASS,
-            ipos=[0, 0, wiping_tool.COM],
-            inertia=wiping_tool.INERTIA,
-            explicitinertial=True,
-        )
-        _add_tool_geoms(held)
+    held = flange if tool is None else _add_tool(flange, tool)
     held.add_site(name="sensor", pos=[0, 0, 0])
-    held.add_site(name="tip", pos=[0, 0, TOOL_POINT if tool else 0])
+    held.add_site(name="tip", pos=[0, 0, tool.point if tool else 0])
     for name, kind in (("force", mujoco.mjtSensor.mjSENS_FORCE), ("torque", mujoco.mjtSensor.mjSENS_TORQUE)):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="sensor")
-    if bowl:
-        _add_bowl(spec, bowl)
+    if surface:
+        _add_surface(spec, surface)
+        sun = spec.worldbody.add_light(pos=[0, 0, 2], dir=[0.4, 0.8, -0.35])  # low, so that obstacles are to be seen
+        sun.type, sun.castshadow = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, False
     return spec.compile()
 
 
-def _add_tool_geoms(body: mujoco.MjsBody) -> None:
-    for part, rgba in zip(PARTS, ([0.2, 0.2, 0.22, 1], [0.6, 0.6, 0.62, 1], [0.1, 0.45, 0.7, 1]), strict=True):
+def _add_tool(flange: mujoco.MjsBody, tool: WorkingTool) -> mujoco.MjsBody:
+    body = flange.add_body(
+        name="tool", mass=tool.mass, ipos=[0, 0, tool.com], inertia=tool.inertia, explicitinertial=True
+    )
+    for part in tool.parts:
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             fromto=[0, 0, part.start, 0, 0, part.end],
             size=[part.radius, 0, 0],
-            rgba=rgba,
+            rgba=part.rgba,
             contype=0,
             conaffinity=0,
         )
-    for angle in 2 * np.pi * np.arange(EDGE_SPHERES) / EDGE_SPHERES:
+    for centre in tool.spheres:
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            pos=[PLATE_RADIUS * np.cos(angle), PLATE_RADIUS * np.sin(angle), TOOL_POINT - EDGE_RADIUS],
-            size=[EDGE_RADIUS, 0, 0],
+            pos=centre,
+            size=[tool.sphere_radius, 0, 0],
             rgba=[0.1, 0.45, 0.7, 1],
             contype=0,
             conaffinity=1,
         )
+    return body
 
 
-def _add_bowl(spec: mujoco.MjSpec, bowl: Bowl, cells: int = 60) -> None:
-    """Make the bowl as a height field, whose cells are convex prisms: the contact search sees the hollow.
-
-    Where a sphere touches several cells at once, the normals of the shallower ones lean by up to some 15 degrees; the
-    deepest one's, and the sum of the forces, are the sphere's to 3 degrees.
-    """
-    half = bowl.opening + 0.02
-    x, y = (np.linspace(centre - half, centre + half, cells + 1) for centre in bowl.centre)
-    height = bowl.height(*np.meshgrid(x, y))
+def _add_surface(spec: mujoco.MjSpec, surface: Surface) -> None:
+    height = surface.height
+    rows, columns = height.shape
     spec.add_hfield(
-        name="bowl",
-        size=[half, half, height.max() - bowl.bottom, 0.03],
-        nrow=cells + 1,
-        ncol=cells + 1,
+        name=surface.name,
+        size=[*surface.half, height.max() - height.min(), 0.03],
+        nrow=rows,
+        ncol=columns,
         userdata=height.ravel(),
     )
     spec.worldbody.add_geom(
-        name="bowl",
+        name=surface.name,
         type=mujoco.mjtGeom.mjGEOM_HFIELD,
-        hfieldname="bowl",
-        pos=[*bowl.centre, bowl.bottom],
+        hfieldname=surface.name,
+        pos=[*surface.centre, height.min()],
         rgba=[0.85, 0.82, 0.75, 1],
         contype=1,
         conaffinity=1,
-        friction=[bowl.friction, 0.005, 0.0001],
+        friction=[surface.friction, 0.005, 0.0001],
         priority=1,  # its friction and softness hold, whatever touches it
-        solref=[0.02, 1.0],  # a soft edge, as of a felt ring: hard contact chatters from cell to cell
+        solref=[surface.softness, 1.0],
         solimp=[0.5, 0.95, 0.003, 0.5, 2.0],
     )

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The paper's parkour experiment in simulation; ``python -m examples.parkour`` runs it."""
