@@ -54,6 +54,15 @@ CAMPAIGNS = {
         "float_sines", "pass every float through sine and cosine", "--builds 'gcc, SSE2' --every 16"
     ),
     "mutations": _campaign("mutations", "count the mutants of a controller that verify kills", "--count 3"),
+    "kernel-mutations": Campaign(
+        "tests/campaigns/mutations.py",
+        "count the mutants of kernels that verify kills",
+        "--part kernels --count 2",
+        "--part kernels",
+    ),
+    "false-alarms": _campaign(
+        "false_alarms", "search small random robots for false alarms of verify", "--robots 3 --seed 44 --samples 40"
+    ),
     "single-precision": Campaign(
         "benchmarks/single_precision.py",
         "compare time and errors of float with double",

@@ -1,31 +1,46 @@
 # SPDX-License-Identifier: MIT
-"""Count the mutants of a folder's controller that the sessions of ``stiffgen verify`` kill.
+"""Count the mutants of a folder's C that the comparisons of values of ``stiffgen verify`` kill.
 
     python tests/campaigns/mutations.py --count 128 --seed 0
+    python tests/campaigns/mutations.py --part kernels --count 128 --seed 0
 
-A mutant has one change in the text of NAME_impedance.c: an operator, a comparison, a constant, an index, a statement
-less. Those that do not compile, or compile to the same machine code, are not counted. The comparison of the text, which
-finds every mutant, is left out: the count is that of differences in what the compiled controller does.
+A mutant has one change in the text of NAME_impedance.c, or of the kernels' sources: an operator, a comparison, a
+constant, an index, a statement less. Those that do not compile, or compile to the same machine code, are not counted.
+The comparison of the text, which finds every mutant, is left out: the count is that of differences in what the compiled
+code does. Mutants of the controller run in hostile sessions; mutants of kernels, in single calls and batches, are
+compared with CasADi, with the stated bounds, with NaN and infinity, and with guard pages around their arguments.
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
+import ctypes
 import random
 import re
 import subprocess
-import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from stiffgen.emit.build import kernel_sources
 from stiffgen.emit.fields import CONFIG
 from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.verify.controller_library import ControllerLibrary
-from stiffgen.verify.files import print_again
-from stiffgen.verify.sessions import differences
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kernels import Kernel
+from stiffgen.verify.batches import LONG, check_c_batches
+from stiffgen.verify.bounds import check_bounds
+from stiffgen.verify.certified import check_certified_bounds
+from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
+from stiffgen.verify.files import check_c_tables, print_again
+from stiffgen.verify.not_finite import check_not_finite
+from stiffgen.verify.oracles import check_against_casadi, check_far_angles
+from stiffgen.verify.result import Check
+from stiffgen.verify.samples import argument_samples
+from stiffgen.verify.sessions import confined, differences
 
 ROOT = Path(__file__).parents[2]
 OPERATORS = (
@@ -127,7 +142,7 @@ class Workshop:
         source = self.folder / "mutant.c"
         made, library = self.folder / "mutant.o", self.folder / f"mutant_{self.built}.so"
         source.write_text(text)
-        command = ["cc", "-std=gnu99", "-O1", "-w", "-fPIC", f"-I{self.folder}"]
+        command = ["cc", "-std=gnu99", *CAREFUL, "-w", "-fPIC", f"-I{self.folder}"]
         if subprocess.run([*command, "-c", str(source), "-o", str(made)], capture_output=True, check=False).returncode:
             return None
         code = made.read_bytes()
@@ -135,20 +150,65 @@ class Workshop:
         return library, code
 
     def survives(self, library: Path, seed: int) -> bool:
-        """Return whether the sessions see no difference; a crash or no end within a minute is a difference."""
-        process = multiprocessing.get_context("fork").Process(target=self._compare, args=(library, seed))
-        process.start()
-        process.join(120.0)
-        if process.is_alive():
-            process.kill()
-            process.join()
-            return False
-        return process.exitcode == 0
+        """Return whether no difference is seen; a crash, and no end within two minutes, are differences."""
+        return confined(lambda: self.faults(library, seed), 120) == []
 
-    def _compare(self, library: Path, seed: int) -> None:
+    def faults(self, library: Path, seed: int) -> list[str]:
+        """Return the first fault that the sessions see."""
         chain, name = self.robot.chain, self.robot.name
-        both = (ControllerLibrary(each, name, chain) for each in (self.reference, library))
-        sys.exit(1 if differences(*both, chain, seed, enough=1) else 0)
+        reference, changed = (ControllerLibrary(each, name, chain) for each in (self.reference, library))
+        return differences(reference, changed, chain, seed, enough=1)
+
+
+class KernelWorkshop(Workshop):
+    """Compiler of mutants of one source of the kernels; the others are compiled once."""
+
+    def __init__(self, robot: GeneratedRobot, folder: Path, file: str) -> None:
+        super().__init__(robot, folder)
+        self.objects = [each for each in self.objects if each != f"{folder / file}.o"]
+        self.text = (folder / file).read_text()
+        reference = self.compile(self.text)
+        assert reference is not None
+        self.reference, self.code = reference
+
+    def faults(self, library: Path, seed: int) -> list[str]:
+        """Return the comparisons of the first step of ``verify`` that has failed ones."""
+        robot, built = self.robot, ctypes.CDLL(str(library))
+        chain, table, name, scalar = robot.chain, robot.table, robot.name, robot.scalar
+        single = {kernel.qualified_name: _of_c(built, name, kernel, chain) for kernel in table}
+        pool, libraries = argument_samples(chain, LONG, seed, robot.springs), {"native": built}
+        rounding = robot.manifest["rounding"]
+        steps: tuple[Callable[[], list[Check]], ...] = (
+            lambda: check_c_tables(robot, libraries),
+            lambda: check_against_casadi(single, chain, 20, seed, robot.springs),
+            lambda: check_c_batches(libraries, name, single, table, chain, pool, scalar),
+            lambda: check_certified_bounds([single], table, chain, scalar, rounding, rounding, pool),
+            lambda: check_not_finite(single, table, pool, scalar),
+            lambda: check_far_angles(single, chain, seed, robot.springs),
+            lambda: check_bounds(built, name, table, chain, pool, scalar),
+        )
+        failed = ([check.kernel for check in step() if not check.passed] for step in steps)
+        return next((each for each in failed if each), [])
+
+
+def _of_c(library: ctypes.CDLL, name: str, kernel: Kernel, chain: Chain) -> Callable[..., Any]:
+    """Return a C function of one configuration as a function of one or of a stack."""
+    function = library[f"{name}_{kernel.qualified_name}"]
+    shapes = [argument.array(chain).shape for argument in kernel.arguments]
+    shapes_of_results = [result.array(chain).shape for result in kernel.results]
+
+    def call(*arguments: Any) -> Any:
+        stacks = [
+            np.reshape(np.array(each, float), (-1, *shape)) for each, shape in zip(arguments, shapes, strict=True)
+        ]
+        results = [np.empty((len(stacks[0]), *shape)) for shape in shapes_of_results]
+        for row in range(len(stacks[0])):
+            function(*(ctypes.c_void_p(each[row : row + 1].ctypes.data) for each in (*stacks, *results)))
+        if np.ndim(arguments[0]) == len(shapes[0]):
+            results = [each[0] for each in results]
+        return tuple(results) if len(results) > 1 else results[0]
+
+    return call
 
 
 def count_survivors(workshop: Workshop, drawn: list[Mutant], seed: int) -> tuple[int, list[Mutant]]:
@@ -170,15 +230,26 @@ def main() -> None:
     """Run the campaign."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--folder", type=Path, default=ROOT / "generated" / "iiwa14")
+    parser.add_argument("--part", choices=("controller", "kernels"), default="controller", help="sources [controller]")
     parser.add_argument("--count", type=int, default=128, help="mutants drawn [128]")
     parser.add_argument("--seed", type=int, default=0, help="seed of the draw and of the sessions [0]")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="stiffgen-mutations-") as folder:
-        workshop = Workshop(open_robot(options.folder), Path(folder))
-        for title, drawn in (
-            ("defaults", changed_defaults(workshop.text)),
-            ("mutants", mutants(workshop.text, options.count, options.seed)),
-        ):
+        robot = open_robot(options.folder)
+        draws: list[tuple[str, Workshop, list[Mutant]]] = []
+        if options.part == "controller":
+            workshop = Workshop(robot, Path(folder))
+            drawn = mutants(workshop.text, options.count, options.seed)
+            draws = [("defaults", workshop, changed_defaults(workshop.text)), ("mutants", workshop, drawn)]
+        else:
+            files = [source.name for source in kernel_sources(robot.folder, robot.name)]
+            for number, file in enumerate(files):
+                place = Path(folder) / str(number)
+                place.mkdir()
+                of_file = KernelWorkshop(robot, place, file)
+                draws.append((file, of_file, mutants(of_file.text, options.count // len(files), options.seed)))
+        for title, workshop, drawn in draws:
+            assert workshop.survives(workshop.reference, options.seed), f"{title}: the folder itself does not pass"
             counted, survivors = count_survivors(workshop, drawn, options.seed)
             print(f"{title}: {counted - len(survivors)} of {counted} killed ({len(drawn)} drawn)", flush=True)
 

@@ -3,8 +3,15 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
+import stiffgen
+from stiffgen.emit.render import render
+from stiffgen.options import GenerationOptions
+from stiffgen.symbolic.potentials import SpringOptions
+from support.chains import chain_urdf
 from support.project import require_compiler
 from support.warnings import LEVELS, complaints, sources_of_random_robot, sources_of_varied_robot
 
@@ -30,6 +37,22 @@ def test_a_value_that_was_used_up_gets_no_name(tmp_path):
     kind, sources = sources_of_varied_robot(3000, 5, tmp_path)
     assert kind == "plain"
     assert complaints(require_compiler("gcc"), ["-O0"], sources[:1]) == ""
+
+
+def test_derivatives_of_a_floating_base_without_masses_compile_without_a_warning(tmp_path):
+    """Bias forces and gravity are zero: gradients with respect to the base's pose must not be declared."""
+    urdf = tmp_path / "light.urdf"
+    text, count = re.subn("<inertial>.*?</inertial>", "", chain_urdf("r"), flags=re.DOTALL)
+    assert count > 0
+    urdf.write_text(text)
+    chain = stiffgen.load_chain(urdf, floating_base=True)
+    options = GenerationOptions(springs=SpringOptions(derivatives=True), controller=False, python=False)
+    texts = render(chain, "light", options)
+    for file, text in texts.items():
+        if file.endswith((".c", ".h")):
+            (tmp_path / file).write_text(text)
+    sources = [tmp_path / "light.c", tmp_path / "light_batch.c"]
+    assert complaints(require_compiler("gcc"), ["-O0"], sources) == ""
 
 
 def test_a_warning_is_seen(tmp_path):

@@ -271,13 +271,23 @@ class Climb(NamedTuple):
 
 
 def climbed(
-    measured: Measured, kernel: Kernel, ranges: Ranges, states: int, random: np.random.Generator, pool: int = 1000
+    measured: Measured,
+    kernel: Kernel,
+    ranges: Ranges,
+    states: int,
+    random: np.random.Generator,
+    pool: int = 1000,
+    *,
+    bounds: np.ndarray | float = 1.0,
 ) -> Climb:
-    """Search for large errors of every entry: half of the states random, half beside the worst so far."""
+    """Search for large errors of every entry, as parts of ``bounds``: half of the states random, half near the worst.
+
+    Half of the worst states have the largest part of a bound, half the largest error.
+    """
     arguments = [argument.array(measured.chain) for argument in kernel.arguments]
     precision = PRECISIONS[measured.number]
     sizes = argument_ends(measured.chain, kernel, ranges, precision)
-    largest, worst, errors_of_worst, count = np.zeros(1), None, np.zeros(0), 0
+    largest, worst, errors_of_worst, count = np.zeros(1), None, np.zeros((0, 2)), 0
     while worst is None or count < states:
         given = draw(measured.chain, kernel, ranges, pool, random, precision)
         if worst is not None:
@@ -288,13 +298,14 @@ def climbed(
                 given[k][: pool // 2] = within(array.name, moved, measured.chain, precision)
         errors = measured.errors(kernel.qualified_name, given)
         largest = np.maximum(largest, errors.max(axis=0))
-        of_states = errors.max(axis=1)
+        parts = (errors / np.maximum(bounds, 1e-300)).max(axis=1)
+        of_states = np.stack([parts, errors.max(axis=1)], axis=1)
         if worst is None:
             worst, errors_of_worst = given, of_states
         else:
             worst = [np.concatenate(pair) for pair in zip(worst, given, strict=True)]
             errors_of_worst = np.concatenate([errors_of_worst, of_states])
-        best = np.argsort(-errors_of_worst)[:30]
+        best = np.unique(np.argsort(-errors_of_worst, axis=0)[:15])
         worst, errors_of_worst = [each[best] for each in worst], errors_of_worst[best]
         count += pool
     return Climb(largest, count, worst)

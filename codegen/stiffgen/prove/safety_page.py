@@ -95,7 +95,7 @@ def write_page(
         seed: of the random generator.
         urdf: the file that the chain was compared with, or None.
         proofs: the verdicts' file of ``stiffgen prove DIR --json FILE``, or None.
-        targets: what ``python tests/campaigns/targets.py --folder DIR --json FILE`` measured, or None.
+        targets: measurements on other machines (docs/targets.md), or None.
         date: a date to print, or None: then the page has none.
 
     Raises:
@@ -168,7 +168,7 @@ def targets_for(robot: GeneratedRobot, file: Path) -> tuple[Target, ...]:
 
     """
     sources, targets = read_targets(file)
-    _must_be_of(robot, sources, file, "run 'python tests/campaigns/targets.py' again")
+    _must_be_of(robot, sources, file, "measure this folder again, as docs/targets.md says")
     return targets
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Read measurements of a folder's C on target processors, written by tests/campaigns/targets.py."""
+"""Write and read measurements of a folder's C on other processors (docs/targets.md)."""
 
 from __future__ import annotations
 

@@ -103,14 +103,14 @@ class _Reverse(Gradients):
         return step
 
     def _drop_unread(self, results: set[str]) -> None:
-        """Drop reverse steps whose outputs are neither results nor operands of a later step."""
+        """Drop outputs of reverse steps that are neither results nor operands of a later step."""
         results = results | (set(self.final.values()) - set(self.final))
         steps: list[Step] = []
         needed: set[str] = set()
         for step in reversed(self.steps):
             outputs = {array.name for array in step.writes}
             if outputs & (results | needed):
-                steps.append(step)
+                steps.append(step.without_unread(results | needed))
                 needed |= {array.name for array in step.reads}
         self.steps = steps[::-1]
 

@@ -142,6 +142,9 @@ def _pairs(run: Gradients, step: Map) -> None:
 
 def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, ...]) -> None:
     """Append CasADi's reverse mode of the statements; columns that several kernels share have a shared product."""
+    variables = _dependencies(run, step, variables)
+    if not variables:
+        return
     outputs = tuple(run.new(array) for array in variables)
     bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
     shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
@@ -154,6 +157,14 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     steps = (_statements(step, variables, [(columns, bar)], (q_bar,)),)
     parameters, arguments = (*step.arguments, bar), (*step.arguments, run.one(columns))
     run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result))
+
+
+def _dependencies(run: Gradients, step: StraightLine, variables: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Return the variables on which a step depends: none for the forces of bodies without mass."""
+    symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
+    result = step.expressions(run.chain, *symbols).result
+    named = dict(zip((array.name for array in step.arguments), symbols, strict=True))
+    return tuple(array for array in variables if ca.depends_on(result, ca.vec(named[array.name])))
 
 
 def _moving(run: Gradients, step: StraightLine) -> None:

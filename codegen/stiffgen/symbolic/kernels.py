@@ -389,21 +389,16 @@ _ARGUMENT_NAMES = frozenset(
     for argument in (*kernel.arguments, *kernel.results, arguments.BASE_POSE, arguments.TOOL_POSE)
 )
 _FORBIDDEN_NAMES = RESERVED_NAMES | _ARGUMENT_NAMES | {kernel.name for kernel in KERNELS} | {"impedance", *CPP_NAMES}
-"""Names that are forbidden for potentials and their parameters."""
+"""Names that are forbidden for potentials."""
 
 
 def _check_names(springs: tuple[Spring, ...]) -> None:
-    """Raise PotentialError if a user's potential, or a parameter of it, has a name of the kernel table."""
+    """Raise PotentialError if a user's potential has a name of the kernel table."""
     for spring in springs:
         if spring.name in _FORBIDDEN_NAMES:
             raise PotentialError(
                 f"potential {spring.name}: the name is taken by stiffgen's own functions; give it another"
             )
-        for parameter in spring.parameters:
-            if parameter.name in _FORBIDDEN_NAMES:
-                raise PotentialError(
-                    f"potential {spring.name}: a parameter cannot be called '{parameter.name}'; give it another name"
-                )
 
 
 MAX_BATCH_JOINTS = 24

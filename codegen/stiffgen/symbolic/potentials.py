@@ -15,20 +15,22 @@ p (3) is the tip's origin [m] and R (3x3) its rotation, both in base axes. The r
 
 The function's attribute ``parameters`` declares names and shapes: () a number, (k,) a vector, (k, l) a matrix. The
 argument ``parameters`` has one attribute per name. The parameters become arguments of the generated functions, after q
-and in the order of declaration.
+and in the order of declaration. The generated argument of ``centre`` is called ``parameter_centre``: no name of the
+generator, of C or of math.h begins in this way, so that every identifier may name a parameter.
 """
 
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
 
-from stiffgen.errors import PotentialError, listed
-from stiffgen.names import checked_identifier
+from stiffgen.errors import PotentialError, listed, printable
+from stiffgen.names import MAX_LENGTH, identifier
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.springs import KINDS, Placement, Spring, spring
 
@@ -79,14 +81,21 @@ def spring_of(potential: Potential) -> Spring:
 
     """
     name = potential.name
-    checked_identifier(name)
+    if identifier(name) != name:
+        raise PotentialError(
+            f"potential {printable(name)}: the function's name is no usable name in C and Python; call it "
+            f"{identifier(name)}"
+        )
     if name in {spring(kind).name for kind in KINDS}:
         raise PotentialError(f"potential {name}: the name is taken by stiffgen's own functions; give it another")
-    declared = getattr(potential.function, "parameters", {})
-    arguments = tuple(_argument(name, parameter, shape) for parameter, shape in _items(name, declared))
+    declared = dict(_items(name, getattr(potential.function, "parameters", {})))
+    arguments = tuple(
+        _argument(name, parameter, shape, _argument_name(name, list(declared), k))
+        for k, (parameter, shape) in enumerate(declared.items())
+    )
 
     def energy(p: ca.SX, R: ca.SX, *values: ca.SX) -> ca.SX:
-        parameters = {argument.name: value for argument, value in zip(arguments, values, strict=True)}
+        parameters = dict(zip(declared, values, strict=True))
         try:
             result = potential.function(p, R, _Parameters(name, parameters))
         except PotentialError:
@@ -116,7 +125,22 @@ def _extent(argument: Argument) -> tuple[int, ...]:
     return tuple(int(extent) for extent in argument.shape)
 
 
-def _argument(owner: str, name: Any, shape: Any) -> Argument:
+def _argument_name(owner: str, names: list[Any], k: int) -> str:
+    """Return the name of the k-th parameter's argument.
+
+    A number precedes a name that begins with another one and "_": the printers append "_bar", "_step" and the like.
+    """
+    name = names[k]
+    if not isinstance(name, str) or len(name) > MAX_LENGTH or not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", name):
+        raise PotentialError(
+            f"potential {owner}: a parameter cannot be called '{printable(str(name))}', which is no identifier of C "
+            f"and C++; use at most {MAX_LENGTH} letters, digits and single underscores, a letter first"
+        )
+    longer = any(name.startswith(f"{other}_") for other in names if other != name)
+    return f"parameter_{k + 1}_{name}" if longer else f"parameter_{name}"
+
+
+def _argument(owner: str, name: str, shape: Any, full: str) -> Argument:
     try:
         extents = tuple(int(extent) for extent in shape)
         valid = len(extents) <= 2 and all(extent > 0 for extent in extents)
@@ -124,12 +148,8 @@ def _argument(owner: str, name: Any, shape: Any) -> Argument:
         valid = False
     if not valid:
         raise PotentialError(f"potential {owner}: the shape of parameter '{name}' must be (), (k,) or (k, l)")
-    if not isinstance(name, str):
-        raise PotentialError(f"potential {owner}: a parameter cannot be called '{name}'; give it another name")
-    checked_identifier(name)
-    return Argument(
-        name, extents, "SI", f"parameter of the potential {owner}", symbol=f"{name}_", plural=f"{name}_of_tips"
-    )
+    meaning = f"parameter '{name}' of the potential {owner}"
+    return Argument(full, extents, "SI", meaning, symbol=f"{full}_", plural=f"{full}_of_tips")
 
 
 def _checked(name: str, result: Any, inputs: list[ca.SX]) -> ca.SX:

@@ -11,6 +11,7 @@ from typing import Any
 
 from stiffgen.emit.build import build_library
 from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, Field
+from stiffgen.errors import BuildError
 from stiffgen.robot.chain import Chain
 
 _STATE_SIZE = 1 << 19
@@ -34,10 +35,21 @@ def extent_of(chain: Chain, extent: int | str) -> int:
     return chain.dof if isinstance(extent, str) else extent
 
 
+CAREFUL = ("-O1", "-fsanitize=bounds", "-fsanitize-undefined-trap-on-error", "-ftrivial-auto-var-init=pattern")
+"""Flags of gcc and clang: an index outside an array ends the process, and locals start with a fixed pattern."""
+
+
 def build_controller(folder: Path, name: str, build: Path) -> Path:
-    """Compile the kernels and the controller in a folder into a shared library in the new folder ``build``."""
+    """Compile the kernels and the controller in a folder into a shared library in the new folder ``build``.
+
+    A compiler that refuses :data:`CAREFUL` compiles without these flags.
+    """
     build.mkdir(parents=True)
-    return build_library(folder, name, build, more=[folder.resolve() / f"{name}_impedance.c"])
+    controller = [folder.resolve() / f"{name}_impedance.c"]
+    try:
+        return build_library(folder, name, build, CAREFUL, more=controller)
+    except BuildError:
+        return build_library(folder, name, build, more=controller)
 
 
 class ControllerLibrary:

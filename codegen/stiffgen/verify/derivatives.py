@@ -22,7 +22,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import BASE_POSE, Argument, Q
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.verify.result import Array, Check, Kernels, as_results
-from stiffgen.verify.rounding import beyond_rounding, rounding_errors
+from stiffgen.verify.rounding import beyond_rounding, choices, rounding_errors
 
 _EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 _SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
@@ -75,6 +75,8 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
         if (difference > _BOUND * size).any():  # contributions that cancel leave their rounding
             difference = beyond_rounding(difference, _noise(chain, of, values, cotangents))
         error = difference / size
+        if (error[smooth] > _BOUND).any():
+            smooth &= _keeps_branch(chain, of, values, directions)
         used += int(smooth.sum())
         if smooth.any():
             worst = max(worst, float(np.max(error[smooth])))
@@ -85,6 +87,17 @@ def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Map
             kernel.qualified_name, "differences of the function", math.inf, _BOUND, f"{used} states are smooth"
         )
     return Check(kernel.qualified_name, "differences of the function", worst, _BOUND)
+
+
+def _keeps_branch(chain: Chain, of: Kernel, values: list[Array], directions: list[Array]) -> Array:
+    """Return for every state whether the function takes the same branches at all steps along the direction."""
+    here = choices(chain, of, values)
+    same = np.ones(len(values[0]), dtype=bool)
+    if here is not None:
+        for k in (-4, -3, -2, -1, 1, 2, 3, 4):
+            there = choices(chain, of, _moved(of, values, directions, k * _STEP))
+            same &= np.all(here == there, axis=1)
+    return same
 
 
 def _moved(of: Kernel, values: list[Array], directions: list[Array], step: float) -> list[Array]:

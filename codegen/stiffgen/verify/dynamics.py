@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import casadi as ca
-import numpy as np
 
 from stiffgen.robot.chain import Body, Chain
 from stiffgen.verify.result import Array
+from stiffgen.verify.rounding import evaluate_longer
 
 
 def _second_moments(body: Body) -> ca.DM:
@@ -63,9 +63,11 @@ def differentiated(
         "gravity_gradient": gradient,
         "gravity_joint_stiffness": stiffness,
     }
-    there = [ca.densify(ca.substitute(each, moves, ca.DM.zeros(own))) for each in expected.values()]
-    function = ca.Function("f", [q, base_pose, rates, gravity], there, {})
-    values = zip(*(function(*each) for each in zip(*samples, strict=True)), strict=True)
-    results = {name: np.array([np.asarray(one) for one in each]) for name, each in zip(expected, values, strict=True)}
-    shapes = {"gravity_energy": (), "gravity_gradient": place.shape[:1], "bias_forces": place.shape[:1]}
-    return {name: each.reshape(len(each), *shapes.get(name, each.shape[1:])) for name, each in results.items()}
+    columns = [stack.reshape(len(stack), -1).T for stack in samples]
+    results = {}
+    for name, expression in expected.items():
+        there = ca.substitute(expression, moves, ca.DM.zeros(own))
+        values = evaluate_longer([q, base_pose, rates, gravity], there, columns)
+        is_matrix = name.endswith(("_matrix", "_stiffness"))
+        results[name] = values if is_matrix else values[..., 0, 0] if name == "gravity_energy" else values[..., 0]
+    return results

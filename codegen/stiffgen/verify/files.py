@@ -23,7 +23,7 @@ from stiffgen.loading import load_chain
 from stiffgen.opened import GeneratedRobot
 from stiffgen.options import options_of_manifest
 from stiffgen.robot.chain import Chain
-from stiffgen.verify.result import Check, faultless
+from stiffgen.verify.result import Check, faultless, left_out
 
 LIMITS = ("lower", "upper", "velocity", "effort")
 
@@ -79,7 +79,7 @@ def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:
     """Compare every file with the text that this generator prints; one of another version is not compared."""
     fresh = json.loads(texts[MANIFEST])
     if robot.manifest["versions"] != fresh["versions"]:
-        return Check("text", "not printed again: made by other versions", 0.0, 0.0)
+        return left_out("text", "the folder was made by other versions")
     faults = [f"{file} is missing" for file in texts.keys() - robot.manifest["files"].keys() - {MANIFEST}]
     for file, text in texts.items():
         if (robot.folder / file).read_bytes().replace(b"\r\n", b"\n") != text.encode():
@@ -125,20 +125,26 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
 
 def check_tables(robot: GeneratedRobot, libraries: Mapping[str, ctypes.CDLL]) -> list[Check]:
     """Compare names and limits, in Python and in C, with the chain; run the self-check of every build."""
-    chain, module = robot.chain, robot.module
-    rows: dict[str, list[float]] = {
-        limit: [getattr(coordinate, limit) for coordinate in chain.coordinates] for limit in LIMITS
-    }
-    joints = [coordinate.name for coordinate in chain.coordinates]
-    links = [tip.link for tip in chain.tips]
-    checks = [faultless("constants in Python", "chain", _python_faults(module, chain, rows, joints, links))]
+    faults = _python_faults(robot.module, robot.chain, *_tables(robot.chain))
+    return [faultless("constants in Python", "chain", faults), *check_c_tables(robot, libraries)]
+
+
+def check_c_tables(robot: GeneratedRobot, libraries: Mapping[str, ctypes.CDLL]) -> list[Check]:
+    """Compare names and limits in C with the chain; run the self-check of every build."""
+    checks = []
     for library in list(libraries.values())[:1]:
-        checks.append(faultless("constants in C", "chain", _c_faults(library, robot, rows, joints, links)))
+        checks.append(faultless("constants in C", "chain", _c_faults(library, robot, *_tables(robot.chain))))
     for width, library in libraries.items():
         calls = [f"{robot.name}_self_check", *([f"{robot.name}_batch_self_check"] if robot.has_batches else [])]
         wrong = sum(int(library[call]()) for call in calls)
         checks.append(Check("self-check", f"sines, NaN, transpose; {width}", float(wrong), 0.0))
     return checks
+
+
+def _tables(chain: Chain) -> tuple[dict[str, list[float]], list[str], list[str]]:
+    """Return the limits of the coordinates by name, the coordinates' names, and the tip links."""
+    rows = {limit: [float(getattr(each, limit)) for each in chain.coordinates] for limit in LIMITS}
+    return rows, [coordinate.name for coordinate in chain.coordinates], [tip.link for tip in chain.tips]
 
 
 def _c_faults(

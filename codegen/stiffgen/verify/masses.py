@@ -20,9 +20,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from stiffgen.errors import printable
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
-from stiffgen.verify.result import Array, Check, Kernels, relative_errors
+from stiffgen.verify.result import Array, Check, Kernels, left_out, relative_errors
 
 _BOUND = 1e-8
 """Tolerance relative to the largest entry: differences of poses lose digits."""
@@ -49,12 +50,13 @@ def check_masses(
         count: number of states.
 
     Returns:
-        Nothing for a file of another kind (xacro, MJCF), a joint type with several axes, or a robot without masses.
+        One row with the reason for a file of another kind (xacro, MJCF), a joint type with several axes, or a robot
+        without masses.
 
     """
-    model = _Model.read(urdf, chain)
-    if model is None or not chain.masses:
-        return []
+    model = _Model.read(urdf, chain) if chain.masses else "the folder was generated without masses"
+    if isinstance(model, str):
+        return [left_out("masses", model)]
     references: dict[str, list[Array]] = {"mass_matrix": [], "bias_forces": [], "gravity_gradient": []}
     for k in range(count):
         state = (samples["q"][k], samples["base_pose"][k])
@@ -88,16 +90,18 @@ class _Model:
             self.bodies[link] = self.bodies[link] + _moments(tool.mass, np.array(tool.com), tensor)
 
     @staticmethod
-    def read(urdf: Path, chain: Chain) -> _Model | None:
-        """Read a file; return None if it is not a plain URDF, or has joints of several axes."""
+    def read(urdf: Path, chain: Chain) -> _Model | str:
+        """Read a file; return a reason in place of the model if this reader cannot."""
         text = urdf.read_bytes()
         try:
             root = ElementTree.fromstring(text)
         except ElementTree.ParseError:
-            return None
-        types = {joint.get("type") for joint in root.findall("joint")}
-        if root.tag != "robot" or b"xacro" in text or types - {"fixed", *_MOVING}:
-            return None
+            return "the file is no XML"
+        if root.tag != "robot" or b"xacro" in text:
+            return "the file is a xacro" if root.tag == "robot" else "the file is of another format"
+        others = {str(joint.get("type")) for joint in root.findall("joint")} - {"fixed", *_MOVING}
+        if others:
+            return f"the file has a joint of type {printable(min(others))}"
         return _Model(root, chain)
 
     def position(self, name: str, q: Mapping[str, float]) -> float:

@@ -23,13 +23,14 @@ def missing_functions(robot: GeneratedRobot) -> dict[str, Callable[..., Any]]:
     present = {kernel.qualified_name for kernel in robot.table}
     everything = chain_kernels(robot.chain, replace(robot.springs, groups=()))
     return {
-        kernel.qualified_name: _function_of_stacks(robot.chain, kernel)
+        kernel.qualified_name: function_of_stacks(robot.chain, kernel)
         for kernel in everything
         if kernel.qualified_name not in present
     }
 
 
-def _function_of_stacks(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
+def function_of_stacks(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
+    """Return CasADi's function of a kernel, taking stacks of arguments."""
     function = casadi_function(chain, kernel)
     folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
     shapes = [result.array(chain).shape for result in kernel.results]

@@ -47,10 +47,12 @@ def _dynamics_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[C
 
 
 def _of_one(
-    kernels: Kernels, chain: Chain, prefix: str, name: str, oracle: str, reference: Array, *given: Array
-) -> Check:
+    kernels: Kernels, chain: Chain, prefix: str, name: str, oracle: str, reference: Array, *given: Array,
+    rounded: str = "constants",
+) -> Check:  # fmt: skip
     """Compare the only result of a kernel of a tip with a reference; ``chain`` is the tip's branch."""
-    return _ResultComparison(chain, None, prefix, oracle, given).check(name, kernels[prefix + name](*given), reference)
+    value = kernels[prefix + name](*given)
+    return _ResultComparison(chain, None, prefix, oracle, given).check(name, value, reference, rounded=rounded)
 
 
 def check_kernels(kernels: Kernels, references: References, prefix: str = "") -> list[Check]:
@@ -126,14 +128,17 @@ class _ResultComparison:
     oracle: str
     arguments: tuple[Array, ...]
 
-    def check(self, name: str, value: Any, reference: Array, result: str = "") -> Check:
-        """Compare a result of a kernel: the only one, or the one with a name."""
+    def check(self, name: str, value: Any, reference: Array, result: str = "", *, rounded: str = "constants") -> Check:
+        """Compare a result of a kernel: the only one, or the one with a name; ``rounded``: see `rounding_errors`."""
         title = self.prefix + name + (f", {result}" if result else "")
 
         def errors() -> Array:
             (kernel,) = (each for each in chain_kernels(self.chain, self.options) if each.qualified_name == name)
             which = [each.name for each in kernel.results].index(result) if result else 0
-            return _rounding(self.chain, kernel, list(self.arguments), scalar_of(value), which)
+            found = _rounding(self.chain, kernel, list(self.arguments), scalar_of(value), which, rounded=rounded)
+            # Entries that are zero for orthonormal rotations are rounding in the reference.
+            whole = np.nan_to_num(found.reshape(len(found), -1), nan=0.0, posinf=0.0).max(axis=1)
+            return np.broadcast_to(whole.reshape(-1, *[1] * (found.ndim - 1)), found.shape)
 
         return _but_for_rounding(title, self.oracle, value, reference, errors)
 
@@ -169,15 +174,21 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
         return result
 
     oracle, chain = "Hessian of a potential", references.chain
-    in_hybrid = turned(wrench), turn @ covariant @ back
-    in_body = np.einsum("sji,sj->si", turn, samples.wrench)
-    stiffness_in_body = back @ samples.task_stiffness @ turn
-    as_body = np.asarray(kernels[body_kernel](*seen_from_tip, in_body, stiffness_in_body), dtype=float)
-    as_hybrid = kernels[hybrid_kernel](*posture, samples.wrench, samples.task_stiffness)
+    in_hybrid = turned(wrench).astype(float), (turn @ covariant @ back).astype(float)
+    seen = wrench.astype(float), covariant.astype(float)
+    in_body = np.einsum("sji,sj->si", turn, samples.wrench).astype(float)
+    stiffness_in_body = (back @ samples.task_stiffness @ turn).astype(float)
+    as_body = kernels[body_kernel](*seen_from_tip, in_body, stiffness_in_body)
+    as_hybrid = np.asarray(kernels[hybrid_kernel](*posture, samples.wrench, samples.task_stiffness), dtype=float)
+    compare = _ResultComparison(chain, None, prefix, "body form, turned", (*seen_from_tip, in_body, stiffness_in_body))
     return [
-        _of_one(kernels, chain, prefix, "body_joint_stiffness", oracle, hessian, *seen_from_tip, wrench, covariant),
-        _of_one(kernels, chain, prefix, "hybrid_joint_stiffness", oracle, hessian, *posture, *in_hybrid),
-        compared(hybrid_kernel, "body form, turned", as_hybrid, as_body),
+        _of_one(
+            kernels, chain, prefix, "body_joint_stiffness", oracle, hessian, *seen_from_tip, *seen, rounded="arguments"
+        ),
+        _of_one(
+            kernels, chain, prefix, "hybrid_joint_stiffness", oracle, hessian, *posture, *in_hybrid, rounded="arguments"
+        ),
+        replace(compare.check("body_joint_stiffness", as_body, as_hybrid, rounded="arguments"), kernel=hybrid_kernel),
     ]
 
 
@@ -292,7 +303,9 @@ def _but_for_rounding(name: str, oracle: str, value: Any, reference: Array, erro
     return compared(name, oracle, (reference + rest).astype(np.asarray(value).dtype), reference)
 
 
-def _rounding(chain: Chain, kernel: Kernel, given: list[Array], scalar: Scalar, which: int) -> Array:
+def _rounding(
+    chain: Chain, kernel: Kernel, given: list[Array], scalar: Scalar, which: int, *, rounded: str = ""
+) -> Array:
     """Return the standard errors of one result of a kernel, zero where they are unknown."""
-    found = rounding_errors(chain, kernel, given, scalar)
+    found = rounding_errors(chain, kernel, given, scalar, rounded=rounded)
     return np.zeros((len(given[0]), *kernel.results[which].array(chain).shape)) if found is None else found[which]

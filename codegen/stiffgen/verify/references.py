@@ -8,10 +8,14 @@
 * joint stiffness: the paper's formula put together from the above; and the joint Hessian of a potential
   U(p, R) along the pose, which it must equal for F = dU and K = the covariant Hessian;
 * mass matrix, bias forces and gravity: derivatives of kinetic and potential energy (:mod:`stiffgen.verify.dynamics`).
+
+All are evaluated in the longest numbers of the machine (80 bits on x86-64): where contributions cancel, the reference
+must be better than the function.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -33,9 +37,8 @@ from stiffgen.verify.poses import (
     product_of_poses,
 )
 from stiffgen.verify.result import Array
-from stiffgen.verify.samples import (
-    Samples,
-)
+from stiffgen.verify.rounding import evaluate_longer
+from stiffgen.verify.samples import Samples
 from stiffgen.verify.springs import differentiated
 
 
@@ -102,15 +105,10 @@ class References:
         samples = self.samples
         return [each.reshape(len(each), -1).T for each in (samples.q, samples.base_pose, samples.tool_pose)]
 
-    def _function(self, given: list[ca.SX], expression: ca.SX) -> ca.Function:
+    def _evaluate(self, expression: ca.SX, symbols: Sequence[ca.SX] = (), columns: Sequence[Array] = ()) -> Array:
+        """Return the values of an expression of the configuration and further symbols, in the longest numbers."""
         there = ca.substitute(expression, self._moves, ca.DM.zeros(self._moves.shape[0]))
-        return ca.Function("f", [*self._symbols, *given], [ca.densify(there)], {})
-
-    def _evaluate(self, expression: ca.SX) -> Array:
-        count = len(self.samples.q)
-        rows, columns = expression.shape
-        mapped = np.asarray(self._function([], expression).map(count)(*self._columns))
-        return np.ascontiguousarray(mapped.reshape(rows, -1, columns).transpose(1, 0, 2))
+        return evaluate_longer([*self._symbols, *symbols], there, [*self._columns, *columns])
 
     def _spring(self, spring: Spring, q: ca.SX, pose: ca.SX, seed: int) -> dict[str, Array]:
         """Return the results of a spring's kernels by name, from its differentiated energy."""
@@ -121,14 +119,12 @@ class References:
         ]
         # Stacks enter as columns, a matrix row by row.
         given = [ca.vec(symbol.T) for symbol in symbols]
-        columns = [*self._columns, *(each.reshape(count, -1).T for each in stacks)]
+        columns = [each.reshape(count, -1).T for each in stacks]
         results = {}
         for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
-            rows, width = expression.shape
-            function = self._function(given, expression)
-            mapped = np.asarray(function.map(count)(*columns)).reshape(rows, -1, width).transpose(1, 0, 2)
-            shape = {"energy": (count,), "wrench": (count, rows), "torque": (count, rows)}.get(name, mapped.shape)
-            results[name] = np.ascontiguousarray(mapped).reshape(shape)
+            values = self._evaluate(expression, given, columns)
+            is_matrix = name.endswith("_stiffness")
+            results[name] = values if is_matrix else values[..., 0, 0] if name == "energy" else values[..., 0]
         return results
 
     def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:

@@ -59,6 +59,7 @@ _RULES: dict[int, _Rule] = {
     ca.OP_FMIN: (np.fmin, lambda a, b: (_truth(a <= b), _truth(b < a))),
     ca.OP_FMAX: (np.fmax, lambda a, b: (_truth(a >= b), _truth(b > a))),
     ca.OP_FABS: (np.abs, lambda a: (np.ones_like(a),)),
+    ca.OP_SIGN: (np.sign, _nothing),
     ca.OP_NEG: (np.negative, lambda a: (np.ones_like(a),)),
     ca.OP_TWICE: (lambda a: 2 * a, lambda a: (np.full_like(a, 2.0),)),
     ca.OP_SQ: (np.square, lambda a: (2 * a,)),
@@ -73,23 +74,19 @@ _RULES: dict[int, _Rule] = {
 
 
 def rounding_errors(
-    chain: Chain, kernel: Kernel, stacks: Sequence[Array], scalar: Scalar = DOUBLE
+    chain: Chain, kernel: Kernel, stacks: Sequence[Array], scalar: Scalar = DOUBLE, *, rounded: str = ""
 ) -> list[Array] | None:
     """Return standard errors of every entry of a kernel's results, one array per result, for stacks of arguments.
 
     Where ``scalar`` has fewer digits than the arguments, which are doubles, these are rounded, too.
 
+    ``rounded`` counts the rounding of the doubles that the function is given: "constants" of the chain, whose rotations
+    are orthonormal up to rounding only, and which another formula uses in another way; or "arguments", both.
+
     None where a user's potential has a function that has no rule here.
     """
     function = casadi_function(chain, kernel)
-    count = len(stacks[0])
-    given = [
-        np.asarray(stack, dtype=float)
-        .reshape(count, -1, *function.size_in(k)[1:])
-        .transpose(0, 2, 1)
-        .reshape(count, -1)
-        for k, stack in enumerate(stacks)
-    ]
+    count, given = len(stacks[0]), _entries(function, stacks)
     found = [np.zeros((count, function.nnz_out(k))) for k in range(function.n_out())]
     work: dict[int, tuple[Array, Array]] = {}
     nothing = np.zeros(count)
@@ -99,9 +96,10 @@ def rounding_errors(
             into = function.instruction_output(k)
             if operation == ca.OP_INPUT:
                 value = given[taken[0]][:, taken[1]]
-                work[into[0]] = value, nothing if scalar == DOUBLE else np.abs(value)
+                work[into[0]] = value, nothing if scalar == DOUBLE and rounded != "arguments" else np.abs(value)
             elif operation == ca.OP_CONST:
-                work[into[0]] = np.full(count, function.instruction_constant(k)), nothing
+                constant = np.full(count, function.instruction_constant(k))
+                work[into[0]] = constant, np.abs(constant) if rounded and 4 * constant[0] % 1 else nothing
             elif operation == ca.OP_OUTPUT:
                 found[into[0]][:, into[1]] = work[taken[0]][1]
             elif operation in _RULES:
@@ -117,6 +115,54 @@ def rounding_errors(
         scalar.unit * each.reshape(count, *function.size_out(k)[::-1]).transpose(0, 2, 1)
         for k, each in enumerate(found)
     ]  # fmt: skip
+
+
+def choices(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> Array | None:
+    """Return which branches a kernel takes in each state: an array (states, conditions) of truth values.
+
+    None where a user's potential has a function that has no rule here.
+    """
+    function = casadi_function(chain, kernel)
+    given, made, work = _entries(function, stacks), [np.zeros(len(stacks[0]))], {}
+    with np.errstate(all="ignore"):
+        for k in range(function.n_instructions()):
+            operation, taken = function.instruction_id(k), function.instruction_input(k)
+            into = function.instruction_output(k)
+            if operation == ca.OP_INPUT:
+                work[into[0]] = given[taken[0]][:, taken[1]]
+            elif operation == ca.OP_CONST:
+                work[into[0]] = np.full(len(stacks[0]), function.instruction_constant(k))
+            elif operation == ca.OP_OUTPUT:
+                continue
+            elif operation in _RULES:
+                values = [work[each] for each in taken]
+                work[into[0]] = _RULES[operation][0](*values)
+                if operation in _CONDITIONS:
+                    made.append(work[into[0]])
+                elif operation in _PIECES:
+                    made.append(_PIECES[operation](*values))
+            else:
+                return None
+    return np.stack(made, axis=1)
+
+
+_CONDITIONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE}
+_PIECES: dict[int, Callable[..., Array]] = {
+    ca.OP_FMIN: lambda a, b: _truth(a <= b), ca.OP_FMAX: lambda a, b: _truth(a >= b),
+    ca.OP_FABS: lambda a: _truth(a >= 0), ca.OP_SIGN: lambda a: _truth(a >= 0),
+}  # fmt: skip
+
+
+def _entries(function: ca.Function, stacks: Sequence[Array]) -> list[Array]:
+    """Return the entries of stacks of arguments in CasADi's order: (states, entries), a matrix column by column."""
+    count = len(stacks[0])
+    return [
+        np.asarray(stack, dtype=float)
+        .reshape(count, -1, *function.size_in(k)[1:])
+        .transpose(0, 2, 1)
+        .reshape(count, -1)
+        for k, stack in enumerate(stacks)
+    ]
 
 
 @dataclass(frozen=True)
@@ -217,6 +263,29 @@ def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> N
     given = np.concatenate([np.reshape(stack, (count, -1)) for stack in stacks], axis=1).astype(np.longdouble)
     found = Stages.of(chain, kernel).run(list(given.T), partial(np.full, count, dtype=np.longdouble), _OPERATIONS)
     return np.stack(found, axis=1)
+
+
+def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequence[Array]) -> Array:
+    """Evaluate a matrix of the entries of some symbols at many states, in the longest numbers that this machine has.
+
+    Args:
+        symbols: column vectors.
+        expression: matrix of their entries.
+        columns: values of each symbol, (entries, states).
+
+    Returns:
+        Values (states, rows, columns); in doubles for an operation without a rule here.
+
+    """
+    count, (rows, width) = columns[0].shape[1], expression.shape
+    function = ca.Function("f", [ca.vertcat(*symbols)], [ca.vec(ca.densify(expression))], {"cse": True})
+    try:
+        given = [row.astype(np.longdouble) for each in columns for row in each]
+        with np.errstate(all="ignore"):  # in branches that are not selected
+            entries = np.stack(run(function, given, partial(np.full, count, dtype=np.longdouble), _OPERATIONS))
+    except KeyError:
+        entries = np.asarray(function.map(count)(np.concatenate(columns)))
+    return np.ascontiguousarray(entries.reshape(width, rows, count).transpose(2, 1, 0))
 
 
 def beyond_rounding(difference: Array, errors: Array) -> Array:

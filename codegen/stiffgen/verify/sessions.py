@@ -9,7 +9,13 @@ states occur at random.
 from __future__ import annotations
 
 import ctypes
+import faulthandler
+import itertools
+import json
 import math
+import os
+import signal
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,12 +28,12 @@ from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.controller_library import ControllerLibrary, build_controller
 from stiffgen.verify.controller_rules import check_rules
-from stiffgen.verify.result import Array, Check, faultless
+from stiffgen.verify.result import Array, Check, faultless, left_out
 
-SESSIONS = 60
+SESSIONS = 90
 _STEPS = 400
-_LIMITS = ("lower_limit", "upper_limit", "limit_zone", "limit_stiffness")
-"""Fields whose change the controller may postpone while a joint is in its zone."""
+_LIMITS = ("lower_limit", "upper_limit", "limit_zone", "limit_stiffness", "velocity_limit", "missed_limit")
+"""Fields whose change the controller may postpone: a joint is in its zone, or fast; samples are missing."""
 Random = np.random.Generator
 
 
@@ -41,7 +47,7 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
         build: a folder to compile in, which does not exist yet.
 
     Returns:
-        Nothing for a robot without a controller, or without a compiler.
+        Nothing for a robot without a controller.
 
     """
     if f"{robot.name}_impedance.c" not in texts:
@@ -57,12 +63,39 @@ def check_sessions(robot: GeneratedRobot, texts: Mapping[str, str], seed: int, b
             for title, folder in (("reference", fresh), ("folder", robot.folder))
         )
     except BuildError:  # the folder may have been compiled elsewhere
-        return []
-    faults = differences(reference, library, robot.chain, seed)
+        return [left_out("controller: sessions", "the C compiler is missing or fails")]
+    faults = confined(lambda: differences(reference, library, robot.chain, seed))
     return [
         *check_rules(library, robot.module, robot.chain),
         faultless("controller: sessions", "this generator's controller, in bits", faults),
     ]
+
+
+def confined(work: Callable[[], list[str]], seconds: int = 1200) -> list[str]:
+    """Return the faults that ``work`` finds in a child process; a crash, and no end within ``seconds``, are faults."""
+    if not hasattr(os, "fork"):
+        return work()
+    reader, writer = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # other threads: the child calls this module alone
+        child = os.fork()
+    if child == 0:
+        try:
+            faulthandler.disable()
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(seconds)
+            with os.fdopen(writer, "w", encoding="utf-8") as pipe:
+                json.dump(work(), pipe)
+            os._exit(0)
+        finally:
+            os._exit(1)
+    os.close(writer)
+    with os.fdopen(reader, encoding="utf-8") as pipe:
+        text = pipe.read()
+    status = os.waitpid(child, 0)[1]
+    if status != 0:
+        return [f"the controller ends its process (status {os.waitstatus_to_exitcode(status)})"]
+    return [str(fault) for fault in json.loads(text)]
 
 
 def differences(
@@ -124,8 +157,10 @@ def compare_services(reference: ControllerLibrary, library: ControllerLibrary, c
         if results[0] != results[1] or not _same(reference, library):
             faults.append(f"init differs with a torque of {scale:g} of the limit")
     matrix = random.normal(size=(6, 6))
-    for damping in (matrix, matrix @ matrix.T, -matrix @ matrix.T, np.diag([1.0, 1, 1, 1, 1, 0])):
+    dampings = (matrix, matrix @ matrix.T, -matrix @ matrix.T, np.diag([1.0, 1, 1, 1, 1, 0]), np.diag([1.0] * 5 + [-1]))
+    for design, damping in itertools.product((1, 2), dampings):
         for each in both:
+            each.config.damping_design = design
             _fill(each.config.task_damping, damping)
         if reference.call("validate", reference.config) != library.call("validate", library.config):
             faults.append("validate differs at task_damping")
@@ -178,6 +213,8 @@ class _Session:
         if random.random() < 0.3:
             config.tank_initial, config.tank_maximum = 10.0 ** random.uniform([-3.0, -1.0], 0.5)
         if random.random() < 0.3:
+            config.frozen_window = int(random.integers(2, 40))
+        if random.random() < 0.3:
             root = random.normal(size=(6, 6))
             _fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
         symmetric = np.array(config.task_damping).reshape(6, 6)
@@ -221,7 +258,8 @@ class _Session:
             each.call("init", each.config, each.state, torque)
         self.counter = int(random.integers(0, 2**32))
         self.goal = self.q + 0.0
-        self.absent = 0
+        self.absent = self.held = self.stuck = 0
+        self.stuck_field = "q"
         self.command = 2 if random.random() < 0.3 else 1
         self.tools = np.stack([_pose(random, 0.1) for _ in self.chain.tips])
         self._choose_stiffness()
@@ -246,7 +284,10 @@ class _Session:
         if self.random.random() < (0.001 if self.calm else 0.006):
             self._overwrite_state()
         results = [each.call("step", each.config, each.state, each.input, each.output) for each in self.both]
-        self._move()
+        if self.held > 0:
+            self.held, self.dq = self.held - 1, np.zeros(self.chain.dof)
+        else:
+            self._move()
         return results[0] == results[1] and _same(*self.both)
 
     def _choose_events(self, number: int) -> None:
@@ -270,6 +311,11 @@ class _Session:
             self._change_config()
         if random.random() < 0.004 * rate:
             self.command = 3 - self.command
+        if random.random() < 0.004:  # an obstacle holds the arm, perhaps far from the goal
+            self.held = int(random.integers(5, 80))
+            self.goal = self.goal + random.normal(size=self.chain.dof) * random.choice([0.0, 1.0])
+        if random.random() < 0.003 * rate:  # the robot's clock starts again
+            self.counter = (self.counter - int(random.integers(2, 2000))) % 2**32
         if random.random() < (0.02 if self.output.fault else 0.001 * rate):
             self.dq = 0.1 * self.dq
             self._start()
@@ -285,8 +331,14 @@ class _Session:
         if field.name in ("lower_limit", "upper_limit"):
             sign = -1.0 if field.name == "lower_limit" else 1.0
             _fill(getattr(self.config, field.name), self.q + sign * random.uniform(-0.2, 0.6, self.chain.dof))
+        elif field.name == "velocity_limit" and random.random() < 0.7:
+            _fill(self.config.velocity_limit, 0.01 + np.abs(self.dq) * random.uniform(0.5, 2.0, self.chain.dof))
+        elif field.name == "missed_limit" and random.random() < 0.7:
+            self.config.missed_limit = int(random.integers(1, 12))
         elif random.random() < 0.2:
             _set(self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.chain.dof)))
+        elif field.name == "law" and len(self.chain.tips) == 1:
+            self.config.law = 3 - self.config.law if random.random() < 0.5 else self.config.law
         elif field.name not in ("task_damping", "law"):
             self._vary(field)
         self._copy_config()
@@ -327,6 +379,12 @@ class _Session:
         bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
         if random.random() < 0.004:
             self.absent = int(random.integers(1, 30))
+        if random.random() < 0.003:
+            self.stuck, self.stuck_field = int(random.integers(5, 80)), str(random.choice(["q", "dq"]))
+            self.stuck_values = np.array(getattr(given, self.stuck_field))
+        if self.stuck > 0:
+            self.stuck -= 1
+            _fill(getattr(given, self.stuck_field), self.stuck_values)
         if self.absent > 0:
             self.absent -= 1
             given.sample_valid = 0
@@ -345,8 +403,11 @@ class _Session:
         elif event < 0.045:
             given.dq[joint] += 5.0 * float(random.normal())
         elif event < 0.06:
-            _put(random.choice(["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium"]), given,
-                 int(random.integers(6)), bad)  # fmt: skip
+            fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium", "task_stiffness"]
+            _put(random.choice(fields), given, int(random.integers(6)), bad)
+        elif event < 0.061:
+            name = str(random.choice(["command", "sample_valid", "wrench_valid"]))
+            setattr(given, name, int(random.choice([-1, 0, 2, 3])))
         elif event < 0.063:
             ctypes.memset(ctypes.byref(given), 0, ctypes.sizeof(given))
         elif event < 0.066 and self.chain.runtime_tool:

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 
+from stiffgen.emit.manifest import MANIFEST
 from stiffgen.errors import StiffgenError
 from stiffgen.folder import temporary_folder
 from stiffgen.opened import GeneratedRobot, open_robot
@@ -33,7 +35,7 @@ from stiffgen.verify.oracles import (
     check_far_angles,
     check_robot,
 )
-from stiffgen.verify.result import Check, one_by_one
+from stiffgen.verify.result import Check, left_out, one_by_one
 from stiffgen.verify.samples import (
     Samples,
     argument_samples,
@@ -110,6 +112,7 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     general = Samples.draw(chain, LONG, seed).general_stiffness
     pool |= {argument: general for argument in pool if argument.name == "task_stiffness"}
     texts = print_again(robot)
+    stated, printed = (content["rounding"] for content in (robot.manifest, json.loads(texts[MANIFEST])))
     libraries = build_widths(robot, build)
     library = next(iter(libraries.values()), None)
     steps: list[tuple[str, Step]] = [
@@ -124,9 +127,7 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("stacks of every length", lambda: check_stacks(kernels, single, table, chain, pool)),
         (
             "certified bounds",
-            lambda: check_certified_bounds(
-                (single, kernels), table, chain, robot.scalar, robot.manifest["rounding"], pool
-            ),
+            lambda: check_certified_bounds((single, kernels), table, chain, robot.scalar, stated, printed, pool),
         ),
         ("NaN and infinity", lambda: check_not_finite(kernels, table, pool, robot.scalar)),
         ("stepping the controller", lambda: check_controller(robot, seed)),
@@ -134,7 +135,9 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
     ]
     if springs.derivatives:
         steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
-    if library is not None:
+    if library is None:
+        steps.append(("batches in C", lambda: [left_out("batches in C, guard pages", "no C compiler was found")]))
+    else:
         loaded = library
         steps.append(
             ("batches in C", lambda: check_c_batches(libraries, robot.name, single, table, chain, pool, robot.scalar))

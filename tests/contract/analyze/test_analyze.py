@@ -76,8 +76,8 @@ def assert_same(one, other, exact=False):
 def test_measures_against_differentiated_poses(representation, robot, chain):
     """Singular values and eigenvalues of the formula on a Jacobian that CasADi differentiated."""
     references = References(chain, 40, seed=11)
-    J, wrench = references.jacobian[representation], references.samples.wrench
-    stiffness = references.kinematic_stiffness(representation) + J.transpose(0, 2, 1) @ np.diag(K) @ J
+    J, wrench = references.jacobian[representation].astype(float), references.samples.wrench
+    stiffness = references.kinematic_stiffness(representation).astype(float) + J.transpose(0, 2, 1) @ np.diag(K) @ J
     gamma = ms._parts(J.transpose(0, 2, 1) @ stiffgen.verify.poses.gamma_F(representation, wrench) @ J)
     corrected = ms._parts(stiffness)[0] + gamma[0]
     rows = np.hstack([np.zeros((40, 1)), references.samples.q, wrench])

@@ -12,7 +12,6 @@ from stiffgen.cli import main
 from stiffgen.verify.verify import verify
 from support.c_program import STRICT
 
-# Powers of 9 and 10: `verify` takes differences of eighth order, which a kink in a lower derivative disturbs.
 POTENTIALS = """
 import casadi as ca
 
@@ -36,8 +35,21 @@ def chosen(p, R, parameters):
     return parameters.stiffness * ca.cos(ca.dot(away, away)) + ca.sin(parameters.rate * turned[0, 0])
 
 chosen.parameters = {"centre": (3,), "stiffness": (), "axes": (3, 2), "rate": ()}
+
+def angle(p, R, parameters):
+    return sum(ca.cos(k * parameters.__getattr__(name) * p[k % 3]) * R[0, k % 3] for k, name in enumerate(WORDS))
+
+def kinks(p, R, parameters):
+    return ca.fmax(0, p[2] - 0.1) ** 3 + ca.fabs(p[0]) ** 3
+
+WORDS = (
+    "angle", "sine", "J", "K", "q", "p", "R", "x", "i", "n", "a", "a_bar", "a_step", "a_of_tips", "count", "energy",
+    "torque", "wrench", "lanes", "poison", "int", "double", "lambda", "class", "M_PI", "NAN", "I", "y0", "j1", "fmax",
+)
+angle.parameters = {name: () for name in WORDS}
 """
-NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen")
+NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen", "angle", "kinks")
+"""``angle`` has names of locals, of C, C++ and Python, of math.h, and names that the printers make of another one."""
 ROBOT = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.3"/><axis xyz="0 1 0"/>
 </joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="0 0 1"/>
@@ -75,6 +87,7 @@ def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None
     for file in folder.glob("made*.c"):
         if file.stem in ("made", "made_batch"):
             subprocess.run(["cc", "-std=c99", *STRICT, "-fsyntax-only", file], check=True)
+    subprocess.run(["c++", "-std=c++17", "-fsyntax-only", "-x", "c++", folder / "made.hpp"], check=True)
 
 
 @pytest.mark.slow

@@ -106,3 +106,23 @@ def test_terms_that_cancel_are_no_false_alarm(tmp_path: Path) -> None:
     given, reference = references["gravity_energy"]
     plain_check = compared("gravity_energy", "", kernels["gravity_energy"](*given), reference)
     assert not plain_check.passed, "the rule is needed"
+
+
+@pytest.mark.parametrize(
+    ("text", "masses", "reason"),
+    [
+        (GRIPPER, False, "without masses"),
+        ("<mujoco/>", True, "of another format"),
+        ('<robot name="a" xmlns:xacro="x"/>', True, "xacro"),
+        ('<robot name="a"><joint name="j" type="planar"/></robot>', True, "type planar"),
+    ],
+)
+def test_masses_that_are_not_compared_have_a_row_with_the_reason(
+    text: str, masses: bool, reason: str, tmp_path: Path
+) -> None:
+    urdf, file = tmp_path / "gripper.urdf", tmp_path / "other.urdf"
+    urdf.write_text(GRIPPER)
+    file.write_text(text)
+    chain = stiffgen.load_chain(urdf, tip="left", masses=masses)
+    (row,) = check_masses({}, (), chain, file, None)
+    assert row.passed and reason in row.oracle

@@ -3,16 +3,21 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from campaigns.mutations import Workshop, changed_defaults, count_survivors, mutants
+import stiffgen
+from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
 from stiffgen.opened import open_robot
-from stiffgen.verify.controller_library import ControllerLibrary
+from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
 from stiffgen.verify.controller_rules import check_rules
+from stiffgen.verify.sessions import confined
 from support.project import ROOT
+from support.runtime import compile_c
 
 FOLDER = ROOT / "generated" / "iiwa14"
 
@@ -52,3 +57,41 @@ def test_sessions_kill_mutants(workshop: Workshop) -> None:
     """Draw six with a fixed seed; equivalent ones may be among them. ``make campaign NAME=mutations`` counts many."""
     counted, survivors = count_survivors(workshop, mutants(workshop.text, 6, seed=3), seed=0)
     assert counted >= 4 and len(survivors) <= 1, survivors
+
+
+def test_a_crash_is_a_fault_and_ends_nothing_else() -> None:
+    (fault,) = confined(lambda: os.abort())
+    assert "status -6" in fault
+    assert confined(lambda: ["session 3: step 4"]) == ["session 3: step 4"]
+    assert confined(lambda: []) == []
+
+
+def test_an_index_outside_an_array_is_a_fault(tmp_path: Path) -> None:
+    (tmp_path / "a.c").write_text("double f(int i) { double a[3] = {0.0}; a[i] = 1.0; return a[0]; }")
+    library = compile_c(tmp_path / "a.so", *CAREFUL, "-shared", "-fPIC", tmp_path / "a.c")
+    function = ctypes.CDLL(str(library)).f
+    assert confined(lambda: [str(function(2))][1:]) == []
+    assert "ends its process" in confined(lambda: [str(function(3))])[0]
+
+
+TREE = """<robot name="tree"><link name="base"/>{}</robot>"""
+BRANCH = """<link name="{0}"><inertial><origin xyz="0.1 0 0.1"/><mass value="2"/><inertia ixx="0.1" ixy="0" ixz="0"
+iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="to_{0}" type="{2}"><parent link="{1}"/><child link="{0}"/>
+<origin xyz="0.2 0.1 0.3" rpy="0.3 0.2 0.1"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="2"
+effort="50"/>
+</joint>"""
+
+
+@pytest.mark.slow
+def test_sessions_run_on_robots_of_every_kind(tmp_path: Path) -> None:
+    """Two tips, a sliding joint, tools that are arguments: the sessions pass, and change tools while it runs."""
+    links = (("body", "base", "revolute"), ("left", "body", "prismatic"), ("right", "body", "revolute"))
+    (tmp_path / "tree.urdf").write_text(TREE.format("".join(BRANCH.format(*each) for each in links)))
+    tips = ["left", "right"]
+    folder = stiffgen.generate(tmp_path / "tree.urdf", tip=tips, output=tmp_path, runtime_tool=True, build=False)
+    (tmp_path / "work").mkdir()
+    workshop = Workshop(open_robot(folder), tmp_path / "work")
+    assert workshop.survives(workshop.reference, seed=0)
+    text = workshop.text.replace("memcmp(robot_tool(in), m->tool_pose", "memcmp(m->tool_pose, m->tool_pose")
+    assert text != workshop.text
+    assert count_survivors(workshop, [Mutant(0, "", "", text)], seed=0) == (1, [])

@@ -59,3 +59,14 @@ def test_below_the_threshold_axis_and_angle_are_right(tilt, tmp_path):
     chain = load_chain(tmp_path / "robot.urdf")
     assert {joint.axis for joint in chain.joints} == {(0.0, 0.0, 1.0)}
     assert {joint.rotation for joint in chain.joints} == {((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}
+
+
+@pytest.mark.parametrize(("length", "kept"), [(1e-15, 0.0), (1.1e-15, 1.1e-15)])
+def test_a_length_of_at_most_1e_15_metres_is_zero(length, kept, tmp_path):
+    """docs/conventions.md says so."""
+    file = tmp_path / "robot.urdf"
+    file.write_text(
+        '<robot name="tiny"><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>'
+        f'<child link="b"/><origin xyz="0 {length!r} 0.3"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    assert load_chain(file, masses=False).joints[0].translation == (0.0, kept, 0.3)
