@@ -113,7 +113,7 @@ def add_robot(command: Any) -> None:
     """Add the robot's file and the arguments of a template."""
     command.takes_arguments = True
     command.add_argument(
-        "urdf", type=Path, metavar="FILE", help="URDF of the robot, or a xacro template with NAME:=VALUE behind it"
+        "urdf", type=Path, metavar="FILE", help="URDF, MJCF, or a xacro template with NAME:=VALUE behind it"
     )
 
 

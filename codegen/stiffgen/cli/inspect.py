@@ -56,6 +56,8 @@ def run(options: argparse.Namespace) -> int:
     if description.notes:
         print(f"\n{len(description.notes)} notes, which change nothing:")
         print("\n".join(f"  {note}" for note in description.notes))
+    if description.remarks:
+        print("\n" + "\n".join(description.remarks))
     if not description.problems:
         return 0
     print(f"\n{len(description.problems)} problems; chains that a problem can affect are rejected:")

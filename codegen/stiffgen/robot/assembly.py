@@ -32,7 +32,7 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
         base=selection.base,
         tips=_tips(selection, tree, tool, reserved),
         joints=tuple(joints),
-        coordinates=tuple(_coordinate(description.joints[name]) for name in selection.masters),
+        coordinates=tuple(_coordinate(description.joints[name], selection) for name in selection.masters),
         massless=tuple(link for link in moving_links if description.inertials[link] is None),
         source=description.file,
         digest=description.digest,
@@ -122,7 +122,13 @@ def _joint(selection: Selection, tree: _Tree, index: int, inertia: Inertia) -> J
     )
 
 
-def _coordinate(element: JointElement) -> Coordinate:
+def _coordinate(element: JointElement, selection: Selection) -> Coordinate:
+    couplings = selection.couplings
+    rotors = [
+        couplings[joint].multiplier ** 2 * joint.motor_inertia
+        for joint in (*selection.moving, *selection.side)
+        if couplings[joint].master is element
+    ]
     return Coordinate(
         name=element.name,
         type=element.type,
@@ -130,6 +136,7 @@ def _coordinate(element: JointElement) -> Coordinate:
         upper=element.upper,
         velocity=element.velocity,
         effort=element.effort,
+        motor_inertia=sum(rotors),
     )
 
 

@@ -73,7 +73,10 @@ class Joint:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Entry of q: name, type and limits of a joint (rad or m, rad/s or m/s, N m or N; infinite if unset)."""
+    """Entry of q: name, type and limits of a joint (rad or m, rad/s or m/s, N m or N; infinite if unset).
+
+    ``motor_inertia`` is that of all motors that move with it, reflected to it [kg m^2 or kg]; 0 if the file has none.
+    """
 
     name: str
     type: str
@@ -81,6 +84,7 @@ class Coordinate:
     upper: float
     velocity: float
     effort: float
+    motor_inertia: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,8 @@ class JointElement:
     """Element ``<joint>`` of the file (SI units, radians).
 
     ``axis`` has unit length, or is zero for a joint that does not move. Missing limits are infinite; if only one
-    position limit is missing, it is 0.
+    position limit is missing, it is 0. ``motor_inertia`` is the inertia of the motor's rotor, reflected to the joint
+    [kg m^2 or kg]; a URDF has none.
     """
 
     name: str
@@ -87,6 +88,7 @@ class JointElement:
     velocity: float
     effort: float
     mimic: Mimic | None
+    motor_inertia: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class Description:
 
     ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without inertia). ``digest`` is the
     SHA-256 of the file, ``inputs`` are the files that it includes, ``arguments`` the values of a template's arguments.
-    ``notes`` name what has no effect, such as ignored elements of vendors.
+    ``notes`` name ignored elements of vendors; ``remarks`` name what the functions leave out (friction, springs).
     """
 
     file: str
@@ -124,6 +126,7 @@ class Description:
     joints: dict[str, JointElement]
     problems: tuple[Problem, ...]
     notes: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
 

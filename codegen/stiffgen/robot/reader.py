@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Reader of a robot's file: makes a :class:`Description` from a URDF, or from a xacro template of one.
+"""Reader of a robot's file: makes a :class:`Description` from a URDF, a xacro template of one, or an MJCF file.
 
 The file is untrusted input. lxml parses it once, without entities, DTDs or network access. The links, inertials and
 joints are checked (:mod:`stiffgen.robot.checker`) and passed to yourdfpy, which reads the elements. Origins are an
@@ -35,6 +35,7 @@ from stiffgen.robot.description import (
     Vector,
 )
 from stiffgen.robot.geometry import unit
+from stiffgen.robot.mjcf import read_mjcf
 from stiffgen.robot.templates import Expansion, expand
 
 if TYPE_CHECKING:
@@ -48,12 +49,14 @@ _XACRO = re.compile(rb"<xacro:[a-zA-Z]")
 # Faults of the XML that other readers of URDF accept and that change no element: prefixes without a namespace
 # (<drake:...>), "--" in a comment, an unknown version number, a blank line before the XML declaration.
 _HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_HYPHEN_IN_COMMENT", "ERR_UNKNOWN_VERSION", "ERR_RESERVED_XML_NAME"}
+# A root element <mujoco> behind comments; the comments' pattern takes time that grows with the file alone.
+_MJCF = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:<\?xml[^>]{0,200}>\s*)?(?:<!--(?:[^-]|-(?!->))*-->\s*)*<mujoco[\s/>]")
 _MAX_LOGGED = 100  # size of lxml's log of errors; further errors are lost
-_OTHER_FORMATS = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "MJCF", "COLLADA": "COLLADA", "openrave": "OpenRAVE"}
+_OTHER_FORMATS = {"sdf": "SDF", "COLLADA": "COLLADA", "openrave": "OpenRAVE"}
 
 
 def read_description(path: str | Path, reading: Reading | None = None) -> Description:
-    """Read a robot's file: a URDF, or a xacro template, which is expanded first.
+    """Read a robot's file: a URDF, a xacro template, which is expanded first, or an MJCF file.
 
     ``problems`` of the result holds the problems of single joints and links; :func:`stiffgen.load_chain` documents
     which of them reject a chain.
@@ -66,6 +69,8 @@ def read_description(path: str | Path, reading: Reading | None = None) -> Descri
     """
     path, reading = Path(path), reading or Reading()
     data = _read_bytes(path)
+    if _is_mjcf(data) and not reading.arguments:
+        return read_mjcf(path, data)
     expansion = Expansion(data)
     is_template = _is_template(path.name, data)
     if is_template:
@@ -131,6 +136,11 @@ def _open(path: Path) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
+def _is_mjcf(data: bytes) -> bool:
+    """Return whether the root element of a file is ``<mujoco>``."""
+    return _MJCF.match(data) is not None
+
+
 def _is_template(file: str, data: bytes) -> bool:
     """Return whether a file is a xacro template: by its name, or by elements of xacro outside comments."""
     if file.endswith(".xacro") or not _XACRO.search(data):
@@ -153,10 +163,12 @@ def _parse_xml(file: str, data: bytes) -> etree._Element:
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
         raise DescriptionError(file, ["has a DOCTYPE; a URDF needs none: remove the <!DOCTYPE ...> declaration"])
     _drop_default_namespace(root)
+    if root.tag == "mujocoinclude":
+        raise DescriptionError(file, ["is part of an MJCF file; give the file that includes it"])
     if root.tag != "robot":
         other = _OTHER_FORMATS.get(str(root.tag))
         fault = f"is an {other} file" if other else f"has the root element <{printable(str(root.tag))}>"
-        raise DescriptionError(file, [f"{fault}, expected <robot>; give a URDF file"])
+        raise DescriptionError(file, [f"{fault}, expected <robot>; give a URDF file, a xacro template or an MJCF file"])
     return root
 
 

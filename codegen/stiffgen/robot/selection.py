@@ -369,7 +369,7 @@ def _path(description: Description, base: str, tip: str) -> list[JointElement]:
         path.append(above[link])
         link = above[link].parent
     for element in reversed(path):
-        if element.type in ("floating", "planar"):
+        if element.type in ("floating", "planar", "ball"):
             raise ChainError(
                 f"{description.file}: joint '{printable(element.name)}' between '{printable(base)}' and "
                 f"'{printable(tip)}' is {element.type}, which has no single coordinate; "

@@ -3,21 +3,16 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from stiffgen.errors import DescriptionError, MissingExtraError, printable
+from stiffgen.robot.confined import answer_of
 from stiffgen.robot.description import Input, Reading
 
-_SCRIPT = Path(__file__).with_name("expansion.py")
-_SECONDS = 300  # of the clock; expansion.py bounds the processor time
 _MOST_WARNINGS = 5
 
 
@@ -47,7 +42,9 @@ def expand(path: Path, reading: Reading) -> Expansion:
     for folder in reading.package_path:
         if not Path(folder).is_dir():
             raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: is not a folder"])
-    answer = _answer(path.name, file, reading.arguments, [str(each) for each in reading.package_path])
+    folders = [str(each) for each in reading.package_path]
+    request = {"file": file, "arguments": dict(reading.arguments), "package_path": folders}
+    answer = answer_of("expansion.py", path.name, request)
     if "missing" in answer:
         raise MissingExtraError(
             f"{printable(path.name)}: xacrodoc cannot be imported ({printable(answer['missing'], 200)}); "
@@ -56,36 +53,20 @@ def expand(path: Path, reading: Reading) -> Expansion:
     if "error" in answer:
         raise DescriptionError(path.name, [printable(answer["error"], 600)])
     packages = {name: Path(folder) for name, folder in answer["packages"].items()}
-    inputs = {_portable(Path(each), Path(file).parent, packages): digest for each, digest in answer["files"]}
-    inputs.pop(Path(file).name, None)
     return Expansion(
         answer["text"].encode(),
-        tuple(Input(each, digest) for each, digest in sorted(inputs.items())),
+        portable_inputs(file, answer["files"], packages),
         tuple(f"xacro: {printable(each, 200)}" for each in answer["warnings"][:_MOST_WARNINGS]),
     )
 
 
-def _answer(name: str, file: str, arguments: Mapping[str, str], package_path: list[str]) -> dict[str, Any]:
-    """Run expansion.py and return its answer."""
-    request = json.dumps({"file": file, "arguments": dict(arguments), "package_path": package_path})
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONIOENCODING": "utf-8"}
-    try:
-        done = subprocess.run(
-            [sys.executable, str(_SCRIPT)],
-            input=request,
-            capture_output=True,
-            encoding="utf-8",
-            env=environment,
-            timeout=_SECONDS,
-            check=False,
-        )
-        answer = json.loads(done.stdout)
-    except (subprocess.TimeoutExpired, ValueError) as error:
-        raise DescriptionError(
-            name, ["does not expand within the time and memory of a template; correct what repeats in it"]
-        ) from error
-    assert isinstance(answer, dict)
-    return answer
+def portable_inputs(
+    file: str, digests: Iterable[tuple[str, str]], packages: Mapping[str, Path] | None = None
+) -> tuple[Input, ...]:
+    """Return the files that a file includes, from their paths and digests, without the machine's folders."""
+    names = {_portable(Path(each), Path(file).parent, packages or {}): digest for each, digest in digests}
+    names.pop(Path(file).name, None)
+    return tuple(Input(name, digest) for name, digest in sorted(names.items()))
 
 
 def _portable(path: Path, folder: Path, packages: Mapping[str, Path]) -> str:

@@ -443,7 +443,7 @@ def test_a_follower_of_a_broken_follower_is_refused(read):
         ("hello", ["not well-formed", "give a URDF"]),
         (ARM[:300], ["not well-formed", "give a URDF"]),
         ("<sdf version='1.7'/>", ["SDF", "give a URDF"]),
-        ("<mujoco/>", ["MJCF", "give a URDF"]),
+        ("<mujocoinclude/>", ["part of an MJCF file", "give the file"]),
         ("<html/>", ["<html>", "<robot>"]),
         ("<robot name='s'><group name='arm'/></robot>", ["<link>", "SRDF"]),
         (

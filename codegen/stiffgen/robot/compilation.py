@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: MIT
+"""Compile one MJCF file with MuJoCo, as a script in a process of its own: ``python compilation.py < request.json``.
+
+MuJoCo resolves defaults, classes, includes, attachments and the compiler's settings. Before it compiles, the script
+removes what kinematics and masses do not need, so that missing meshes and textures do not matter: textures, materials,
+sensors, cameras, and all geoms of bodies whose inertia the file states. A geom that gives a body its inertia stays; if
+its mesh is missing, a small sphere stands in, and the answer names the body. The script imports nothing of stiffgen.
+
+The request holds ``file``. The answer is JSON on standard output: ``model`` (name, bodies, joints, sites, couplings),
+``files`` (path and SHA-256 of each file read beside the main one) and ``stand_ins`` (body and mesh); or ``error``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+SECONDS = 60
+"""Processor time that a compilation may take; the largest known model takes 4 s."""
+_GIBIBYTES = 8  # MuJoCo reserves more address space than memory
+_MOST_FILES = 1000
+_UNUSED = (
+    *("sensors", "cameras", "lights", "keys", "numerics", "texts", "tuples", "pairs", "excludes"),
+    *("skins", "flexes", "hfields", "materials", "textures"),
+)
+
+
+def _compiled(file: Path) -> dict[str, Any]:
+    """Return the answer for a file."""
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(str(file))
+    used, stand_ins = _strip(mujoco, spec, all_missing=False)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        if not used or ("mesh" not in str(error).lower() and "resource" not in str(error).lower()):
+            raise
+        spec = mujoco.MjSpec.from_file(str(file))  # a mesh that MuJoCo cannot read
+        used, stand_ins = _strip(mujoco, spec, all_missing=True)
+        model = spec.compile()
+    name = spec.modelname
+    files = {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in (*_includes(file), *used)}
+    files.pop(str(file), None)
+    return {
+        "model": {"name": file.stem if name in ("", "MuJoCo Model") else name, **_content(mujoco, model)},
+        "files": sorted(files.items()),
+        "stand_ins": stand_ins,
+    }
+
+
+def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[tuple[str, str]]]:
+    """Remove what has no effect; return the meshes that give inertias, and the bodies with a stand-in for one."""
+    for kind in _UNUSED:
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+    for actuator in list(spec.actuators):
+        muscle = mujoco.mjtGain.mjGAIN_MUSCLE
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or actuator.gaintype == muscle or actuator.plugin.active:
+            spec.delete(actuator)
+    couplings = (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON)
+    for equality in list(spec.equalities):
+        if equality.type not in couplings:
+            spec.delete(equality)
+    meshes = {mesh.name: mesh for mesh in spec.meshes}
+    used: dict[str, list[Path]] = {}
+    stand_ins = []
+    for body in spec.bodies:
+        for geom in list(body.geoms):
+            if not _gives_inertia(mujoco, spec, body, geom):
+                spec.delete(geom)
+                continue
+            geom.material = ""
+            mesh = meshes.get(geom.meshname)
+            if geom.meshname and mesh is not None and mesh.file:
+                found = [] if all_missing else _mesh_files(spec, mesh)
+                if found:
+                    used[mesh.name] = found
+                else:
+                    geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0, 0]
+                    stand_ins.append((body.name, mesh.file))
+            elif geom.meshname and mesh is not None:
+                used.setdefault(mesh.name, [])
+    for site in spec.sites:
+        site.material = ""
+    for name, mesh in meshes.items():
+        if name not in used:
+            spec.delete(mesh)
+    return [path for paths in used.values() for path in paths], stand_ins
+
+
+def _gives_inertia(mujoco: Any, spec: Any, body: Any, geom: Any) -> bool:
+    """Return whether a geom is part of the inertia of its body."""
+    compiler = spec.compiler
+    rule = mujoco.mjtInertiaFromGeom
+    low, high = compiler.inertiagrouprange
+    if body.name == "world" or geom.type in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
+        return False
+    if compiler.inertiafromgeom == rule.mjINERTIAFROMGEOM_FALSE or not low <= geom.group <= high:
+        return False
+    return bool(compiler.inertiafromgeom == rule.mjINERTIAFROMGEOM_TRUE or not body.explicitinertial)
+
+
+def _mesh_files(spec: Any, mesh: Any) -> list[Path]:
+    """Return the file of a mesh where it exists."""
+    root, name = Path(spec.modelfiledir or "."), Path(mesh.file)
+    places = (root / (spec.compiler.meshdir or "") / name, root / name, name)
+    return [place for place in places if place.is_file()][:1]
+
+
+def _includes(file: Path) -> Iterator[Path]:
+    """Yield the files that a file includes or attaches, each once; a missing file is MuJoCo's to name."""
+    pending, seen = [file], {file}
+    while pending and len(seen) < _MOST_FILES:
+        current = pending.pop()
+        try:
+            root = ElementTree.fromstring(current.read_bytes())
+        except (ElementTree.ParseError, OSError):
+            continue
+        for element in (*root.iter("include"), *root.iter("model")):
+            name = element.get("file")
+            places = [folder / name for folder in (file.parent, current.parent)] if name else []
+            found = next((Path(os.path.normpath(place)) for place in places if place.is_file()), None)
+            if found is not None and found not in seen:
+                seen.add(found)
+                pending.append(found)
+                yield found
+
+
+def _content(mujoco: Any, model: Any) -> dict[str, Any]:
+    """Return the compiled model's kinematics and masses as plain numbers."""
+    joint_types = {
+        mujoco.mjtJoint.mjJNT_FREE: "free",
+        mujoco.mjtJoint.mjJNT_BALL: "ball",
+        mujoco.mjtJoint.mjJNT_SLIDE: "slide",
+        mujoco.mjtJoint.mjJNT_HINGE: "hinge",
+    }
+    bodies = [
+        {
+            "name": model.body(k).name,
+            "parent": int(model.body_parentid[k]),
+            "pos": model.body_pos[k].tolist(),
+            "quat": model.body_quat[k].tolist(),
+            "mass": float(model.body_mass[k]),
+            "com": model.body_ipos[k].tolist(),
+            "axes": model.body_iquat[k].tolist(),
+            "inertia": model.body_inertia[k].tolist(),
+        }
+        for k in range(model.nbody)
+    ]
+    joints = [
+        {
+            "name": model.joint(k).name,
+            "type": joint_types[mujoco.mjtJoint(int(model.jnt_type[k]))],
+            "body": int(model.jnt_bodyid[k]),
+            "pos": model.jnt_pos[k].tolist(),
+            "axis": model.jnt_axis[k].tolist(),
+            "reference": float(model.qpos0[model.jnt_qposadr[k]]),
+            "range": model.jnt_range[k].tolist() if model.jnt_limited[k] else None,
+            "force": model.jnt_actfrcrange[k].tolist() if model.jnt_actfrclimited[k] else None,
+            "armature": float(model.dof_armature[model.jnt_dofadr[k]]),
+            "damping": float(abs(model.dof_damping[model.jnt_dofadr[k]]).max()),
+            "friction": float(model.dof_frictionloss[model.jnt_dofadr[k]]),
+            "stiffness": float(abs(model.jnt_stiffness[k]).max()),
+        }
+        for k in range(model.njnt)
+    ]
+    sites = [
+        {
+            "name": model.site(k).name,
+            "body": int(model.site_bodyid[k]),
+            "pos": model.site_pos[k].tolist(),
+            "quat": model.site_quat[k].tolist(),
+        }
+        for k in range(model.nsite)
+    ]
+    return {
+        "bodies": bodies,
+        "joints": joints,
+        "sites": sites,
+        "couplings": list(_couplings(mujoco, model)),
+        "actuators": list(_actuators(mujoco, model)),
+    }
+
+
+def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
+    """Yield the constraints between joints: 0 = terms of joints + polynomial, at the joints' reference positions."""
+    for k in range(model.neq):
+        is_joint = model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
+        first, second = ([(int(i), 1.0)] for i in (model.eq_obj1id[k], model.eq_obj2id[k]))
+        if not is_joint:
+            first, second = (list(_wrap(mujoco, model, pair[0][0])) for pair in (first, second))
+        yield {
+            "name": model.equality(k).name,
+            "active": bool(model.eq_active0[k]),
+            "first": first,
+            "second": [pair for pair in second if pair[0] >= 0],
+            "polynomial": model.eq_data[k][:5].tolist(),
+        }
+
+
+def _wrap(mujoco: Any, model: Any, tendon: int) -> Iterator[tuple[int, float]]:
+    """Yield joint and coefficient of a fixed tendon; -1 for a spatial one."""
+    if tendon < 0:
+        return
+    start = int(model.tendon_adr[tendon])
+    for k in range(start, start + int(model.tendon_num[tendon])):
+        fixed = model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT
+        yield (int(model.wrap_objid[k]) if fixed else -2, float(model.wrap_prm[k]))
+
+
+def _actuators(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
+    """Yield joint and largest force of the actuators that have a bound."""
+    for k in range(model.nu):
+        forces = []
+        if model.actuator_forcelimited[k]:
+            forces.append(float(abs(model.actuator_forcerange[k]).max()))
+        is_motor = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
+        is_motor = is_motor and model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+        if is_motor and model.actuator_ctrllimited[k] and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE:
+            forces.append(float(abs(model.actuator_gainprm[k][0] * model.actuator_ctrlrange[k]).max()))
+        if forces:
+            gear = float(abs(model.actuator_gear[k][0]))
+            yield {"joint": int(model.actuator_trnid[k][0]), "force": min(forces) * gear}
+
+
+def _limit() -> None:
+    with contextlib.suppress(ImportError, ValueError, OSError):  # not on Windows; a lower limit is in force
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        resource.setrlimit(resource.RLIMIT_AS, (_GIBIBYTES * 2**30, _GIBIBYTES * 2**30))
+
+
+def main() -> None:
+    """Answer the request on standard input."""
+    request = json.load(sys.stdin)
+    _limit()
+    file = Path(request["file"])
+    with tempfile.TemporaryDirectory(prefix="stiffgen-mjcf.") as scratch:
+        os.chdir(scratch)  # MuJoCo logs into the current folder
+        try:
+            answer = _compiled(file)
+        except ImportError as error:
+            answer = {"missing": str(error)}
+        except MemoryError:
+            answer = {"error": f"needs more than {_GIBIBYTES} GiB of memory to compile"}
+        except Exception as error:
+            answer = {"error": " ".join(str(error).split()) or type(error).__name__}
+        os.chdir(os.sep)
+    json.dump(answer, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: MIT
+"""Run a reader's script in a process of its own: a file that never ends or ends the process does not harm ours."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from stiffgen.errors import DescriptionError
+
+_SECONDS = 300  # of the clock; the scripts bound the processor time
+
+
+def answer_of(script: str, file: str, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the answer of a script of this folder to a request; both are JSON.
+
+    Raises:
+        DescriptionError: the script was ended, by its limits or by a fault of the library that it calls.
+
+    """
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONIOENCODING": "utf-8"}
+    try:
+        done = subprocess.run(
+            [sys.executable, str(Path(__file__).with_name(script))],
+            input=json.dumps(request),
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            env=environment,
+            timeout=_SECONDS,
+            check=False,
+        )
+        answer = json.loads(done.stdout)
+    except (subprocess.TimeoutExpired, ValueError) as error:
+        raise DescriptionError(
+            file, ["is not read within the time and memory of a robot's file; correct what repeats in it"]
+        ) from error
+    assert isinstance(answer, dict)
+    return answer
