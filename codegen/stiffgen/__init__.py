@@ -1,29 +1,38 @@
 # SPDX-License-Identifier: MIT
 """stiffgen: symmetric joint-space stiffness of a robot arm, generated from its URDF."""
 
+# Every public name is imported when it is first used: the generator's libraries take most of a second to load.
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
+
 from stiffgen._version import __version__
-from stiffgen.analyze.analysis import Analysis, analyze
-from stiffgen.errors import (
-    BuildError,
-    ChainError,
-    DescriptionError,
-    DescriptionWarning,
-    EmptyRecordingError,
-    MissingExtraError,
-    OutputError,
-    PotentialError,
-    RecordingError,
-    StiffgenError,
-)
-from stiffgen.generate import generate
-from stiffgen.loading import load_chain
-from stiffgen.opened import GeneratedRobot, open_robot
-from stiffgen.options import GenerationOptions
-from stiffgen.robot.chain import Chain, Tool
-from stiffgen.symbolic.model import StiffnessModel
-from stiffgen.symbolic.moving import move_stiffness
-from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.symbolic.springs import Placement
+
+if TYPE_CHECKING:
+    from stiffgen.analyze.analysis import Analysis, analyze
+    from stiffgen.errors import (
+        BuildError,
+        ChainError,
+        DescriptionError,
+        DescriptionWarning,
+        EmptyRecordingError,
+        MissingExtraError,
+        OutputError,
+        PotentialError,
+        RecordingError,
+        StiffgenError,
+    )
+    from stiffgen.generate import generate
+    from stiffgen.loading import load_chain
+    from stiffgen.opened import GeneratedRobot, open_robot
+    from stiffgen.options import GenerationOptions
+    from stiffgen.robot.chain import Chain, Tool
+    from stiffgen.symbolic.model import StiffnessModel
+    from stiffgen.symbolic.moving import move_stiffness
+    from stiffgen.symbolic.potentials import SpringOptions
+    from stiffgen.symbolic.springs import Placement
 
 __all__ = [
     "Analysis",
@@ -51,3 +60,42 @@ __all__ = [
     "move_stiffness",
     "open_robot",
 ]
+
+_HOMES = {
+    "analyze.analysis": ("Analysis", "analyze"),
+    "generate": ("generate",),
+    "loading": ("load_chain",),
+    "opened": ("GeneratedRobot", "open_robot"),
+    "options": ("GenerationOptions",),
+    "robot.chain": ("Chain", "Tool"),
+    "symbolic.model": ("StiffnessModel",),
+    "symbolic.moving": ("move_stiffness",),
+    "symbolic.potentials": ("SpringOptions",),
+    "symbolic.springs": ("Placement",),
+}
+"""Module of each public name; all others are in ``errors``."""
+_HOME = dict.fromkeys(__all__, "errors") | {name: home for home, names in _HOMES.items() for name in names}
+
+
+class _Package(ModuleType):
+    """The package, whose functions ``generate`` and ``analyze`` have the names of two of its modules."""
+
+    def __getattr__(self, name: str) -> object:
+        """Import a public name."""
+        if name not in _HOME:
+            raise AttributeError(f"module 'stiffgen' has no attribute '{name}'")
+        value: object = getattr(import_module(f"stiffgen.{_HOME[name]}"), name)
+        self.__dict__[name] = value
+        return value
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Bind a name; a module that is imported does not take the place of the function of its name."""
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+    def __dir__(self) -> list[str]:
+        """Return all public names, imported or not."""
+        return sorted({*super().__dir__(), *__all__})
+
+
+sys.modules[__name__].__class__ = _Package

@@ -21,20 +21,29 @@ from pathlib import Path
 from typing import TextIO
 
 import stiffgen
-from stiffgen.cli import analyze, bench, generate, inspect, new, play, prove, verify
-from stiffgen.cli.arguments import Parser
+from stiffgen.cli.parsing import CommandParser, Parser
 from stiffgen.errors import DescriptionWarning, StiffgenError, printable, terminal_text
 
-COMMANDS = (generate, new, inspect, verify, prove, bench, play, analyze)
+COMMANDS = {
+    "generate": "generate C code and a Python module for a robot",
+    "new": "write a project: a 1 kHz loop, a simulated robot, a test, a script",
+    "inspect": "show joints, chains to each tip, and problems of a robot's file",
+    "verify": "verify a robot's compiled functions against independent references",
+    "prove": "prove contracts of a robot's C code for all inputs",
+    "bench": "time a robot's compiled functions on this machine",
+    "play": "write a robot's playground, a page for the browser, and open it",
+    "analyze": "joint stiffness along a recording, corrected and conventional",
+}
+"""Commands, each a module of this package, with their help."""
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     made = Parser(prog="stiffgen", description=stiffgen.__doc__)
     made.add_argument("--version", action="version", version=f"stiffgen {stiffgen.__version__}")
-    commands = made.add_subparsers(metavar="COMMAND")
-    for command in COMMANDS:
-        command.add(commands)
+    commands = made.add_subparsers(metavar="COMMAND", parser_class=CommandParser)
+    for name, meaning in COMMANDS.items():
+        commands.add_parser(name, help=meaning)
     return made
 
 
@@ -54,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except _Terminated as error:
         message, code = f"ended by {signal.Signals(error.number).name}", 128 + error.number
     except MemoryError:
-        message, code = "the memory that this process may use is not enough (ulimit -v says how much); allow more", 2
+        message, code = "the memory that this process may use is not enough; allow more (ulimit -v)", 2
     except OSError as error:
         where = "standard output" if error.filename is None else printable(str(error.filename), 200)
         message, code = f"{where}: {error.strerror or error}", 2

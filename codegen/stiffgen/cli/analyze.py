@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -23,9 +22,8 @@ from stiffgen.cli.console import TextConsole, messages
 from stiffgen.errors import EmptyRecordingError, terminal_text
 
 
-def add(commands: Any) -> None:
-    """Add the command: fields of :class:`AnalysisOptions` are its options, the recording its argument."""
-    command = commands.add_parser("analyze", help="joint stiffness along a recording, corrected and conventional")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments: fields of :class:`AnalysisOptions` are its options, the recording its argument."""
     groups = {"": command} | {title: command.add_argument_group(title, text) for title, text in GROUPS.items()}
     for option in fields(AnalysisOptions):
         said = told(option)

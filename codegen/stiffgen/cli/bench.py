@@ -5,16 +5,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import Any
 
 from stiffgen.bench import bench
 from stiffgen.cli.arguments import add_folder
 from stiffgen.cli.console import Progress, messages, table, tables
 
 
-def add(commands: Any) -> None:
-    """Add the command."""
-    command = commands.add_parser("bench", help="time a robot's compiled functions on this machine")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_folder(command)
     command.set_defaults(run=run)
 

@@ -19,9 +19,8 @@ from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
 
-def add(commands: Any) -> None:
-    """Add the command."""
-    command = commands.add_parser("generate", help="generate C code and a Python module for a robot")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_robot(command)
     for option in fields(GenerationOptions):
         if help_of(option).argument is not None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
-from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
@@ -23,9 +22,8 @@ _MOST_TIPS = 100
 """Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""
 
 
-def add(commands: Any) -> None:
-    """Add the command."""
-    command = commands.add_parser("inspect", help="show joints, chains to each tip, and problems of a robot's file")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_robot(command)
     command.add_argument("--tip", metavar="LINK", help="show the chain to this link (default: to every leaf link)")
     command.add_argument("--base", metavar="LINK", help="first link (default: the one nearest the root)")

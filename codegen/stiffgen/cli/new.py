@@ -7,7 +7,6 @@ import argparse
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from stiffgen.cli.arguments import add_tool, tool_of
 from stiffgen.cli.console import Progress, messages
@@ -17,9 +16,8 @@ from stiffgen.new.questions import CONTROLLERS, Given
 from stiffgen.symbolic.springs import KINDS
 
 
-def add(commands: Any) -> None:
-    """Add the command."""
-    command = commands.add_parser("new", help="write a project: a 1 kHz loop, a simulated robot, a test, a script")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     command.add_argument("urdf", type=Path, metavar="URDF", help="URDF of the robot")
     command.add_argument("--tip", metavar="LINK", help="link that touches things (needed where there are several)")
     command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")

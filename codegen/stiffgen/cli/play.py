@@ -8,16 +8,14 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Any
 
 from stiffgen.cli.arguments import add_folder
 from stiffgen.cli.console import Progress, messages
 from stiffgen.play.page import write_page
 
 
-def add(commands: Any) -> None:
-    """Add the command."""
-    command = commands.add_parser("play", help="write a robot's playground, a page for the browser, and open it")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_folder(command)
     command.add_argument("--output", type=Path, metavar="FILE.html", help="file to write (default: NAME.html)")
     command.add_argument("--no-open", action="store_true", help="write the page, do not open it")

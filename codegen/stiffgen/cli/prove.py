@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from stiffgen.cli.arguments import add_folder
 from stiffgen.cli.console import Progress, messages, table, tables
@@ -13,9 +13,8 @@ from stiffgen.prove.run import PARTS, prove
 from stiffgen.prove.verdict import Outcome
 
 
-def add(commands: Any) -> None:
-    """Add the command."""
-    command = commands.add_parser("prove", help="prove contracts of a robot's C code for all inputs")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_folder(command)
     command.add_argument("--part", choices=PARTS, action="append", help="part to prove (default: all); repeatable")
     command.add_argument(

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from rich.table import Table
 
@@ -18,9 +17,8 @@ from stiffgen.verify.result import Check
 from stiffgen.verify.verify import default_count, verify
 
 
-def add(commands: Any) -> None:
-    """Add the command."""
-    command = commands.add_parser("verify", help="verify a robot's compiled functions against independent references")
+def add(command: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_folder(command)
     command.add_argument("--urdf", type=Path, metavar="URDF", help="read the robot's file again and compare the chain")
     command.add_argument(

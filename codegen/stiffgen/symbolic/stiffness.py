@@ -8,30 +8,18 @@ over joints and pairs of joints.
 
 from __future__ import annotations
 
-from functools import cache
-from itertools import product
-
 import casadi as ca
 
-from stiffgen.symbolic import connection
-from stiffgen.symbolic.connection import Representation
+from stiffgen.symbolic.connection import COEFFICIENTS, Representation
 from stiffgen.symbolic.kinematics import jacobian_column_derivative
 
 
 def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
     """Return (Gamma F)_ij = sum_k Gamma^k_ij F_k (6x6), from the exact coefficients of the connection."""
     result = ca.SX(6, 6)
-    for i, j, k, coefficient in _coefficients(representation):
+    for i, j, k, coefficient in COEFFICIENTS[representation]:
         result[i, j] += coefficient * wrench[k]
     return result
-
-
-@cache
-def _coefficients(representation: Representation) -> tuple[tuple[int, int, int, float], ...]:
-    """Return (i, j, k, Gamma^k_ij) for all non-zero coefficients."""
-    exact = connection.connection_coefficients(representation)
-    indices = product(range(6), repeat=3)
-    return tuple((i, j, k, float(exact[k, i, j])) for i, j, k in indices if exact[k, i, j] != 0)
 
 
 def base_connection(generalised_force: ca.SX) -> ca.SX:

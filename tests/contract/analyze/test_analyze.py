@@ -28,6 +28,7 @@ from stiffgen.analyze.report import late_rows
 from stiffgen.cli import main
 from stiffgen.errors import MissingExtraError, RecordingError
 from stiffgen.symbolic.connection import REPRESENTATIONS
+from stiffgen.verify.poses import gamma_F
 from stiffgen.verify.references import References
 from support import recordings
 from support.project import ROOT
@@ -78,7 +79,7 @@ def test_measures_against_differentiated_poses(representation, robot, chain):
     references = References(chain, 40, seed=11)
     J, wrench = references.jacobian[representation].astype(float), references.samples.wrench
     stiffness = references.kinematic_stiffness(representation).astype(float) + J.transpose(0, 2, 1) @ np.diag(K) @ J
-    gamma = ms._parts(J.transpose(0, 2, 1) @ stiffgen.verify.poses.gamma_F(representation, wrench) @ J)
+    gamma = ms._parts(J.transpose(0, 2, 1) @ gamma_F(representation, wrench) @ J)
     corrected = ms._parts(stiffness)[0] + gamma[0]
     rows = np.hstack([np.zeros((40, 1)), references.samples.q, wrench])
     found = measured(robot, rows, representation)

@@ -8,8 +8,8 @@ import itertools
 import pytest
 import sympy as sp
 
-from stiffgen.symbolic.connection import (
-    REPRESENTATIONS,
+from stiffgen.symbolic.connection import COEFFICIENTS, REPRESENTATIONS
+from stiffgen.symbolic.derivation import (
     basis_matrix,
     connection_coefficients,
     gamma_F,
@@ -54,6 +54,12 @@ def test_gamma_F_in_cross_product_matrices():
     assert gamma_F("body", F) == blocks(zero, force, zero, moment / 2)
     assert gamma_F("spatial", F) == blocks(zero, zero, force.T, moment.T / 2)
     assert gamma_F("hybrid", F) == blocks(zero, zero, zero, moment.T / 2)
+
+
+@pytest.mark.parametrize("rep", REPRESENTATIONS)
+def test_the_table_is_what_sympy_derives(rep):
+    table = {(k + 1, i + 1, j + 1): value for i, j, k, value in COEFFICIENTS[rep]}
+    assert table == {index: float(value) for index, value in nonzero(connection_coefficients(rep)).items()}
 
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)

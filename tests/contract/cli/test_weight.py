@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: MIT
+"""Loading: which libraries a use needs, and limits of memory under which these would abort or hang."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+
+import pytest
+
+from support.project import URDF
+
+HEAVY = {"numpy", "casadi", "sympy", "scipy", "yourdfpy", "lxml", "mpmath", "jinja2", "rich"}
+
+
+def loaded(code: str) -> set[str]:
+    """The heavy libraries that a fresh interpreter has loaded after this code."""
+    told = f"{code}\nimport sys\nprint(*({HEAVY!r} & sys.modules.keys()), file=sys.stderr)"
+    return set(subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True).stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("code", "needed"),
+    [
+        ("import stiffgen, stiffgen.cli; stiffgen.cli.main([])", set()),
+        ("import stiffgen.generate, stiffgen.options", {"numpy", "casadi", "mpmath", "lxml", "jinja2"}),
+        ("import stiffgen.verify.verify", {"numpy", "casadi", "mpmath", "lxml", "jinja2"}),
+    ],
+)
+def test_what_an_import_loads(code: str, needed: set[str]) -> None:
+    assert loaded(code) <= needed
+
+
+def test_a_generated_robot_needs_numpy_alone(robot_folder) -> None:
+    code = f"import sys; sys.path.insert(0, {str(robot_folder.parent)!r}); import {robot_folder.name}"
+    assert loaded(code) == {"numpy"}
+
+
+@pytest.mark.parametrize("name", ["generate", "analyze"])
+def test_a_function_is_not_hidden_by_the_module_of_its_name(name: str) -> None:
+    code = f"import stiffgen, stiffgen.{name}; assert callable(stiffgen.{name}); from stiffgen import {name}"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("kilobytes", [150_000, 200_000, 250_000, 350_000, 500_000, 700_000, 1_000_000])
+def test_a_limit_of_memory_is_refused_in_one_sentence(kilobytes: int) -> None:
+    """As ``ulimit -v`` sets it: OpenBLAS aborted or hung below some 400 000."""
+    limit, command = kilobytes << 10, [sys.executable, "-m", "stiffgen", "inspect", str(URDF)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+    )  # fmt: skip
+    if kilobytes < 600_000:
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
+        assert done.stderr.startswith(f"stiffgen: this process may use {limit >> 20} MiB of memory, and needs 600")
+    else:
+        assert done.returncode == 0, done.stderr
