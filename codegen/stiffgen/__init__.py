@@ -12,6 +12,7 @@ from stiffgen._version import __version__
 
 if TYPE_CHECKING:
     from stiffgen.analyze.analysis import Analysis, analyze
+    from stiffgen.cache import load
     from stiffgen.errors import (
         BuildError,
         ChainError,
@@ -56,6 +57,7 @@ __all__ = [
     "__version__",
     "analyze",
     "generate",
+    "load",
     "load_chain",
     "move_stiffness",
     "open_robot",
@@ -63,6 +65,7 @@ __all__ = [
 
 _HOMES = {
     "analyze.analysis": ("Analysis", "analyze"),
+    "cache": ("load",),
     "generate": ("generate",),
     "loading": ("load_chain",),
     "opened": ("GeneratedRobot", "open_robot"),

@@ -85,6 +85,46 @@ def temporary_folder(purpose: str) -> Iterator[Path]:
         _release(lock)
 
 
+@contextmanager
+def exclusive(lock: Path, wait: Callable[[], None]) -> Iterator[None]:
+    """Hold the lock of a file while the block runs; call ``wait`` first if another process holds it.
+
+    The system releases the lock when the process ends. The file stays, because removing it would let two processes
+    hold a lock of the same name.
+
+    Raises:
+        OSError: the file cannot be made.
+
+    """
+    with lock.open("ab") as stream:
+        if fcntl is not None:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                wait()
+                fcntl.flock(stream, fcntl.LOCK_EX)
+        yield
+
+
+def remove_unlocked(lock: Path, folder: Path) -> bool:
+    """Remove a folder unless a process holds its lock; return whether it was there and is gone.
+
+    Raises:
+        OSError: the folder cannot be removed.
+
+    """
+    with lock.open("ab") as stream:
+        if fcntl is not None:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+        if not folder.exists():
+            return False
+        shutil.rmtree(folder)
+        return True
+
+
 def write_atomically(target: Path, text: str) -> None:
     """Write a file beside its place and move it there; a symbolic link in its place is replaced, never followed.
 
@@ -109,12 +149,20 @@ def write_atomically(target: Path, text: str) -> None:
         _release(lock)
 
 
+_REMEDIES = {
+    errno.EACCES: "ask for permission to write there, or choose another --output",
+    errno.EPERM: "ask for permission to write there, or choose another --output",
+    errno.EROFS: "choose another --output",
+    errno.ENAMETOOLONG: "choose a shorter --output or --name",
+    errno.ENOSPC: "make room, or choose another --output",
+    errno.EDQUOT: "make room, or choose another --output",
+}
+
+
 def unwritable(path: Path, error: OSError) -> OutputError:
-    """Return the refusal of a folder that the system does not let us write: full, forbidden, a name too long."""
-    return OutputError(
-        f"{printable(str(path), 200)}: cannot be written ({error.strerror or error}); "
-        "make room, or choose another --output"
-    )
+    """Return the refusal of a folder that the system does not let us write, with a remedy for this error."""
+    remedy = _REMEDIES.get(error.errno or 0, "choose another --output")
+    return OutputError(f"{printable(str(path), 200)}: cannot be written ({error.strerror or error}); {remedy}")
 
 
 def _missing_parents(folder: Path) -> list[Path]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import sys
+import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from stiffgen.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
-from stiffgen.errors import OutputError, StiffgenError, printable
+from stiffgen.errors import OutputError, StiffgenError, listed, printable
 from stiffgen.loading import springs_of_manifest
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.names import checked_identifier
@@ -23,7 +24,7 @@ from stiffgen.symbolic.kernels import PACKED, Kernel, chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class GeneratedRobot:
     """Folder that ``stiffgen generate`` wrote; from :func:`open_robot`.
 
@@ -37,6 +38,9 @@ class GeneratedRobot:
     springs: SpringOptions
     manifest: Mapping[str, Any]
     scalar: Scalar
+
+    def __repr__(self) -> str:
+        return overview(self)
 
     @cached_property
     def table(self) -> tuple[Kernel, ...]:
@@ -138,6 +142,49 @@ class GeneratedRobot:
 
         """
         return functions_of(self.module, self.table, self.folder)
+
+
+_MOST_JOINTS = 20
+_WIDTH = 100
+
+
+def overview(robot: GeneratedRobot) -> str:
+    """Return joints, tips and functions of a robot as a table of one screen."""
+    chain = robot.chain
+    rows = [("q", "joint", "type", "lower", "upper", "velocity", "effort")]
+    for k, each in enumerate(chain.coordinates[:_MOST_JOINTS]):
+        limits = (f"{value:.5g}" for value in (each.lower, each.upper, each.velocity, each.effort))
+        rows.append((str(k), printable(each.name, 30), each.type, *limits))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        f"{robot.name}: {chain.dof} coordinates, base {printable(chain.base)}, "
+        f"tip {listed([tip.link for tip in chain.tips], 8)}, {robot.folder}",
+        *(
+            " ".join(cell.ljust(width) if k in (1, 2) else cell.rjust(width) for k, (cell, width) in enumerate(pairs))
+            for pairs in (list(zip(row, widths, strict=True)) for row in rows)
+        ),
+    ]
+    if len(chain.coordinates) > _MOST_JOINTS:
+        lines.append(f"and {len(chain.coordinates) - _MOST_JOINTS} more joints")
+    lines.append("functions of .module (rad, m, N, N m; arguments: help(robot.module)):")
+    for group, names in _functions_by_group(robot).items():
+        text = f"  {group}: {', '.join(names)}" if group else f"  {', '.join(names)}"
+        lines += textwrap.wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="      ")
+    if robot.has_controller:
+        lines.append("  Impedance(**config): the impedance controller")
+    return "\n".join(lines)
+
+
+def _functions_by_group(robot: GeneratedRobot) -> dict[str, list[str]]:
+    """Return the names of functions by the groups that have them; products are left out."""
+    groups: dict[str, list[str]] = {}
+    for kernel in robot.table:
+        if not kernel.name.endswith("_vjp"):
+            groups.setdefault(kernel.path[-1] if kernel.path else "", []).append(kernel.name)
+    shared: dict[tuple[str, ...], list[str]] = {}
+    for group, names in groups.items():
+        shared.setdefault(tuple(dict.fromkeys(names)), []).append(group)
+    return {", ".join(places): list(names) for names, places in shared.items()}
 
 
 def joined_kernels(name: str, texts: Mapping[str, str]) -> str:

@@ -32,6 +32,7 @@ COMMANDS = {
     "prove": "prove contracts of a robot's C code for all inputs",
     "bench": "time a robot's compiled functions on this machine",
     "play": "write a robot's playground, a page for the browser, and open it",
+    "cache": "list or clear the robots that stiffgen.load() has generated",
     "analyze": "joint stiffness along a recording, corrected and conventional",
 }
 """Commands, each a module of this package, with their help."""

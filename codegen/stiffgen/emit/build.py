@@ -48,7 +48,7 @@ def build_module(folder: Path, name: str) -> None:
         BuildError: no compiler, no Python headers, or the compiler failed; with its last lines.
 
     """
-    compiler = _compiler()
+    compiler = compiler_command()
     header = Path(sysconfig.get_path("include")) / "Python.h"
     if not header.exists():
         raise BuildError(
@@ -110,7 +110,7 @@ def build_library(
         BuildError: no compiler, or it failed; with its last lines.
 
     """
-    compiler = _compiler()
+    compiler = compiler_command()
     library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
     chosen = _FAST_TO_COMPILE if flags is None else flags
     command = [*compiler, "-std=gnu99", *chosen, "-fPIC", "-shared", f"-I{folder.resolve()}"]
@@ -140,7 +140,7 @@ def _self_check(command: Sequence[str], folder: Path, name: str, build: Path) ->
         )
 
 
-def _compiler() -> list[str]:
+def compiler_command() -> list[str]:
     """Return the C compiler and its leading arguments: CC if set, else the first of cc, gcc, clang on the PATH."""
     chosen = shlex.split(os.environ.get("CC", ""))
     for candidate in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:

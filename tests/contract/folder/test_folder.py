@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -129,3 +131,18 @@ def test_an_error_elsewhere_does_not_blame_the_output(tmp_path):
     with pytest.raises(OutputError, match=f"^{elsewhere}: ") as refused, swapped_in(tmp_path / "arm"):
         elsewhere.read_text()
     assert "arm" not in str(refused.value).replace(str(tmp_path), "")
+
+
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.EACCES, "ask for permission"),
+        (errno.EROFS, "choose another --output"),
+        (errno.ENOSPC, "make room"),
+        (errno.ENAMETOOLONG, "choose a shorter"),
+    ],
+)
+def test_the_remedy_fits_the_error(number, remedy):
+    message = str(folder.unwritable(Path("arm"), OSError(number, os.strerror(number))))
+    assert message.startswith(f"arm: cannot be written ({os.strerror(number)}); {remedy}")
+    assert ("room" in message) == (number == errno.ENOSPC)

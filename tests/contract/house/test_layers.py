@@ -21,6 +21,7 @@ LAYERS = (
     ("emit",),
     ("generate",),
     ("opened",),
+    ("cache",),
     ("verify",),
     ("bench", "prove"),
     ("analyze",),

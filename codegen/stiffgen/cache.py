@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: MIT
+"""Robots in the user's cache: generated and compiled on first use, opened afterwards.
+
+The name of an entry is a digest of everything that the compiled module depends on: the robot's file, the options, the
+generator's own files, Python, the processor and the compiler. An entry appears whole or not at all
+(:func:`stiffgen.folder.swapped_in`); a lock keeps two processes from doing the same work at the same time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import os
+import platform
+import sys
+import sysconfig
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stiffgen._version import __version__
+from stiffgen.emit.build import compiler_command
+from stiffgen.errors import BuildError, OutputError, StiffgenError, printable, terminal_text
+from stiffgen.folder import exclusive, remove_unlocked, write_atomically
+from stiffgen.generate import generate_folder
+from stiffgen.names import identifier
+from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.options import GenerationOptions
+from stiffgen.robot.reader import read_description
+from stiffgen.symbolic.potentials import SpringOptions
+
+_VARIABLE = "STIFFGEN_CACHE"
+_FIXED = {"output", "force", "build", "python"}
+"""Options that the cache decides itself."""
+_RECORD = "entry.json"
+_WAITING = "waiting for another process, which generates the same robot"
+
+
+def load(file: str | Path, *, tip: Any = None, base: str | None = None, **options: Any) -> GeneratedRobot:
+    """Open a robot by its file; generate and compile it into the user's cache on first use.
+
+    The folder of the cache is STIFFGEN_CACHE, else ``stiffgen`` in the system's folder for caches. ``stiffgen cache``
+    lists and clears it. After a change of the file, an option, stiffgen, Python or the compiler, the robot is generated
+    again.
+
+    Args:
+        file: path of the robot's file, or what else :func:`stiffgen.generate` takes.
+        tip: link at the end of the chain, or several; default: the only leaf.
+        base: link at the start of the chain; default: the root link.
+        options: other fields of :class:`stiffgen.GenerationOptions`, except ``output``, ``force``, ``build`` and
+            ``python``. ``progress`` is called before each step; default: a line on standard error.
+
+    Returns:
+        The robot, as from :func:`stiffgen.open_robot`: its functions are in ``module``.
+
+    Raises:
+        StiffgenError: as :func:`stiffgen.generate`; also for an option that the cache decides itself.
+
+    """
+    for name in sorted(_FIXED & options.keys()):
+        raise StiffgenError(f"load() decides '{name}' itself; leave it out, or take stiffgen.generate()")
+    chosen = GenerationOptions(tip=tip, base=base, **{"progress": _print_step} | options)
+    digest = _digest(_input_of(file, chosen), _plain(chosen), _generator(), _machine())
+    entry = _entry(f"{identifier(Path(file).stem)}-{digest[:20]}")
+    robot = _open(entry)
+    if robot is None:
+        compiler_command()  # the error of a missing compiler comes before a minute's work
+        _make_folder(entry)
+        with exclusive(entry.with_suffix(".lock"), lambda: chosen.progress(_WAITING)):
+            robot = _open(entry)  # another process may have made it just now
+            if robot is None:
+                folder = generate_folder(file, replace(chosen, output=entry, force=True))
+                record = {"file": str(Path(file).absolute()), "folder": folder.name, "version": __version__}
+                write_atomically(entry / _RECORD, json.dumps(record))
+                robot = open_robot(folder)
+    return robot
+
+
+def cache_folder() -> Path:
+    """Return the folder of the cache, which need not exist: STIFFGEN_CACHE, else the system's folder for caches."""
+    chosen = os.environ.get(_VARIABLE)
+    if chosen:
+        return Path(chosen)
+    if os.name == "nt":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "stiffgen" / "cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "stiffgen"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stiffgen"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Robot in the cache: its folder, the file that it was made from, its size [bytes]."""
+
+    folder: Path
+    file: str
+    size: int
+
+
+def entries() -> list[Entry]:
+    """Return the robots in the cache, by name."""
+    found = []
+    for record in sorted(cache_folder().glob(f"*/{_RECORD}")):
+        content = _read_record(record.parent)
+        if content is not None:
+            size = sum(each.stat().st_size for each in record.parent.rglob("*") if each.is_file())
+            found.append(Entry(record.parent / content["folder"], content["file"], size))
+    return found
+
+
+def clear() -> int:
+    """Remove all robots from the cache, except those that a process is making; return how many were removed.
+
+    Raises:
+        OutputError: one of them cannot be removed.
+
+    """
+    removed = 0
+    for lock in sorted(cache_folder().glob("*-*.lock")):
+        try:
+            removed += remove_unlocked(lock, lock.with_suffix(""))
+        except OSError as error:
+            raise OutputError(f"{lock.parent}: cannot be cleared ({error.strerror})") from error
+    return removed
+
+
+def _print_step(step: str) -> None:
+    print(f"stiffgen: {terminal_text(step)} ...", file=sys.stderr, flush=True)
+
+
+def _open(entry: Path) -> GeneratedRobot | None:
+    """Return the robot of an entry; None if there is none, or a file is not what the manifest says."""
+    content = _read_record(entry)
+    if content is None:
+        return None
+    folder = entry / content["folder"]
+    try:
+        robot = open_robot(folder)
+        whole = all(
+            hashlib.sha256((folder / file).read_bytes()).hexdigest() == digest
+            for file, digest in robot.manifest["files"].items()
+        )
+    except (OSError, OutputError):
+        return None
+    module = folder / "python" / f"{robot.name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
+    return robot if whole and module.exists() else None
+
+
+def _read_record(entry: Path) -> dict[str, str] | None:
+    try:
+        content = json.loads((entry / _RECORD).read_text(encoding="utf-8"))
+        return {key: str(content[key]) for key in ("file", "folder")}
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+
+
+def _make_folder(entry: Path) -> None:
+    """Make an entry's folder; name the variable of the cache if it cannot be written."""
+    try:
+        entry.mkdir(parents=True, exist_ok=True)
+        entry.with_suffix(".lock").touch()
+    except OSError as error:
+        raise OutputError(
+            f"{printable(str(entry.parent), 200)}: the cache cannot be written ({error.strerror}); "
+            f"set {_VARIABLE} to a folder that can be written"
+        ) from error
+
+
+def _entry(name: str) -> Path:
+    """Return the folder of an entry; without a compiler, that of any entry which another compiler made."""
+    try:
+        compiler = _compiler()
+    except BuildError:
+        made = sorted(cache_folder().glob(f"{name}-*/{_RECORD}"))
+        return made[0].parent if made else cache_folder() / f"{name}-none"
+    return cache_folder() / f"{name}-{_digest(compiler)[:8]}"
+
+
+def _compiler() -> list[Any]:
+    """Return the command of the compiler, its flags, and size and date of its program, which an update changes."""
+    command = compiler_command()
+    status = Path(command[0]).resolve().stat()
+    return [*command, os.environ.get("CFLAGS", ""), status.st_size, status.st_mtime_ns]
+
+
+def _input_of(file: str | Path, options: GenerationOptions) -> list[str]:
+    """Return a digest of all that the file says, with its name, which the generated code states."""
+    path = Path(file)
+    if path.suffix == ".urdf" and path.is_file():  # a URDF includes no other file
+        return [path.name, hashlib.sha256(path.read_bytes()).hexdigest()]
+    return [repr(read_description(path, options.chain.ignore))]
+
+
+@cache
+def _generator() -> str:
+    """Return a digest of this package's files: in a working tree they change, and the version does not."""
+    digest = hashlib.sha256(__version__.encode())
+    for file in sorted(Path(__file__).parent.rglob("*")):
+        if file.is_file() and "__pycache__" not in file.parts:
+            digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def _machine() -> list[Any]:
+    """Return what the compiled module depends on: Python, NumPy's generation, jax's headers, the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+    except OSError:
+        lines = []
+    features = next((line for line in lines if line.lower().startswith(("flags", "features"))), platform.processor())
+    has_jax = importlib.util.find_spec("jaxlib") is not None
+    return [sysconfig.get_config_var("EXT_SUFFIX"), np.__version__.split(".")[0], has_jax, platform.machine(), features]
+
+
+def _plain(value: Any) -> Any:
+    """Return an option as values of JSON."""
+    if isinstance(value, GenerationOptions):
+        skipped = {*_FIXED, "progress"}
+        return {each.name: _plain(getattr(value, each.name)) for each in fields(value) if each.name not in skipped}
+    if isinstance(value, SpringOptions):
+        return [value.to_manifest(), value.derivatives]
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def _digest(*values: Any) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: MIT
+"""stiffgen.load: the user's cache, two processes, a crash, changed inputs, and what cannot be written or compiled."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffgen
+from stiffgen import cache
+from stiffgen.cli import main
+from support.project import URDF
+
+SMALL = {"kernels": "hybrid.jacobian", "controller": False, "batches": False, "masses": False}
+LOAD = f"import stiffgen; print(stiffgen.load('arm.urdf', **{SMALL!r}).module.hybrid.jacobian([0.0] * 7).shape)"
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, a robot's file, and a compiler that waits while the file ``wait`` exists."""
+    shutil.copy(URDF, tmp_path / "arm.urdf")
+    compiler = tmp_path / "compiler"
+    wait = "if [ -e wait ]; then touch started; while [ -e wait ]; do sleep 0.01; done; fi"
+    compiler.write_text(f'#!/bin/sh\n(cd {tmp_path}; {wait})\nexec cc "$@"\n')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    monkeypatch.setenv("CFLAGS", "-O0")
+    monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def start() -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", LOAD]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def until(file: Path) -> None:
+    while not file.exists():
+        time.sleep(0.01)
+
+
+def test_first_use_generates_and_the_next_opens(here, monkeypatch, capsys):
+    robot = stiffgen.load("arm.urdf", **SMALL)
+    assert "compiling" in capsys.readouterr().err
+    assert robot.module.hybrid.jacobian(np.zeros(7)).shape == (6, 7)
+    shown = repr(robot).splitlines()
+    assert len(shown) < 25 and max(map(len, shown[1:])) <= 100
+    assert all(any(text in line for line in shown) for text in ("link_ee", "A4", "-2.0944", "hybrid: jacobian"))
+    with monkeypatch.context() as patched:
+        patched.setattr(cache, "generate_folder", None)
+        patched.setattr(cache, "_make_folder", None)  # an entry that is there is opened where nothing can be written
+        assert stiffgen.load(Path("arm.urdf"), **SMALL).folder == robot.folder
+        patched.setenv("CC", str(here / "absent"))  # nor is a compiler needed
+        assert stiffgen.load("arm.urdf", **SMALL).folder == robot.folder
+    assert capsys.readouterr().err == ""
+    (robot.folder / "iiwa14.h").write_text("cut")
+    assert stiffgen.load("arm.urdf", **SMALL).folder == robot.folder
+    assert "iiwa14_hybrid_jacobian" in (robot.folder / "iiwa14.h").read_text()
+    assert main(["cache"]) == 0 and "1 robots" in capsys.readouterr().out
+    assert main(["cache", "--clear"]) == 0 and "1 robots removed" in capsys.readouterr().out
+    assert cache.entries() == [] and not robot.folder.exists()
+
+
+def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
+    made = []
+    monkeypatch.setattr(cache, "generate_folder", lambda file, options: made.append(options.output) or options.output)
+    monkeypatch.setattr(cache, "open_robot", lambda folder: None)
+    monkeypatch.setattr(cache, "_open", lambda entry: None)
+    stiffgen.load("arm.urdf")
+    stiffgen.load(here / "arm.urdf", progress=print)
+    assert made[0] == made[1]
+    stiffgen.load("arm.urdf", tip="link_5")
+    stiffgen.load("arm.urdf", lock={"A3": 0.1})
+    stiffgen.load("arm.urdf", springs=stiffgen.SpringOptions(derivatives=True))
+    stiffgen.load("arm.urdf", tool=stiffgen.Tool(mass=1.0))
+    (here / "arm.urdf").write_text(URDF.read_text() + "<!-- changed -->")
+    stiffgen.load("arm.urdf")
+    monkeypatch.setenv("CFLAGS", "-O1")
+    stiffgen.load("arm.urdf")
+    monkeypatch.setattr(cache, "_generator", lambda: "another version")
+    stiffgen.load("arm.urdf")
+    assert len(set(made)) == len(made) - 1
+
+
+@pytest.mark.slow
+def test_two_processes_at_once_generate_once(here):
+    (here / "wait").touch()
+    first = start()
+    until(here / "started")
+    second = start()
+    assert "waiting for another process" in second.stderr.readline()
+    (here / "wait").unlink()
+    told = [process.communicate(timeout=100) for process in (first, second)]
+    assert [process.returncode for process in (first, second)] == [0, 0], told
+    assert [out for out, _ in told] == 2 * ["(6, 7)\n"]
+    assert ["compiling" in err for _, err in told] == [True, False]
+
+
+@pytest.mark.slow
+def test_after_a_kill_nothing_broken_is_opened(here):
+    (here / "wait").touch()
+    process = start()
+    until(here / "started")
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert cache.entries() == []
+    (here / "wait").unlink()
+    robot = stiffgen.load("arm.urdf", **SMALL)
+    assert robot.module.DOF == 7
+    assert {each.name for each in robot.folder.parent.iterdir()} == {"iiwa14", "entry.json"}
+
+
+def test_refusals(here, monkeypatch):
+    with pytest.raises(stiffgen.StiffgenError, match=r"load\(\) decides 'output' itself"):
+        stiffgen.load("arm.urdf", output="here")
+    with pytest.raises(stiffgen.DescriptionError, match=r"absent\.urdf: cannot be read"):
+        stiffgen.load("absent.urdf")
+    with monkeypatch.context() as patched:
+        patched.setenv("STIFFGEN_CACHE", str(here / "arm.urdf" / "cache"))
+        with pytest.raises(stiffgen.OutputError, match=r"the cache cannot be written .*set STIFFGEN_CACHE"):
+            stiffgen.load("arm.urdf")
+    monkeypatch.setenv("CC", str(here / "absent"))
+    with pytest.raises(stiffgen.BuildError, match="was not found"):
+        stiffgen.load("arm.urdf")
+    assert not (here / "cache").exists()
