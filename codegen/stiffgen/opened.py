@@ -151,7 +151,7 @@ _WIDTH = 100
 def overview(robot: GeneratedRobot) -> str:
     """Return joints, tips and functions of a robot as a table of one screen."""
     chain = robot.chain
-    rows = [("q", "joint", "type", "lower", "upper", "velocity", "effort")]
+    rows: list[tuple[str, ...]] = [("q", "joint", "type", "lower", "upper", "velocity", "effort")]
     for k, each in enumerate(chain.coordinates[:_MOST_JOINTS]):
         limits = (f"{value:.5g}" for value in (each.lower, each.upper, each.velocity, each.effort))
         rows.append((str(k), printable(each.name, 30), each.type, *limits))

@@ -93,13 +93,13 @@ except ImportError as _error:
     if _error.name != __name__:  # the module exists but fails to load: keep the original message
         raise
     raise ImportError(
-        "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
-        "or 'stiffgen generate' on the URDF"
+        "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
+        "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "b17e13fc78b6db4b":
+if getattr(_c, "SOURCES", "") != "c4084cc51594e90a":
     raise ImportError(
-        "iiwa14: its C module was compiled from other sources than those in this folder; run 'make generate' in the "
-        "project, or 'stiffgen generate' on the URDF. Restart Python if it has loaded the old module"
+        "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
+        "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
     )
 
 
@@ -244,3 +244,15 @@ __all__ = [
     "packed",
     "Impedance",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Explain where a name is that this module lacks."""
+    if name in ("jax", "torch", "casadi"):
+        raise ImportError(
+            f"iiwa14: this folder has no module '{name}'; run 'stiffgen generate FILE --derivatives' on the robot's file"
+        )
+    owners = [key for key, value in globals().items() if isinstance(value, _Functions) and hasattr(value, name)]
+    owners.sort(key=lambda owner: owner != "hybrid")
+    hint = f"; it has {', '.join(f'{owner}.{name}' for owner in owners)}" if owners else ""
+    raise AttributeError(f"module 'iiwa14' has no attribute '{name}'{hint}")

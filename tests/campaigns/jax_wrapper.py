@@ -143,7 +143,7 @@ def test_errors_name_the_thing(small):
         arm.hybrid.jacobian(q)
     jax.config.update("jax_enable_x64", True)
     try:
-        with pytest.raises(ValueError, match=r"hybrid\.jacobian\(\): q has the shape \(\d,\), not \(\.\.\., \d\)"):
+        with pytest.raises(ValueError, match=r"hybrid\.jacobian\(\): q has the shape \(\d,\), expected \(\.\.\., \d\)"):
             arm.hybrid.jacobian(q[:-1])
         with pytest.raises(TypeError, match="'wrench'; its arguments are q, wrench, task_stiffness"):
             arm.hybrid.joint_stiffness(q, task_stiffness=np.eye(6))

@@ -22,6 +22,7 @@ typedef struct {
     int inputs;
     int operands; /* inputs, then outputs */
     const char *argument[MAX_OPERANDS];
+    char check[MAX_OPERANDS]; /* of inputs: 'q' joint positions, 't' matrix of which the upper triangle is read, else '-' */
     int rank[MAX_OPERANDS];
     npy_intp extent[MAX_OPERANDS][MAX_RANK];
     void (*evaluate)(const double *const *in, double *const *out); /* NULL: batches only */
@@ -142,6 +143,63 @@ static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_i
     PyMem_RawFree(buffer);
 }
 
+static const double turn_limits[] = {(double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586, (double)6.283185307179586}; /* 2 pi [rad] if the joint's limits are below */
+
+/* Inputs are checked in the first ALL_CALLS calls and every SOME_CALLS-th call, since a check takes some 40 ns. */
+enum { DEGREES = 1, ASYMMETRIC = 2, MOST_CHECKED = 4, ALL_CALLS = 256, SOME_CALLS = 32 };
+static volatile unsigned calls;
+static volatile int suspicious; /* set without the GIL; the calling thread warns, once for each bit */
+static int warned;
+
+static double value_at(const char *at)
+{
+    double value;
+    memcpy(&value, at, sizeof value);
+    return value;
+}
+
+static int is_beyond_a_turn(const char *q, const npy_intp *steps)
+{
+    int beyond = 0;
+    for (npy_intp i = 0; i < 7; ++i) {
+        const double value = value_at(q + i * steps[0]);
+        beyond |= value > turn_limits[i] || value < -turn_limits[i];
+    }
+    return beyond;
+}
+
+/* Compare the triangles of a matrix, or of the first of several, with a tolerance for rounding. */
+static int is_asymmetric(const kernel *k, int operand, const char *matrix, const npy_intp *steps)
+{
+    const int last = k->rank[operand] - 1;
+    const npy_intp size = k->extent[operand][last], row = steps[last - 1], column = steps[last];
+    double scale = 0, largest = 0;
+    for (npy_intp i = 0; i < size; ++i) {
+        const double diagonal = value_at(matrix + i * (row + column));
+        scale += diagonal < 0 ? -diagonal : diagonal;
+        for (npy_intp j = i + 1; j < size; ++j) {
+            const double difference = value_at(matrix + i * row + j * column) - value_at(matrix + j * row + i * column);
+            largest = difference > largest ? difference : -difference > largest ? -difference : largest;
+        }
+    }
+    return largest > (double)1e-9 * scale;
+}
+
+/* Look for degrees and asymmetric matrices in at most MOST_CHECKED configurations of a call. */
+static void look_at_inputs(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
+{
+    const npy_intp *core_steps = steps + k->operands;
+    const npy_intp stride = count > MOST_CHECKED ? (count - 1) / (MOST_CHECKED - 1) : 1;
+    for (int o = 0; o < k->inputs; core_steps += k->rank[o], ++o) {
+        for (npy_intp n = 0; n < count && k->check[o] != '-' && (n == 0 || steps[o] != 0); n += stride) {
+            const char *const block = args[o] + n * steps[o];
+            if (k->check[o] == 'q' ? is_beyond_a_turn(block, core_steps) : is_asymmetric(k, o, block, core_steps)) {
+                suspicious |= k->check[o] == 'q' ? DEGREES : ASYMMETRIC;
+            }
+        }
+    }
+}
+
 static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps, void *data)
 {
     const kernel *k = (const kernel *)data;
@@ -154,6 +212,10 @@ static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps,
     double *buffer = NULL;
     npy_intp needed = 0;
 
+    const unsigned call_number = calls++;
+    if (call_number < ALL_CALLS || call_number % SOME_CALLS == 0) {
+        look_at_inputs(k, args, count, steps);
+    }
     if (k->evaluate == NULL || (count > 1 && k->evaluate_batch != NULL)) {
         batch_loop(k, args, count, steps);
         return;
@@ -566,6 +628,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 2},
         {{7}, {4, 4}},
         evaluate_forward_kinematics,
@@ -594,6 +657,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 2},
         {{7}, {7, 7}},
         evaluate_mass_matrix,
@@ -627,6 +691,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "velocity", "gravity"},
+        "q--",
         {1, 1, 1, 1},
         {{7}, {7}, {3}, {7}},
         evaluate_bias_forces,
@@ -658,6 +723,7 @@ static kernel kernels[] = {
         2,
         3,
         {"q", "gravity"},
+        "q-",
         {1, 1, 0},
         {{7}, {3}, {1}},
         evaluate_gravity_energy,
@@ -688,6 +754,7 @@ static kernel kernels[] = {
         2,
         3,
         {"q", "gravity"},
+        "q-",
         {1, 1, 1},
         {{7}, {3}, {7}},
         evaluate_gravity_gradient,
@@ -718,6 +785,7 @@ static kernel kernels[] = {
         2,
         3,
         {"q", "gravity"},
+        "q-",
         {1, 1, 2},
         {{7}, {3}, {7, 7}},
         evaluate_gravity_joint_stiffness,
@@ -744,6 +812,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 2},
         {{7}, {6, 7}},
         evaluate_body_jacobian,
@@ -769,6 +838,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_body_jacobian_transpose_derivative,
@@ -797,6 +867,7 @@ static kernel kernels[] = {
         2,
         3,
         {"q", "wrench"},
+        "q-",
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_body_kinematic_stiffness,
@@ -823,6 +894,7 @@ static kernel kernels[] = {
         1,
         2,
         {"wrench"},
+        "-",
         {1, 2},
         {{6}, {6, 6}},
         evaluate_body_connection_correction,
@@ -854,6 +926,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q-t",
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_body_joint_stiffness,
@@ -885,6 +958,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q--",
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_body_joint_stiffness_uncorrected,
@@ -911,6 +985,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 2},
         {{7}, {6, 7}},
         evaluate_spatial_jacobian,
@@ -936,6 +1011,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_spatial_jacobian_transpose_derivative,
@@ -964,6 +1040,7 @@ static kernel kernels[] = {
         2,
         3,
         {"q", "wrench"},
+        "q-",
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_spatial_kinematic_stiffness,
@@ -993,6 +1070,7 @@ static kernel kernels[] = {
         1,
         2,
         {"wrench"},
+        "-",
         {1, 2},
         {{6}, {6, 6}},
         evaluate_spatial_connection_correction,
@@ -1027,6 +1105,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q-t",
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_spatial_joint_stiffness,
@@ -1058,6 +1137,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q--",
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_spatial_joint_stiffness_uncorrected,
@@ -1084,6 +1164,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 2},
         {{7}, {6, 7}},
         evaluate_hybrid_jacobian,
@@ -1109,6 +1190,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 3},
         {{7}, {7, 7, 6}},
         evaluate_hybrid_jacobian_transpose_derivative,
@@ -1137,6 +1219,7 @@ static kernel kernels[] = {
         2,
         3,
         {"q", "wrench"},
+        "q-",
         {1, 1, 2},
         {{7}, {6}, {7, 7}},
         evaluate_hybrid_kinematic_stiffness,
@@ -1163,6 +1246,7 @@ static kernel kernels[] = {
         1,
         2,
         {"wrench"},
+        "-",
         {1, 2},
         {{6}, {6, 6}},
         evaluate_hybrid_connection_correction,
@@ -1194,6 +1278,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q-t",
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_hybrid_joint_stiffness,
@@ -1225,6 +1310,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q--",
         {1, 1, 2, 2},
         {{7}, {6}, {6, 6}, {7, 7}},
         evaluate_hybrid_joint_stiffness_uncorrected,
@@ -1264,6 +1350,7 @@ static kernel kernels[] = {
         4,
         5,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 0},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {1}},
         evaluate_spring_energy,
@@ -1303,6 +1390,7 @@ static kernel kernels[] = {
         4,
         5,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 1},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {6}},
         evaluate_spring_wrench,
@@ -1342,6 +1430,7 @@ static kernel kernels[] = {
         4,
         5,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 2},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {6, 6}},
         evaluate_spring_task_stiffness,
@@ -1380,6 +1469,7 @@ static kernel kernels[] = {
         4,
         5,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 1},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {7}},
         evaluate_spring_torque,
@@ -1419,6 +1509,7 @@ static kernel kernels[] = {
         4,
         5,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 2},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {7, 7}},
         evaluate_spring_joint_stiffness,
@@ -1462,6 +1553,7 @@ static kernel kernels[] = {
         4,
         7,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 0, 1, 2},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {1}, {7}, {7, 7}},
         evaluate_spring_linearization,
@@ -1493,6 +1585,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "posture", "posture_stiffness"},
+        "q--",
         {1, 1, 1, 0},
         {{7}, {7}, {7}, {1}},
         evaluate_posture_energy,
@@ -1524,6 +1617,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "posture", "posture_stiffness"},
+        "q--",
         {1, 1, 1, 1},
         {{7}, {7}, {7}, {7}},
         evaluate_posture_torque,
@@ -1555,6 +1649,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "posture", "posture_stiffness"},
+        "q--",
         {1, 1, 1, 2},
         {{7}, {7}, {7}, {7, 7}},
         evaluate_posture_joint_stiffness,
@@ -1593,6 +1688,7 @@ static kernel kernels[] = {
         5,
         6,
         {"q", "lower", "upper", "zone", "limit_stiffness"},
+        "q----",
         {1, 1, 1, 0, 1, 0},
         {{7}, {7}, {7}, {1}, {7}, {1}},
         evaluate_limits_energy,
@@ -1632,6 +1728,7 @@ static kernel kernels[] = {
         5,
         6,
         {"q", "lower", "upper", "zone", "limit_stiffness"},
+        "q----",
         {1, 1, 1, 0, 1, 1},
         {{7}, {7}, {7}, {1}, {7}, {7}},
         evaluate_limits_torque,
@@ -1671,6 +1768,7 @@ static kernel kernels[] = {
         5,
         6,
         {"q", "lower", "upper", "zone", "limit_stiffness"},
+        "q----",
         {1, 1, 1, 0, 1, 2},
         {{7}, {7}, {7}, {1}, {7}, {7, 7}},
         evaluate_limits_joint_stiffness,
@@ -1700,6 +1798,7 @@ static kernel kernels[] = {
         1,
         2,
         {"q"},
+        "q",
         {1, 1},
         {{7}, {28}},
         NULL,
@@ -1730,6 +1829,7 @@ static kernel kernels[] = {
         2,
         3,
         {"q", "gravity"},
+        "q-",
         {1, 1, 1},
         {{7}, {3}, {28}},
         NULL,
@@ -1761,6 +1861,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q-t",
         {1, 1, 2, 1},
         {{7}, {6}, {6, 6}, {28}},
         NULL,
@@ -1795,6 +1896,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q-t",
         {1, 1, 2, 1},
         {{7}, {6}, {6, 6}, {28}},
         NULL,
@@ -1826,6 +1928,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "wrench", "task_stiffness"},
+        "q-t",
         {1, 1, 2, 1},
         {{7}, {6}, {6, 6}, {28}},
         NULL,
@@ -1865,6 +1968,7 @@ static kernel kernels[] = {
         4,
         5,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 1},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {21}},
         NULL,
@@ -1904,6 +2008,7 @@ static kernel kernels[] = {
         4,
         5,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 1},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {28}},
         NULL,
@@ -1947,6 +2052,7 @@ static kernel kernels[] = {
         4,
         7,
         {"q", "equilibrium", "translation_stiffness", "rotation_stiffness"},
+        "q-tt",
         {1, 2, 2, 2, 0, 1, 1},
         {{7}, {4, 4}, {3, 3}, {3, 3}, {1}, {7}, {28}},
         NULL,
@@ -1978,6 +2084,7 @@ static kernel kernels[] = {
         3,
         4,
         {"q", "posture", "posture_stiffness"},
+        "q--",
         {1, 1, 1, 1},
         {{7}, {7}, {7}, {28}},
         NULL,
@@ -2017,6 +2124,7 @@ static kernel kernels[] = {
         5,
         6,
         {"q", "lower", "upper", "zone", "limit_stiffness"},
+        "q----",
         {1, 1, 1, 0, 1, 1},
         {{7}, {7}, {7}, {1}, {7}, {28}},
         NULL,
@@ -2060,20 +2168,91 @@ static int argument_place(const kernel *k, PyObject *name)
     return -1;
 }
 
+/* Replace NumPy's error about a missing argument or a wrong shape by one that names the argument. */
+static PyObject *explain(const kernel *k, PyObject *const *args, Py_ssize_t count)
+{
+    if (PyErr_ExceptionMatches(PyExc_TypeError) && count < k->inputs) {
+        PyErr_Clear();
+        return argument_error(k, "lacks", k->argument[count]);
+    }
+    if (!PyErr_ExceptionMatches(PyExc_ValueError)) {
+        return NULL;
+    }
+    PyObject *type, *value, *traceback;
+    PyErr_Fetch(&type, &value, &traceback);
+    for (int i = 0; i < k->inputs && i < count; ++i) {
+        PyArrayObject *const array = (PyArrayObject *)PyArray_FROM_O(args[i]);
+        if (array == NULL) {
+            PyErr_Clear();
+            continue;
+        }
+        const int leading = PyArray_NDIM(array) - k->rank[i];
+        int fits = leading >= 0;
+        for (int d = 0; d < k->rank[i] && fits; ++d) {
+            fits = PyArray_DIM(array, leading + d) == k->extent[i][d];
+        }
+        PyObject *const shape = fits ? NULL : PyObject_GetAttrString((PyObject *)array, "shape");
+        Py_DECREF(array);
+        if (shape != NULL) {
+            PyObject *expected = PyUnicode_FromString("...");
+            for (int d = 0; d < k->rank[i] && expected != NULL; ++d) {
+                Py_SETREF(expected, PyUnicode_FromFormat("%U, %zd", expected, (Py_ssize_t)k->extent[i][d]));
+            }
+            if (expected != NULL) {
+                PyErr_Format(PyExc_ValueError, "%s(): %s has the shape %S, expected (%U)", k->name, k->argument[i], shape, expected);
+                Py_DECREF(expected);
+            }
+            Py_DECREF(shape);
+            Py_XDECREF(type);
+            Py_XDECREF(value);
+            Py_XDECREF(traceback);
+            return NULL;
+        }
+    }
+    PyErr_Restore(type, value, traceback);
+    return NULL;
+}
+
+static int warn(int bit, const char *message)
+{
+    if ((suspicious & bit & ~warned) == 0) {
+        return 0;
+    }
+    warned |= bit;
+    return PyErr_WarnEx(PyExc_UserWarning, message, 1);
+}
+
+/* Call NumPy's ufunc with arguments by position; explain errors, and warn once about likely mistakes. */
+static PyObject *checked_call(const kernel *k, PyObject *self, PyObject *const *args, size_t flags, PyObject *keywords)
+{
+    PyObject *const result = numpys_call(self, args, flags, keywords);
+    if (result == NULL) {
+        return explain(k, args, PyVectorcall_NARGS(flags));
+    }
+    if ((suspicious & ~warned) != 0
+        && (warn(DEGREES, "iiwa14: a joint position is beyond 2 pi, and the joint's limits are below: are the positions in degrees? "
+                "Functions take radians") < 0
+            || warn(ASYMMETRIC, "iiwa14: a stiffness matrix is not symmetric, and only its upper triangle is read") < 0)) {
+        Py_DECREF(result);
+        return NULL;
+    }
+    return result;
+}
+
 /* Call a ufunc with named arguments. NumPy's call takes a function's arguments only by position: put them in order. */
 static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObject *keywords)
 {
     enum { MAX_OTHERS = 16 };
-    if (keywords == NULL) {
-        return numpys_call(self, args, flags, NULL);
-    }
     const kernel *const k = (const kernel *)((PyUFuncObject *)self)->data[0];
+    if (keywords == NULL) {
+        return checked_call(k, self, args, flags, NULL);
+    }
     const Py_ssize_t count = PyVectorcall_NARGS(flags), named = PyTuple_GET_SIZE(keywords);
     PyObject *ordered[MAX_OPERANDS + MAX_OTHERS] = {NULL};
     PyObject *others[MAX_OTHERS];
     Py_ssize_t left = 0;
     if (count > k->inputs || named > MAX_OTHERS) {
-        return numpys_call(self, args, flags, keywords);
+        return checked_call(k, self, args, flags, keywords);
     }
     for (Py_ssize_t i = 0; i < count; ++i) {
         ordered[i] = args[i];
@@ -2091,7 +2270,7 @@ static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObj
         }
     }
     if (left == named) {
-        return numpys_call(self, args, flags, keywords);
+        return checked_call(k, self, args, flags, keywords);
     }
     for (int i = 0; i < k->inputs; ++i) {
         if (ordered[i] == NULL) {
@@ -2108,7 +2287,7 @@ static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObj
             return NULL;
         }
     }
-    PyObject *const result = numpys_call(self, ordered, (size_t)k->inputs, rest);
+    PyObject *const result = checked_call(k, self, ordered, (size_t)k->inputs, rest);
     Py_XDECREF(rest);
     return result;
 }
@@ -2541,7 +2720,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "b17e13fc78b6db4b") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "c4084cc51594e90a") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

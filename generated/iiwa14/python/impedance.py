@@ -14,13 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-try:
-    from . import iiwa14_python as _c
-except ImportError as _error:
-    raise ImportError(
-        "iiwa14: its C module is not built for this Python; run 'make generate' in the project, "
-        "or 'stiffgen generate' on the URDF"
-    ) from _error
+from . import iiwa14_python as _c
 
 
 def _layout(structure: str) -> np.dtype[Any]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,19 @@ def _protocol(page: KernelPage) -> str:
     return "_".join(["_Of", *page.inputs, *([str(count)] if count > 1 else [])])
 
 
+def _checks(page: KernelPage) -> str:
+    """Return a letter for each argument: q for joint positions, t for a matrix whose upper triangle is read, else -."""
+    triangles = {each.name for each in page.kernel.arguments if each.triangle and not page.name.endswith("_vjp")}
+    letters = dict.fromkeys(triangles, "t") | {"q": "q"}
+    return "".join(letters.get(name, "-") for name in page.inputs)
+
+
+def _turn_limits(chain: Chain) -> list[str]:
+    """Return the largest plausible magnitude of each joint position: 2 pi where the joint's limits are below."""
+    is_short = [c.type != "prismatic" and max(-c.lower, c.upper) <= 2 * math.pi for c in chain.coordinates]
+    return [f"{2 * math.pi!r}" if short else "INFINITY" for short in is_short]
+
+
 def overview(groups: list[Group]) -> list[str]:
     """Return call, shape and meaning of every function; groups with the same functions are listed once."""
     calls_of = {".".join(filter(None, (group.tip, group.group))): _calls(group.kernels) for group in groups}
@@ -98,6 +112,8 @@ def _variables(request: Request) -> dict[str, Any]:
         "protocols": {page.qualified_name: _protocol(page) for page in pages},
         "argument_lists": list(dict.fromkeys((tuple(page.inputs), len(page.results)) for page in pages)),
         "docstrings": {page.qualified_name: _page_docstring(request.chain, page) for page in pages},
+        "checks": {page.qualified_name: _checks(page) for page in pages},
+        "turn_limits": _turn_limits(request.chain),
         "extents": {
             page.qualified_name: [_initialiser(array) for array in (*page.arguments, *page.results)] for page in pages
         },
