@@ -28,10 +28,10 @@ from stiffgen.emit.build import compiler_command
 from stiffgen.errors import BuildError, OutputError, StiffgenError, printable, terminal_text
 from stiffgen.folder import exclusive, remove_unlocked, write_atomically
 from stiffgen.generate import generate_folder
+from stiffgen.loading import describe
 from stiffgen.names import identifier
 from stiffgen.opened import GeneratedRobot, open_robot
 from stiffgen.options import GenerationOptions
-from stiffgen.robot.reader import read_description
 from stiffgen.symbolic.potentials import SpringOptions
 
 _VARIABLE = "STIFFGEN_CACHE"
@@ -191,9 +191,11 @@ def _compiler() -> list[Any]:
 def _input_of(file: str | Path, options: GenerationOptions) -> list[str]:
     """Return a digest of all that the file says, with its name, which the generated code states."""
     path = Path(file)
-    if path.suffix == ".urdf" and path.is_file():  # a URDF includes no other file
-        return [path.name, hashlib.sha256(path.read_bytes()).hexdigest()]
-    return [repr(read_description(path, options.chain.ignore))]
+    if path.suffix == ".urdf" and path.is_file():
+        data = path.read_bytes()
+        if b"xacro" not in data:  # a URDF includes no other file, a template may
+            return [path.name, hashlib.sha256(data).hexdigest()]
+    return [repr(describe(file, options.chain.reading))]
 
 
 @cache

@@ -12,7 +12,6 @@ from typing import Any
 
 from stiffgen.cli.memory import check_memory
 
-
 _ASSIGNMENT = re.compile(r"(\w+):=(.*)", re.DOTALL)
 
 
