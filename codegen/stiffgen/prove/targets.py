@@ -11,6 +11,7 @@ from typing import Any
 
 from stiffgen.errors import OutputError
 from stiffgen.opened import GeneratedRobot
+from stiffgen.prove.verdict import read_content
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def read_targets(file: Path) -> tuple[dict[str, str], tuple[Target, ...]]:
 
     """
     try:
-        content: Any = json.loads(file.read_text(encoding="utf-8"))
+        content = read_content(file)
         targets = tuple(_target(row) for row in content["targets"])
         return dict(content["sources"]), targets
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

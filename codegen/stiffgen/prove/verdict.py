@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import stat
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -52,6 +53,9 @@ def write_verdicts(
         raise OutputError(f"{file}: cannot be written ({error.strerror}); give another --json") from error
 
 
+_MOST_BYTES = 1 << 26
+
+
 @dataclass(frozen=True)
 class Filed:
     """Verdicts read from a file."""
@@ -62,6 +66,14 @@ class Filed:
     verdicts: tuple[Verdict, ...]
 
 
+def read_content(file: Path) -> Any:
+    """Read a file of JSON; OSError, ValueError or RecursionError for a device, a large file or other contents."""
+    status = file.stat()
+    if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_BYTES:  # a device has no end
+        raise ValueError(f"no regular file of at most {_MOST_BYTES} bytes")
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
 def read_verdicts(file: Path) -> Filed:
     """Read the file that :func:`write_verdicts` wrote.
 
@@ -70,7 +82,7 @@ def read_verdicts(file: Path) -> Filed:
 
     """
     try:
-        content: Any = json.loads(file.read_text(encoding="utf-8"))
+        content = read_content(file)
         verdicts = tuple(_verdict(row) for row in content["verdicts"])
         return Filed(str(content["robot"]), dict(content["sources"]), dict(content["tools"]), verdicts)
     except OSError as error:
@@ -91,4 +103,6 @@ def _verdict(row: Any) -> Verdict:
     texts = (verdict.function, verdict.claims, verdict.tool, verdict.detail)
     if not all(isinstance(text, str) for text in texts) or not isinstance(verdict.seconds, (int, float)):
         raise ValueError("a field has another type")
+    if not 0.0 <= verdict.seconds < 1e9:  # a larger integer cannot be printed as a number of seconds
+        raise ValueError("a time is negative or endless")
     return verdict

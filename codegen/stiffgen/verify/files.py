@@ -51,7 +51,8 @@ def _unlisted(robot: GeneratedRobot) -> list[str]:
     """Return the files of the folder that the manifest does not list, without modules compiled from its sources."""
     known = {MANIFEST, *robot.manifest["files"]}
     compiled = re.compile(rf"{robot.name}_(python|casadi|jax)(\.[\w-]+)?\.(so|pyd)")
-    files = [file.relative_to(robot.folder) for file in robot.folder.rglob("*") if not file.is_dir()]
+    found = (file for file in robot.folder.rglob("*") if file.is_symlink() or not file.is_dir())
+    files = [file.relative_to(robot.folder) for file in found]  # a link to a folder is a package that Python imports
     return sorted(
         str(file)
         for file in files

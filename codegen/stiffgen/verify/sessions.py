@@ -90,9 +90,14 @@ def confined(work: Callable[[], list[str]], seconds: int = 1200) -> list[str]:
         finally:
             os._exit(1)
     os.close(writer)
-    with os.fdopen(reader, encoding="utf-8") as pipe:
-        text = pipe.read()
-    status = os.waitpid(child, 0)[1]
+    try:
+        with os.fdopen(reader, encoding="utf-8") as pipe:
+            text = pipe.read()
+    except BaseException:  # a signal ends the parent: the child ends with it
+        os.kill(child, signal.SIGKILL)
+        raise
+    finally:
+        status = os.waitpid(child, 0)[1]
     if status != 0:
         return [f"the controller ends its process (status {os.waitstatus_to_exitcode(status)})"]
     return [str(fault) for fault in json.loads(text)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import py_compile
 import sys
 from collections.abc import Callable
@@ -17,6 +18,8 @@ from stiffgen.cli import main
 from stiffgen.errors import OutputError
 from stiffgen.opened import open_robot
 from stiffgen.prove.safety_page import filed_for, targets_for
+from stiffgen.prove.targets import read_targets
+from stiffgen.prove.verdict import read_verdicts
 from stiffgen.verify.files import check_text, load_module, print_again
 from stiffgen.verify.verify import verify
 from support.folders import copy_folder, restamp
@@ -42,6 +45,23 @@ def test_nothing_of_a_folder_with_other_files_is_run(file: str, robot_folder: Pa
     assert not files.passed and file in files.detail
     assert not functions.passed and functions.oracle == "not run"
     assert not (tmp_path / "mark").exists()
+
+
+def test_a_link_to_a_package_is_not_imported(robot_folder: Path, tmp_path: Path) -> None:
+    """Python prefers a package to the compiled module of the same name, and a link to a folder has no files."""
+    folder, other = copy_folder(robot_folder, tmp_path), tmp_path / "other"
+    other.mkdir()
+    (other / "__init__.py").write_text(planted(folder))
+    (folder / "iiwa14_python").symlink_to(other)
+    files, functions = verify(folder)
+    assert "iiwa14_python" in files.detail and functions.oracle == "not run"
+    assert not (tmp_path / "mark").exists()
+
+
+@pytest.mark.parametrize("read", [read_verdicts, read_targets])
+def test_evidence_is_a_regular_file(read: Callable[[Path], Any]) -> None:
+    with pytest.raises(OutputError, match="no regular file"):
+        read(Path("/dev/zero"))
 
 
 def test_bytecode_beside_the_sources_is_not_run(robot_folder: Path, tmp_path: Path) -> None:
@@ -106,6 +126,8 @@ def test_evidence_covers_every_source(kind: str, tmp_path: Path, capsys: pytest.
         ("proofs", {"outcome": "perhaps"}),
         ("proofs", {"outcome": ["proved"]}),
         ("proofs", {"seconds": "long"}),
+        ("proofs", {"seconds": 10**400}),
+        ("proofs", {"seconds": math.inf}),
         ("targets", {"right": "yes"}),
         ("targets", {"instructions": {"f": 3}}),
         ("targets", {"step": ["a", "b"]}),
