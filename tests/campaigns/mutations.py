@@ -15,11 +15,12 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import itertools
 import random
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -166,44 +167,52 @@ class KernelWorkshop(Workshop):
     def __init__(self, robot: GeneratedRobot, folder: Path, file: str) -> None:
         super().__init__(robot, folder)
         self.objects = [each for each in self.objects if each != f"{folder / file}.o"]
-        self.text = (folder / file).read_text()
+        self.text, self.batch = (folder / file).read_text(), file.endswith("_batch.c")
         reference = self.compile(self.text)
         assert reference is not None
         self.reference, self.code = reference
 
     def faults(self, library: Path, seed: int) -> list[str]:
-        """Return the comparisons of the first step of ``verify`` that has failed ones."""
-        robot, built = self.robot, ctypes.CDLL(str(library))
+        """Return the first comparison that fails."""
+        return next(([check.kernel] for check in self._checks(ctypes.CDLL(str(library)), seed) if not check.passed), [])
+
+    def _checks(self, built: ctypes.CDLL, seed: int) -> Iterator[Check]:
+        """Yield the comparisons of ``verify`` that look at the changed source, the fast ones first."""
+        robot, rounding = self.robot, self.robot.manifest["rounding"]
         chain, table, name, scalar = robot.chain, robot.table, robot.name, robot.scalar
-        single = {kernel.qualified_name: _of_c(built, name, kernel, chain) for kernel in table}
+        functions = {kernel.qualified_name: _of_c(built, name, kernel, chain, batch=self.batch) for kernel in table}
         pool, libraries = argument_samples(chain, LONG, seed, robot.springs), {"native": built}
-        rounding = robot.manifest["rounding"]
-        steps: tuple[Callable[[], list[Check]], ...] = (
-            lambda: check_c_tables(robot, libraries),
-            lambda: check_against_casadi(single, chain, 20, seed, robot.springs),
-            lambda: check_c_batches(libraries, name, single, table, chain, pool, scalar),
-            lambda: check_certified_bounds([single], table, chain, scalar, rounding, rounding, pool),
-            lambda: check_not_finite(single, table, pool, scalar),
-            lambda: check_far_angles(single, chain, seed, robot.springs),
-            lambda: check_bounds(built, name, table, chain, pool, scalar),
-        )
-        failed = ([check.kernel for check in step() if not check.passed] for step in steps)
-        return next((each for each in failed if each), [])
+        yield from check_c_tables(robot, libraries)
+        yield from check_against_casadi(functions, chain, 20, seed, robot.springs)
+        yield from check_certified_bounds([functions], table, chain, scalar, rounding, rounding, pool)
+        for kernel in table:
+            yield from check_not_finite(functions, (kernel,), pool, scalar)
+            yield from check_bounds(built, name, (kernel,), chain, pool, scalar)
+            if self.batch:
+                yield from check_c_batches(libraries, name, functions, (kernel,), chain, pool, scalar)
+        yield from check_far_angles(functions, chain, seed, robot.springs)
 
 
-def _of_c(library: ctypes.CDLL, name: str, kernel: Kernel, chain: Chain) -> Callable[..., Any]:
-    """Return a C function of one configuration as a function of one or of a stack."""
-    function = library[f"{name}_{kernel.qualified_name}"]
+def _of_c(library: ctypes.CDLL, name: str, kernel: Kernel, chain: Chain, *, batch: bool) -> Callable[..., Any]:
+    """Return a C function of one configuration, or its batch, as a function of one or of a stack."""
+    batch = batch and kernel.batch
+    function = library[f"{name}_{kernel.qualified_name}{'_batch' if batch else ''}"]
     shapes = [argument.array(chain).shape for argument in kernel.arguments]
     shapes_of_results = [result.array(chain).shape for result in kernel.results]
 
     def call(*arguments: Any) -> Any:
         stacks = [
-            np.reshape(np.array(each, float), (-1, *shape)) for each, shape in zip(arguments, shapes, strict=True)
+            np.reshape(np.ascontiguousarray(each, float), (-1, *shape))
+            for each, shape in zip(arguments, shapes, strict=True)
         ]
         results = [np.empty((len(stacks[0]), *shape)) for shape in shapes_of_results]
-        for row in range(len(stacks[0])):
-            function(*(ctypes.c_void_p(each[row : row + 1].ctypes.data) for each in (*stacks, *results)))
+        if batch:
+            given = ((ctypes.c_void_p(each.ctypes.data), ctypes.c_ssize_t(each[0].size)) for each in stacks)
+            outs = (ctypes.c_void_p(each.ctypes.data) for each in results)
+            function(ctypes.c_size_t(len(stacks[0])), *itertools.chain(*given), *outs)
+        else:
+            for row in range(len(stacks[0])):
+                function(*(ctypes.c_void_p(each[row : row + 1].ctypes.data) for each in (*stacks, *results)))
         if np.ndim(arguments[0]) == len(shapes[0]):
             results = [each[0] for each in results]
         return tuple(results) if len(results) > 1 else results[0]
