@@ -7,6 +7,7 @@ python docs/site/build.py FOLDER
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import socket
 import sys
@@ -49,6 +50,52 @@ class Page(HTMLParser):
         self.loaded += [given[key] for key in ("src", "href", "data") if key in given and tag not in ("a", "base")]
 
 
+class Excerpt(HTMLParser):
+    """Text of a page's main part: ``sections``, pairs of an anchor and the text behind it."""
+
+    _SILENT = ("script", "style", "svg", "button")
+    _BLOCKS = ("p", "li", "td", "th", "dt", "dd", "pre", "h1", "h2", "h3", "h4", "div")
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.sections: list[tuple[str, str]] = []
+        self._inside = self._silent = 0
+        self.feed(file.read_text())
+        self.sections = [(anchor, " ".join(text.replace("¶", "").split())) for anchor, text in self.sections]
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Enter the main part, or a section of it."""
+        given = dict(attrs)
+        if tag == "article" and given.get("role") == "main":
+            self._inside, self.sections = 1, [("", "")]
+        if not self._inside:
+            return
+        self._silent += tag in self._SILENT
+        if tag == "section":
+            self.sections.append((given.get("id") or "", ""))
+
+    def handle_endtag(self, tag: str) -> None:
+        """Leave the main part; words of two blocks stand apart."""
+        self._silent -= self._inside and tag in self._SILENT
+        if tag == "article":
+            self._inside = 0
+        if tag in self._BLOCKS:
+            self.handle_data(" ")
+
+    def handle_data(self, data: str) -> None:
+        """Add text to the section."""
+        if self._inside and not self._silent:
+            anchor, text = self.sections[-1]
+            self.sections[-1] = (anchor, text + data)
+
+
+def write_excerpts(folder: Path) -> None:
+    """Write the index of excerpts that the search shows where the site is opened from a file."""
+    index = {str(file.relative_to(folder)): Excerpt(file).sections for file in sorted(folder.rglob("*.html"))}
+    text = json.dumps({page: sections for page, sections in index.items() if sections}, ensure_ascii=False)
+    (folder / "_static" / "excerpts.js").write_text(f"window.excerpts = {text};\n")
+
+
 def faults(folder: Path) -> list[str]:
     """Return links of the site that lead nowhere, and addresses that it would load from a network."""
     pages = {file.resolve(): Page(file) for file in folder.rglob("*.html")}
@@ -79,6 +126,8 @@ def main(folder: Path) -> int:
     stage(folder / "pages")
     options = ["--quiet", "--fail-on-warning", "--keep-going", "-E", "-c", str(Path(__file__).parent)]
     code = sphinx([*options, str(folder / "pages"), str(folder / "html")])
+    if code == 0:
+        write_excerpts(folder / "html")
     wrong = faults(folder / "html") if code == 0 else []
     print("\n".join([*wrong, f"open {folder}/html/index.html"]))
     return code or bool(wrong)

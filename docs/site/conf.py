@@ -25,6 +25,8 @@ html_title = f"stiffgen {version}"
 html_copy_source = False
 html_show_sphinx = False
 html_math_renderer = "mathml"
+html_static_path = [str(Path(__file__).parent / "static")]
+html_css_files = ["site.css"]
 pygments_style, pygments_dark_style = "default", "monokai"
 
 
@@ -34,7 +36,7 @@ def _inline(writer: Any, node: Any) -> None:
 
 
 def _block(writer: Any, node: Any) -> None:
-    writer.body.append(f"<div>{convert(node.astext(), display='block')}</div>")
+    writer.body.append(f'<div class="formula">{convert(node.astext(), display="block")}</div>')
     raise SkipNode
 
 
@@ -42,7 +44,14 @@ def _as_it_is(app: Any, config: Any) -> None:
     config.html_extra_path = [str(folder) for folder in [Path(app.srcdir) / "as_it_is"] if folder.is_dir()]
 
 
+def _search_from_a_file(app: Any, page: str, *_: Any) -> None:
+    if page == "search":
+        app.add_js_file("excerpts.js")  # build.py writes it
+        app.add_js_file("search_from_file.js")
+
+
 def setup(app: Any) -> None:
     """Equations as MathML, which browsers draw themselves: the site needs no script from elsewhere."""
+    app.connect("html-page-context", _search_from_a_file)
     app.connect("config-inited", _as_it_is)
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))

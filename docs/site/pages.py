@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import base64
 import itertools
+import json
 import os
 import re
 import shutil
@@ -29,6 +31,7 @@ PAGES = (
 )  # fmt: skip
 CONTENTS = {
     "Start": ("docs/start", "docs/playground", "docs/install"),
+    "Notebooks": ("notebooks/first_steps", "notebooks/my_robot", "notebooks/springs_and_orbits", "notebooks/tuning"),
     "Concepts": (
         "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/casadi", "docs/identify",
         "docs/whole_body",
@@ -244,6 +247,22 @@ def index() -> str:
     return "\n".join(parts)
 
 
+def notebook(file: Path, folder: Path) -> str:
+    """Return a notebook as a page: its texts, code and outputs; pictures go into the folder."""
+    book, parts = json.loads(file.read_text()), []
+    for number, cell in enumerate(book["cells"]):
+        text = "".join(cell["source"])
+        parts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+        for output in cell.get("outputs", ()):
+            if "text" in output:
+                parts.append(f"```text\n{''.join(output['text']).rstrip()}\n```")
+            elif "image/png" in output["data"]:
+                picture = f"{file.stem}_{number}.png"
+                (folder / picture).write_bytes(base64.b64decode("".join(output["data"]["image/png"])))
+                parts.append(f"![Output of the cell above]({picture})")
+    return "\n\n".join([*parts, f"*This page is the notebook `{file.relative_to(ROOT)}` with its outputs.*\n"])
+
+
 def playground(folder: Path) -> None:
     """Put the iiwa 14's page among what goes into the site as it is, with a link to it, where it can be compiled."""
     if not (shutil.which("clang") and shutil.which("wasm-ld")):
@@ -266,6 +285,9 @@ def stage(folder: Path) -> None:
             else:
                 shutil.copyfile(file, target)
     (folder / "index.md").write_text(index())
+    (folder / "notebooks").mkdir()
+    for file in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
+        (folder / "notebooks" / f"{file.stem}.md").write_text(notebook(file, folder / "notebooks"))
     (folder / "reference").mkdir()
     for page in (functions, controller, faults, cpp, python, command_line):
         (folder / "reference" / f"{page.__name__}.md").write_text(page())

@@ -5,6 +5,7 @@ import { readFileSync } from "node:fs";
 import { jointFrames, pointJacobian, tipFrame } from "./chain.js";
 import { startKernels } from "./kernels.js";
 import * as mechanics from "./mechanics.js";
+import { SWING_LAWS, Swing } from "./swing.js";
 
 const { data, wasm, tip: index, tasks } = JSON.parse(readFileSync(process.argv[2], "utf8"));
 const kernels = await startKernels(Buffer.from(wasm, "base64"), data.functions, `${data.name}_self_check`);
@@ -25,6 +26,18 @@ const DO = {
     return mechanics.loopWork(tip, posture, F, mechanics.stiffnesses(tip, posture, F, gains, chosen), closed);
   },
   follow: ({ q, place, orientation }) => mechanics.follow(tip, Float64Array.from(q), place, Float64Array.from(orientation)),
+  swing: ({ q, wrench, gains, damping, seconds }) => {
+    const posture = Float64Array.from(q), matrices = mechanics.stiffnesses(tip, posture, Float64Array.from(wrench), gains, false);
+    return SWING_LAWS.map((law) => {
+      const swing = new Swing(tip, posture, matrices, law, damping);
+      swing.advance(seconds);
+      return { law, q: swing.q, made: swing.made, spring: matrices.spring };
+    });
+  },
+  drag: ({ q, places, orientation }) => {
+    let posture = Float64Array.from(q);
+    return places.map((place) => (posture = mechanics.follow(tip, posture, place, Float64Array.from(orientation))));
+  },
   bent: () => mechanics.bentPosture(data),
   singular: ({ q }) => {
     const near = mechanics.nearSingular(tip, Float64Array.from(q));

@@ -35,9 +35,12 @@ KERNELS = (
 )
 """Functions that the page calls for each tip: qualified names without the tip. The kernel table has the shapes."""
 
+MASSES = ("mass_matrix", "bias_forces")
+"""Functions of the whole tree that the page calls where the robot has masses."""
+
 SCRIPTS = (
-    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "solids.js", "figures.js", "panels.js", "view.js",
-    "main.js",
+    "algebra.js", "kernels.js", "chain.js", "mechanics.js", "swing.js", "solids.js", "figures.js", "panels.js",
+    "swingpanel.js", "view.js", "main.js",
 )  # fmt: skip
 """Modules of the page, each after the modules that it imports."""
 
@@ -112,9 +115,11 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
     """
     chain = robot.chain
     table = {kernel.qualified_name: kernel for kernel in robot.table}
-    functions, tips = {}, []
+    masses = {name: f"{robot.name}_{name}" for name in MASSES if all(each in table for each in MASSES)}
+    functions = {called: _arrays(table[name], chain) for name, called in masses.items()}
+    tips = []
     for tip in chain.tips:
-        names = {}
+        names = dict(masses)
         for role in KERNELS:
             qualified = f"{tip.name}_{role}" if tip.name else role
             if qualified not in table:

@@ -179,6 +179,48 @@ def test_presets_and_controls(page: Page) -> None:
         assert abs(works["corrected"]) < 1e-10
 
 
+PRESSED = "[...document.querySelectorAll('#presets [aria-pressed=true]')].map(b => b.textContent)"
+
+
+def test_presets_are_marked_while_they_hold(page: Page) -> None:
+    assert page.js(PRESSED) == ["Paper's posture"]
+    press(page, "Energy out of nothing")
+    assert page.js(PRESSED) == ["Energy out of nothing"]
+    made = page.js(NET)
+    assert made > 1
+    press(page, "Reverse")
+    assert page.js(PRESSED) == ["Moment at the tip"]
+    assert page.js(NET) < -1
+    focus(page, "moment along z")
+    page.press("ArrowRight")
+    page.settle()
+    assert page.js(PRESSED) == []
+
+
+def test_a_clamped_value_says_so(page: Page) -> None:
+    page.js(
+        "(() => { const box = document.querySelector('#joints input[type=number]'); box.value = 500;"
+        " box.dispatchEvent(new Event('input')); })()"
+    )
+    page.settle()
+    assert page.js("playground.state.q[0]") == pytest.approx(np.radians(170), abs=1e-3)
+    assert page.js("document.querySelector('#joints .note').textContent").startswith("500 is beyond the end: 170")
+    focus(page, "joint 1")
+    page.press("ArrowLeft")
+    assert page.js("document.querySelector('#joints .note').hidden")
+
+
+def test_push_and_let_go(page: Page) -> None:
+    press(page, "Let go")
+    page.js("new Promise(done => setTimeout(() => done(null), 1500))")
+    laws, text = page.js("[playground.swing.arms(), document.getElementById('swing-text').textContent]")
+    assert [each["law"] for each in laws] == ["conventional", "corrected", "exact"]
+    assert "exact 0 J" in text and "corrected 0 J" in text and "conventional 0 J" not in text
+    assert page.js("document.querySelectorAll('#letters .laws b').length") == 3
+    press(page, "Back to the start")
+    assert page.js("playground.swing.arms()") is None
+
+
 def test_every_control_has_a_name_and_is_reached_by_tab(page: Page) -> None:
     nodes = page.do("Accessibility.getFullAXTree")["nodes"]
     roles = ("slider", "spinbutton", "button", "combobox", "checkbox", "radio", "application", "image")
@@ -261,6 +303,15 @@ def test_phone_with_touch(page: Page) -> None:
     page.drag([(x, y), (x - 10, y - 8), (x - 20, y - 20)], touch=True)
     page.settle()
     assert np.linalg.norm(np.subtract(place_of_tip(page), before)) > 0.02
+    page.js("document.getElementById('load-title').scrollIntoView()")
+    page.settle()
+    top, height, scrolled = page.js(
+        "(box => [box.top, box.height, scrollY])(document.getElementById('arm').getBoundingClientRect())"
+    )
+    assert scrolled > 300 and 0 <= top < 5 and height < 400  # the arm stays in view beside the sliders
+    page.drag([(20, 250), (20, 200), (20, 100)], touch=True)
+    page.settle()
+    assert page.js("scrollY") > scrolled + 50
     small = page.js(
         "[...document.querySelectorAll('button, select, input')].filter(e => e.checkVisibility()).map(e =>"
         " (e.closest('label') ?? e).getBoundingClientRect().height).filter(height => height < 24).length"

@@ -195,6 +195,50 @@ def test_the_tip_follows_a_drag_and_postures_are_what_they_say(scripts: Scripts,
     assert near < 0.2 * before
 
 
+def test_a_drag_out_of_reach_and_back_does_not_fold_the_elbow_over(scripts: Scripts, robot: ModuleType) -> None:
+    """Small steps of the joints, the elbow (A4) on its side, and the tip back where it began."""
+    q = np.radians([0, 30, 0, -40, 0, 30, 0])
+    pose = np.asarray(robot.forward_kinematics(q))
+    way = pose[:3, 3] - [0, 0, 0.36]  # from the shoulder
+    parts = np.concatenate([np.linspace(1, 1.4, 40), np.linspace(1.4, 0.9, 50)])
+    places = [way * part + [0, 0, 0.36] for part in parts]
+    found = scripts.run([{"do": "drag", "q": q, "places": places, "orientation": pose[:3, :3].ravel()}])[0]
+    postures = np.array([q, *found])
+    assert np.abs(np.diff(postures, axis=0)).max() < 0.3
+    assert postures[:, 3].max() < 0 and postures[:, 3].max() > -0.2  # it was straight
+    assert np.linalg.norm(np.asarray(robot.forward_kinematics(postures[-1]))[:3, 3] - places[-1]) < 2e-3
+
+
+def test_the_arm_swings_as_an_integration_in_python_does(scripts: Scripts, robot: ModuleType) -> None:
+    """Each law from the same start, with SciPy's integrator; only the conventional law makes energy."""
+    from scipy.integrate import solve_ivp
+
+    q = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
+    wrench, damping, seconds = np.array([0, 0, 0, 4.0, -3.0, 8.0]), 0.3, 0.2
+    task = {"do": "swing", "q": q, "wrench": wrench, "gains": GAINS, "damping": damping, "seconds": seconds}
+    for swing in scripts.run([task])[0]:
+        spring = [np.reshape(swing["spring"][key], (-1, size)) for key, size in
+                  (("equilibrium", 4), ("translation_stiffness", 3), ("rotation_stiffness", 3))]  # fmt: skip
+        start, task_stiffness = robot.spring.torque(q, *spring), robot.spring.task_stiffness(q, *spring)
+        name = "joint_stiffness" + ("_uncorrected" if swing["law"] == "conventional" else "")
+        K = getattr(robot.hybrid, name)(q, wrench, task_stiffness)
+
+        def slope(
+            time: float, x: np.ndarray, exact: bool = swing["law"] == "exact", spring: list = spring, K: np.ndarray = K,
+            start: np.ndarray = start,
+        ) -> np.ndarray:  # fmt: skip
+            at, velocity = x[:7], x[7:]
+            torque = robot.spring.torque(at, *spring) if exact else start - K @ (at - q)
+            M, bias = robot.mass_matrix(at), robot.bias_forces(at, velocity, np.zeros(3))
+            ddq = np.linalg.solve(M, torque - 20 * (at - q) - bias - damping * M @ velocity)
+            return np.concatenate([velocity, ddq])
+
+        right = solve_ivp(slope, (0, seconds), np.concatenate([q, np.zeros(7)]), rtol=1e-10, atol=1e-12).y[:7, -1]
+        np.testing.assert_allclose(swing["q"], right, atol=2e-5, err_msg=swing["law"])
+        assert np.abs(right - q).max() > 0.01
+        assert (abs(swing["made"]) > 1e-4) == (swing["law"] == "conventional"), swing["made"]
+
+
 @pytest.fixture(scope="module")
 def written(scripts: Scripts, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return page.write_page(scripts.robot.folder, tmp_path_factory.mktemp("page") / "play.html")
@@ -290,8 +334,8 @@ def test_wheel_holds_the_page(tmp_path: Path) -> None:
 
 
 def test_functions_are_those_of_every_tip(scripts: Scripts) -> None:
-    """Every kernel that the page calls is one of the robot's table, once for each tip."""
-    assert len(scripts.data["functions"]) == len(page.KERNELS) * len(scripts.robot.chain.tips)
+    """Every kernel that the page calls is one of the robot's table, once for each tip, those of masses once."""
+    assert len(scripts.data["functions"]) == len(page.KERNELS) * len(scripts.robot.chain.tips) + len(page.MASSES)
 
 
 def test_a_planted_link_is_not_followed(robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

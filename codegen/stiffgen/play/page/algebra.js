@@ -71,6 +71,13 @@ export function solve(A, b) {
   return x;
 }
 
+/** Return the determinant of A (n x n), n at most 3. */
+export function determinant(A, n) {
+  if (n === 1) return A[0];
+  if (n === 2) return A[0] * A[3] - A[1] * A[2];
+  return dot(A.slice(0, 3), cross(A.slice(3, 6), A.slice(6, 9)));
+}
+
 /** Compute eigenvalues and eigenvectors (columns of `vectors`) of a symmetric matrix by Jacobi's rotations. */
 export function eigen(A, n) {
   const S = Float64Array.from(A), vectors = identity(n);

@@ -106,27 +106,9 @@ export function drawWork(canvas, works, laps, colours) {
   const most = Math.max(1e-6, ...ends), least = Math.min(-1e-6, ...ends), room = 0.06 * (most - least);
   const x = (lap) => left + ((right - left) * lap) / LAPS;
   const y = (work) => bottom - ((work - least + room) / (most - least + 2 * room)) * (bottom - top);
-  pen.font = "11px system-ui, sans-serif";
-  pen.lineWidth = 1;
-  pen.strokeStyle = css(colours.line);
-  pen.fillStyle = css(colours.ink);
-  pen.textBaseline = "middle";
-  pen.textAlign = "right";
-  const step = niceStep((most - least) / 4);
-  for (let k = Math.ceil(least / step); k * step <= most; ++k) {
-    pen.globalAlpha = k === 0 ? 1 : 0.3;
-    line(pen, [[left, y(k * step)], [right, y(k * step)]]);
-    pen.globalAlpha = 1;
-    pen.fillText(number(k * step, 2), left - 5, y(k * step));
-  }
-  pen.textAlign = "center";
+  frame(pen, { left, right, top, bottom, least, most, y, label: "work put out [J]", colours });
   for (let lap = 0; lap <= LAPS; ++lap) pen.fillText(lap, Math.min(x(lap), right - 3), bottom + 9);
   pen.fillText("laps", (left + right) / 2, bottom + 22);
-  pen.save();
-  pen.translate(9, (top + bottom) / 2);
-  pen.rotate(-Math.PI / 2);
-  pen.fillText("work put out [J]", 0, 0);
-  pen.restore();
   for (const law of ["corrected", "conventional", "secant", "exact"].filter((each) => works[each])) {
     pen.strokeStyle = css(colours[law]);
     pen.setLineDash(DASHES[law]);
@@ -141,6 +123,47 @@ export function drawWork(canvas, works, laps, colours) {
   pen.lineWidth = 1.5;
   pen.strokeStyle = css(colours.ink);
   line(pen, [[x(laps), top], [x(laps), bottom]]);
+}
+
+/** Draw curves [[law, values]] over time, a value every `every` seconds, up to `seconds`; 0 is always in the picture. */
+export function drawCurves(canvas, curves, every, seconds, label, colours) {
+  const { pen, width, height } = prepared(canvas), left = 52, right = width - 8, top = 8, bottom = height - 30;
+  const ends = curves.flatMap(([, values]) => values), most = Math.max(ends.length ? 1e-3 : 1, ...ends), least = Math.min(0, ...ends);
+  const room = 0.06 * (most - least), x = (time) => left + ((right - left) * time) / seconds;
+  const y = (value) => bottom - ((value - least + room) / (most - least + 2 * room)) * (bottom - top);
+  frame(pen, { left, right, top, bottom, least, most, y, label, colours });
+  for (let second = 0; second <= seconds; ++second) pen.fillText(second, Math.min(x(second), right - 3), bottom + 9);
+  pen.fillText("time [s]", (left + right) / 2, bottom + 22);
+  for (const [law, values] of curves) {
+    pen.strokeStyle = css(colours[law]);
+    pen.setLineDash(DASHES[law]);
+    pen.lineWidth = WIDTHS[law];
+    line(pen, values.map((value, k) => [x(k * every), y(value)]));
+  }
+  pen.setLineDash([]);
+}
+
+/** Draw the horizontal lines with their numbers, and the label beside them; leave the pen centred for numbers below. */
+function frame(pen, { left, right, top, bottom, least, most, y, label, colours }) {
+  pen.font = "11px system-ui, sans-serif";
+  pen.lineWidth = 1;
+  pen.strokeStyle = css(colours.line);
+  pen.fillStyle = css(colours.ink);
+  pen.textBaseline = "middle";
+  pen.textAlign = "right";
+  const step = niceStep((most - least) / 4);
+  for (let k = Math.ceil(least / step); k * step <= most; ++k) {
+    pen.globalAlpha = k === 0 ? 1 : 0.3;
+    line(pen, [[left, y(k * step)], [right, y(k * step)]]);
+    pen.globalAlpha = 1;
+    pen.fillText(number(k * step, 2), left - 5, y(k * step));
+  }
+  pen.textAlign = "center";
+  pen.save();
+  pen.translate(9, (top + bottom) / 2);
+  pen.rotate(-Math.PI / 2);
+  pen.fillText(label, 0, 0);
+  pen.restore();
 }
 
 function line(pen, points) {

@@ -9,6 +9,7 @@ import {
   LAWS, Tip, bentPosture, closedLoop, loopWork, nearSingular, originOf, rotationOf, stiffnesses,
 } from "./mechanics.js";
 import { options, slider } from "./panels.js";
+import { swingPanel } from "./swingpanel.js";
 import { View } from "./view.js";
 
 const SECONDS = 4; // a lap takes
@@ -47,7 +48,7 @@ async function start() {
 
   const state = {
     tip: tips[0], q: home, wrench: Float64Array.from(WRENCH), gains: GAINS.slice(), chosen: false,
-    loop: { kind: n < 6 ? "joints" : "turn", axes: [0, 1], joints: [0, Math.min(1, n - 1)], radius: 0.1 },
+    loop: { kind: n < 6 ? "joints" : "turn", axes: [0, 1], joints: [0, Math.min(1, n - 1)], radius: 0.1, reversed: false },
     lap: 0, going: false, cursor: null, show: { translation: true, rotation: true },
   };
   let now = {}, waiting = { compute: true, frame: false }, colours = theme(), view = null;
@@ -71,6 +72,7 @@ async function start() {
 
   function update(change = {}) {
     Object.assign(state, change);
+    if (Object.keys(change).length) swing.stop(); // not where only the window changed
     waiting.compute = true;
     redraw();
   }
@@ -89,7 +91,8 @@ async function start() {
       if (state.lap >= LAPS) [state.lap, state.going] = [LAPS, false];
       sliders.lap.set(state.lap);
     }
-    last = state.going ? time : null;
+    if (swing.going) swing.advance(last === null ? 0 : Math.min(33, time - last) / 1000);
+    last = state.going || swing.going ? time : null;
     if (waiting.compute) {
       compute();
       showMatrices();
@@ -98,9 +101,12 @@ async function start() {
     waiting.compute = false;
     view?.draw();
     showLoop();
+    swing.show(colours);
+    markPresets();
     if (!performance.getEntriesByName("first picture").length) performance.mark("first picture");
-    if (state.going) redraw();
+    if (state.going || swing.going) redraw();
   }
+  const swing = swingPanel({ $, state, now: () => now, redraw, calm });
 
   // ---- matrices
   const maps = Object.fromEntries(
@@ -182,9 +188,10 @@ async function start() {
     const joules = (value) => (Math.abs(value) <= 1e-12 * Math.max(1, most) ? "0 J" : `${number(value)} J`);
     for (const law of LAWS) $(`law-${law}`).textContent = works[law] ? joules(works[law].at(-1)) : "–";
     const done = ["conventional", "exact"].filter((law) => works[law]).map((law) => `${law} ${joules(workAt(works[law], state.lap))}`);
-    const smaller = now.loop.radius < state.loop.radius * (1 - 1e-9) ? ` The loop is smaller than asked for: near a singular posture a small way of the tip takes a long one of the joints.` : "";
+    const smaller = now.loop.radius < state.loop.radius * (1 - 1e-9) ? ` The radius is clamped to ${number(now.loop.radius)}: near a singular posture a short way of the tip needs a long one of the joints.` : "";
     $("lap").textContent = `${state.lap.toFixed(2)} laps, put out so far: ${done.join(", ")}.${smaller}`;
     $("go").textContent = state.going ? "Stop" : calm.matches ? "An eighth of a lap on" : state.lap >= LAPS ? "Go round again" : "Go round";
+    $("reverse").setAttribute("aria-pressed", state.loop.reversed);
     $("timing").textContent = `Kernels of this picture: ${now.time.toFixed(1)} ms.`;
   }
 
@@ -197,7 +204,12 @@ async function start() {
     state.going = !state.going;
     redraw();
   });
+  $("reverse").addEventListener("click", () => {
+    setLap(0);
+    update({ loop: { ...state.loop, reversed: !state.loop.reversed } });
+  });
   function setLap(lap) {
+    swing.stop();
     [state.lap, state.going] = [Math.min(LAPS, Math.max(0, lap)), false];
     sliders.lap.set(state.lap);
     redraw();
@@ -213,7 +225,7 @@ async function start() {
     sliders.joints.push({
       ...slider($("joints"), {
         label: `joint ${k + 1}, ${name}`, shown: text.innerHTML, unit: prismatic ? "mm" : "deg", min: ends[0] * scale, max: ends[1] * scale, step: 0.1,
-        value: state.q[k] * scale, colour: shade(k),
+        value: state.q[k] * scale, colour: shade(k), limited: true,
         changed: (value) => posture(state.q.map((q, i) => (i === k ? within(robot, state.q.map(() => value / scale))[k] : q)), k),
       }),
       scale,
@@ -236,6 +248,7 @@ async function start() {
       label: "tool's length along the tip's z", shown: "tool", unit: "mm", min: 0, max: 500, step: 5, value: 0,
       changed: (value) => {
         for (const tip of tips) tip.tool[11] = value / 1000;
+        swing.stop();
         update();
       },
     });
@@ -295,19 +308,38 @@ async function start() {
     sliders.gains.forEach(({ set }, k) => set(gains[k]));
     update({ gains: gains.slice() });
   };
+  /** Load the tip with a moment, and choose the direction of a wide loop in which the conventional law gives energy. */
+  function giveEnergy() {
+    load(MOMENT);
+    update({ loop: { ...state.loop, radius: 0.3 } });
+    for (const reversed of [false, true]) {
+      state.loop = { ...state.loop, reversed };
+      compute();
+      if (now.works.conventional.at(-1) > 0) break;
+    }
+    radius();
+    setLap(0);
+    update();
+  }
+  let near = null;
+  const same = (a, b) => b !== null && a.every((value, k) => Math.abs(value - b[k]) < 1e-9);
+  const gives = () => same(state.wrench, MOMENT) && state.loop.radius === 0.3 && now.works.conventional.at(-1) > 0;
   const presets = [
-    [robot.paper ? "Paper's posture" : "Bent posture", () => { stand(home); load(WRENCH); stiff(GAINS); }],
-    ["Moment at the tip", () => load(MOMENT)],
-    ["No load", () => load([0, 0, 0, 0, 0, 0])],
-    ["Near singular", () => stand(nearSingular(state.tip, home))],
-  ];
-  $("presets").replaceChildren(
-    ...presets.map(([text, act]) => {
-      const button = Object.assign(document.createElement("button"), { type: "button", textContent: text });
-      button.addEventListener("click", act);
-      return button;
-    }),
-  );
+    [robot.paper ? "Paper's posture" : "Bent posture", () => { stand(home); load(WRENCH); stiff(GAINS); }, () => same(state.q, home) && same(state.wrench, WRENCH) && same(state.gains, GAINS)],
+    ["Moment at the tip", () => load(MOMENT), () => same(state.wrench, MOMENT) && !gives()],
+    ["Energy out of nothing", giveEnergy, gives],
+    ["No load", () => load([0, 0, 0, 0, 0, 0]), () => same(state.wrench, [0, 0, 0, 0, 0, 0])],
+    ["Near singular", () => { near = nearSingular(state.tip, home); stand(near); }, () => same(state.q, near)],
+  ].map(([text, act, holds]) => {
+    const button = Object.assign(document.createElement("button"), { type: "button", textContent: text });
+    button.addEventListener("click", act);
+    return { button, holds };
+  });
+  $("presets").replaceChildren(...presets.map(({ button }) => button));
+  /** Mark the presets whose values are those of the page. */
+  function markPresets() {
+    for (const { button, holds } of presets) button.setAttribute("aria-pressed", Boolean(holds()));
+  }
 
   // ---- the arm
   compute();
@@ -315,7 +347,8 @@ async function start() {
     view = new View($("arm"), $("letters"), robot, {
       state: () => {
         const phase = 2 * Math.PI * state.lap;
-        return { ...state, q: state.lap === 0 ? state.q : now.loop.at(phase), K: now.matrices.K, loop: now.path, marker: now.marker(phase) };
+        const arms = swing.arms();
+        return { ...state, arms, q: arms || state.lap === 0 ? state.q : now.loop.at(phase), K: now.matrices.K, loop: now.path, marker: now.marker(phase) };
       },
       moved: posture,
       carried: (part) => setLap(state.lap + part),
@@ -333,7 +366,7 @@ async function start() {
   calm.addEventListener("change", redraw);
   update();
   // Access from the console and from tests.
-  window.playground = { robot, kernels, tips, state, view, compute, get now() { return now; } };
+  window.playground = { robot, kernels, tips, state, view, compute, swing, get now() { return now; } };
 }
 
 start().catch((error) => fail(`This page cannot start: ${error.message}`));

@@ -2,7 +2,7 @@
 // Joint stiffness by three formulas, the spring behind them, and the work of four laws on a closed loop.
 
 import {
-  antisymmetric, blocks, dot, eigen, identity, largest, multiply, norm, plus, rotationVector, solve, transpose, turn,
+  antisymmetric, blocks, determinant, dot, eigen, identity, largest, multiply, norm, plus, rotationVector, solve, transpose, turn,
 } from "./algebra.js";
 import { within } from "./chain.js";
 
@@ -24,6 +24,11 @@ export class Tip {
   call(role, given) {
     const fixed = { base_pose: identity(4), tool_pose: this.tool };
     return this.kernels.call(this.tip.kernels[role], { ...fixed, ...given });
+  }
+
+  /** Whether the robot's folder has masses. */
+  get hasMasses() {
+    return "mass_matrix" in this.tip.kernels;
   }
 
   /** Return the tip's pose [R p; 0 1] (4 x 4) [m]. */
@@ -157,12 +162,13 @@ export function loopDirections(tip, q, loop) {
 export const POINTS = 120; // of a loop
 const FARTHEST = 0.8; // of a joint on a loop [rad or m]
 
-/** Return the loop through q, q + r (sin s u + (1 - cos s) v), and its derivatives with respect to s. */
+/** Return the loop through q, q + r (sin s u + (1 - cos s) v), or with -s, and its derivatives with respect to s. */
 export function closedLoop(tip, q, loop) {
   const [u, v] = loopDirections(tip, q, loop);
   const radius = Math.min(loop.radius, FARTHEST / (2 * Math.max(largest(u), largest(v), 1e-9)));
-  const at = (phase) => plus(plus(q, u, radius * Math.sin(phase)), v, radius * (1 - Math.cos(phase)));
-  const tangent = (phase) => plus(u.map((x) => x * radius * Math.cos(phase)), v, radius * Math.sin(phase));
+  const way = loop.reversed ? -1 : 1;
+  const at = (phase) => plus(plus(q, u, way * radius * Math.sin(phase)), v, radius * (1 - Math.cos(phase)));
+  const tangent = (phase) => plus(u.map((x) => x * way * radius * Math.cos(phase)), v, radius * Math.sin(phase));
   return { at, tangent, radius };
 }
 
@@ -235,6 +241,24 @@ export function nearSingular(tip, q) {
   return within(tip.robot, ways.reduce((a, b) => (Math.abs(a[best.k] - q[best.k]) < Math.abs(b[best.k] - q[best.k]) ? a : b)));
 }
 
+const LONGEST = 0.12; // step of a joint [rad or m]
+
+/**
+ * Return q after a step of the joints: shortened to LONGEST, within the limits, and never through a posture in which the
+ * arm is stretched out, where the elbow could come back on its other side. `place(q)` gives the Jacobian (3 x n) of the
+ * point that is moved: the determinant of old times new changes its sign where it passes through a loss of rank.
+ */
+export function guardedStep(robot, q, step, place) {
+  const n = q.length, few = Math.min(3, n), old = place(q);
+  let factor = Math.min(1, LONGEST / (largest(step) || 1));
+  for (let tries = 0; tries < 6; ++tries, factor /= 2) {
+    const next = within(robot, plus(q, step, factor)), J = place(next);
+    const square = n < 3 ? multiply(transpose(old, 3, n), J, n, 3, n) : multiply(old, transpose(J, 3, n), 3, n, 3);
+    if (determinant(square, few) >= -1e-12 * (norm(old) * norm(J)) ** few) return next; // rounding, where no rank is full
+  }
+  return q;
+}
+
 /** Move the joints so that the tip approaches a position and an orientation (damped least squares, within limits). */
 export function follow(tip, q, place, orientation) {
   for (let round = 0; round < 8; ++round) {
@@ -246,7 +270,7 @@ export function follow(tip, q, place, orientation) {
     const weighted = J.map((value, k) => value * weight[Math.floor(k / n)]);
     const shorten = Math.min(1, 0.1 / (norm(off) || 1));
     const way = Float64Array.from([...off.map((x) => x * shorten), ...turned], (x, k) => x * weight[k]);
-    q = within(tip.robot, plus(q, tip.stepTowards(weighted, way, 0.03)));
+    q = guardedStep(tip.robot, q, tip.stepTowards(weighted, way, 0.03), (at) => tip.jointColumns(tip.jacobian(at)).slice(0, 3 * n));
   }
   return q;
 }

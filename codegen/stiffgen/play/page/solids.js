@@ -123,14 +123,22 @@ export class Solids {
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
   }
 
-  /** Draw items {mesh, model (16, column-major), colour (3), opacity, shaded}; transparent ones come last. */
-  draw(items, camera) {
-    const { gl, canvas, at } = this, sharp = Math.min(window.devicePixelRatio || 1, 2);
+  /** Clear the canvas, and fit it to its place on the page. */
+  clear() {
+    const { gl, canvas } = this, sharp = Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.round(canvas.clientWidth * sharp), height = Math.round(canvas.clientHeight * sharp);
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+  }
+
+  /**
+   * Draw items {mesh, model (16, column-major), colour (3), opacity, shaded}; transparent ones come last.
+   * `part` of `parts` columns of the canvas, from the left.
+   */
+  draw(items, camera, part = 0, parts = 1) {
+    const { gl, canvas, at } = this;
+    gl.viewport(Math.round((canvas.width * part) / parts), 0, Math.round(canvas.width / parts), canvas.height);
     gl.uniformMatrix4fv(at.view, false, camera.view);
     gl.uniformMatrix4fv(at.projection, false, camera.projection);
     gl.uniform3fv(at.eye, camera.eye);

@@ -2,9 +2,9 @@
 // The arm as solids, the camera, and the actions of pointer and keys.
 
 import { cross, dot, eigen, multiply, norm, plus, transpose } from "./algebra.js";
-import { jointFrames, placed, pointJacobian, reach, tipFrame, within } from "./chain.js";
+import { jointFrames, placed, pointJacobian, reach, tipFrame } from "./chain.js";
 import { shade, theme } from "./figures.js";
-import { follow, originOf, rotationOf } from "./mechanics.js";
+import { follow, guardedStep, originOf, rotationOf } from "./mechanics.js";
 import { Solids, flattened, model } from "./solids.js";
 
 const FIELD = (34 * Math.PI) / 180; // of view, upwards
@@ -43,8 +43,15 @@ export class View {
       letters.append(span);
       return span;
     });
+    this.names = letters.appendChild(document.createElement("div"));
+    this.names.className = "laws";
     this.pointers = new Map();
     this.home();
+    // A touch that takes hold of something moves it; a vertical swipe beside the arm scrolls the page (touch-action).
+    canvas.addEventListener("touchstart", (event) => {
+      const { left, top } = canvas.getBoundingClientRect(), [{ clientX, clientY }] = event.touches;
+      if (event.touches.length > 1 || this.grabbed(clientX - left, clientY - top, 1.8)) event.preventDefault();
+    }, { passive: false });
     canvas.addEventListener("pointerdown", (event) => this.pressed(event));
     canvas.addEventListener("pointermove", (event) => this.dragged(event));
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => this.released(event));
@@ -85,12 +92,12 @@ export class View {
     this.redraw();
   }
 
-  camera() {
+  camera(parts = 1) {
     const { azimuth: a, elevation: e } = this;
     const back = [Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)];
     const right = [-Math.sin(a), Math.cos(a), 0], up = cross(back, right);
-    const wide = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
-    const distance = this.distance * Math.max(1, 0.85 / wide), eye = plus(this.target, back, distance);
+    const wide = this.canvas.clientWidth / parts / Math.max(1, this.canvas.clientHeight);
+    const distance = this.distance * Math.max(1, (parts > 1 ? 0.8 : 0.85) / wide), eye = plus(this.target, back, distance);
     const view = Float32Array.of(
       right[0], up[0], back[0], 0, right[1], up[1], back[1], 0, right[2], up[2], back[2], 0,
       -dot(right, eye), -dot(up, eye), -dot(back, eye), 1,
@@ -134,8 +141,10 @@ export class View {
     return { frames, links, tip: tips[this.robot.tips.indexOf(tip.tip)], slim };
   }
 
-  items() {
-    const { tip, q, K, wrench, loop, marker, show } = this.state(), colours = theme();
+  /** Return the solids of the state; with `swing` {law, q}, of an arm that swings under a law, without load and loop. */
+  items(swing = null) {
+    const state = this.state(), colours = theme(), { tip, K, show } = state;
+    const { q, wrench, loop, marker } = swing ? { q: swing.q, wrench: [0, 0, 0, 0, 0, 0], loop: null } : state;
     const { frames, links, tip: hand, slim } = this.parts(tip, q), solid = [], through = [], plain = [];
     const drum = (from, to, radius, colour, mesh = "drum", into = solid) => {
       const way = plus(to, from, -1), long = norm(way);
@@ -167,7 +176,11 @@ export class View {
       const own = [0, 1, 2].map((i) => hand.rotation[3 * i + k] * 0.1 * this.size);
       drum(hand.origin, plus(hand.origin, own), this.thick * 0.12, colour);
     });
-    ball(hand.origin, this.thick * 0.5, colours.ink);
+    ball(hand.origin, this.thick * 0.5, swing ? colours[swing.law] : colours.ink);
+    if (swing) {
+      ball(originOf(tip.pose(state.q)), this.thick * 0.35, colours.ink);
+      return [...plain, ...shadows, ...solid];
+    }
     this.arrows(hand.origin, wrench, colours.ink, drum);
     if (loop) {
       loop.forEach((point, k) => drum(point, loop[(k + 1) % loop.length], this.thick * 0.1, colours.ink));
@@ -206,8 +219,12 @@ export class View {
   }
 
   draw() {
-    this.solids.draw(this.items(), this.camera());
+    const { arms } = this.state(), parts = arms ? arms.length : 1;
+    this.solids.clear();
+    for (let k = 0; k < parts; ++k) this.solids.draw(this.items(arms?.[k]), this.camera(parts), k, parts);
+    this.names.innerHTML = arms ? arms.map(({ law }) => `<b class="key ${law}">${law}</b>`).join("") : "";
     this.letters.forEach((letter, k) => {
+      letter.hidden = parts > 1;
       const [x, y] = this.seen([0, 1, 2].map((i) => (i === k ? 0.3 * this.size : 0)));
       letter.style.left = `${x}px`;
       letter.style.top = `${y}px`;
@@ -268,7 +285,10 @@ export class View {
       const frames = jointFrames(this.robot, q), point = placed(frames[this.drag.joint], this.drag.local);
       const J = pointJacobian(this.robot, frames, this.drag.joint, point), off = plus(goal, point, -1);
       const way = Float64Array.from(scaled(off, Math.min(1, (0.1 * this.size) / (norm(off) || 1))));
-      q = within(this.robot, plus(q, tip.stepTowards(J, way, 0.05 * this.size)));
+      q = guardedStep(this.robot, q, tip.stepTowards(J, way, 0.05 * this.size), (at) => {
+        const moved = jointFrames(this.robot, at);
+        return pointJacobian(this.robot, moved, this.drag.joint, placed(moved[this.drag.joint], this.drag.local));
+      });
     }
     return q;
   }
