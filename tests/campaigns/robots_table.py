@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Compare every URDF of well-known robot packages with Pinocchio; write docs/robots.md.
+"""Compare every URDF of well-known robot packages with Pinocchio; write docs/robots.csv and docs/robots.md.
 
     python tests/campaigns/robots_table.py FOLDER [docs/robots.md]
 
@@ -12,6 +12,8 @@ compared. The exit code is 1 if a value disagrees.
 from __future__ import annotations
 
 import collections
+import csv
+import re
 import subprocess
 import sys
 import zipfile
@@ -147,106 +149,97 @@ def _tidied(data: bytes) -> bytes:
 def main() -> int:
     folder, target = Path(sys.argv[1]), Path(sys.argv[2] if len(sys.argv) > 2 else "docs/robots.md")
     folder.mkdir(parents=True, exist_ok=True)
-    total: collections.Counter[str] = collections.Counter()
-    sections: list[str] = []
+    records: list[dict[str, str]] = []
     for package, version in PACKAGES.items():
-        rows, still = [], 0
-        for name, data in descriptions(package, version, folder):
-            row = check_file(name, data, folder)
-            total["files"] += 1
-            still += row is None
-            if row:
-                rows.append(row)
-        sections += _section(f"{package} {version}", rows, still)
-        total["still"] += still
-        for row in rows:
-            total["chains"] += row.chains
-            total["agreed"] += row.agreed
-            total["without masses"] += row.without_masses
-            total["wrong"] += len(row.wrong)
-            total["refused files"] += not row.joints
-            total["refused"] += len(row.refused) if row.joints else 0
-            total["most"] = max(total["most"], *row.joints, 0)
-        print(package, dict(total), flush=True)
+        found = [(name, check_file(name, data, folder)) for name, data in descriptions(package, version, folder)]
+        records += [_record(f"{package} {version}", name, row) for name, row in found]
+        print(package, len(records), flush=True)
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text("\n".join([*_opening(total), *sections]).rstrip() + "\n", encoding="utf-8")
+    with target.with_suffix(".csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(records)
+    target.write_text(page(records), encoding="utf-8")
     (folder / "robot.urdf").unlink(missing_ok=True)
-    return 1 if total["wrong"] else 0
+    return 1 if any(record["wrong"] for record in records) else 0
 
 
-def _opening(total: collections.Counter[str]) -> list[str]:
-    compared = total["agreed"] + total["without masses"] + total["wrong"]
-    return [
-        "# Robots",
-        "",
-        "This page lists every URDF file of the packages below. Each chain with a moving joint, from the root to a",
-        "leaf link, is compared with Pinocchio at a random configuration, to 1e-9 of the largest entry. The comparison",
-        "covers pose, mass matrix, and the Jacobian in body, spatial and hybrid representation. For each file's first",
-        "chain (up to 12 coordinates) it also covers dJ^T/dq and the joint stiffness. If a floating or planar joint",
-        "lies on the way, the base is the link behind it. `tests/campaigns/robots_table.py` writes this page.",
-        "",
-        f"- {total['files']} files, {total['still']} of them without a moving joint (furniture, cameras, toys).",
-        f"- {compared} chains of 1 to {total['most']} moving joints: {total['agreed']} agree in all quantities, "
-        f"{total['wrong']} disagree.",
-        f"- {total['without masses']} of the chains agree without masses (`--no-masses`): stiffgen refuses their "
-        "masses for the stated reason.",
-        f"- {total['refused']} chains and {total['refused files']} whole files are refused for the stated reasons.",
-        "",
-    ]
+COLUMNS = (
+    "package", "file", "chains", "least_joints", "most_joints", "agree", "without_masses", "refused", "wrong", "reason",
+)  # fmt: skip
 
 
-def _section(title: str, rows: list[Row], still: int) -> list[str]:
-    lines = [f"## {title}", ""]
-    if rows:
-        lines += [
-            "| file | chains | moving joints | agree | agree without masses | refused |",
-            "|---|---|---|---|---|---|",
-        ]
-    common = _common_folder([row.file for row in rows])
-    for row in rows:
-        span = "" if not row.joints else f"{min(row.joints)}-{max(row.joints)}"
-        refused = "all" if not row.joints else len(row.refused)
+def _record(package: str, name: str, row: Row | None) -> dict[str, str]:
+    """Return the CSV line of a file; a file without a moving joint has 0 chains."""
+    if row is None:
+        return dict.fromkeys(COLUMNS, "") | {"package": package, "file": name, "chains": "0"}
+    reason = "; ".join(filter(None, [getattr(row, "refused_masses", ""), *row.refused[:1]]))
+    values = (
+        package, row.file, row.chains, min(row.joints, default=""), max(row.joints, default=""), row.agreed,
+        row.without_masses, len(row.refused) if row.joints else "all", "; ".join(row.wrong), " ".join(reason.split()),
+    )  # fmt: skip
+    return {column: str(value) for column, value in zip(COLUMNS, values, strict=True)}
+
+
+def page(records: list[dict[str, str]]) -> str:
+    """Return the page: totals, a line per package, and the reasons of refusals with their counts."""
+    moving = [record for record in records if record["chains"] != "0"]
+
+    def total(rows: list[dict[str, str]], column: str) -> int:
+        return sum(int(row[column]) for row in rows if row[column].isdigit())
+
+    wrong, whole_files = (sum(map(test, moving)) for test in (_is_wrong, _is_refused))
+    lines = [
+        "# Robots", "",
+        "Each chain with a moving joint, from the root to a leaf link, is compared with Pinocchio at a random",
+        "configuration, to 1e-9 of the largest entry: pose, mass matrix, and the Jacobian in body, spatial and hybrid",
+        "representation; for each file's first chain (up to 12 coordinates) also dJ^T/dq and the joint stiffness. If a",
+        "floating or planar joint lies on the way, the base is the link behind it.",
+        "`tests/campaigns/robots_table.py` writes this page and `docs/robots.csv`, which has a line per file.", "",
+        f"- {len(records)} files, {len(records) - len(moving)} without a moving joint (furniture, cameras, toys).",
+        f"- {total(moving, 'agree')} chains agree in all quantities; {wrong} files have a chain that disagrees.",
+        f"- {total(moving, 'without_masses')} chains agree without masses (`--no-masses`): their masses are refused.",
+        f"- {total(moving, 'refused')} chains and {whole_files} whole files are refused.", "",
+        "| package | files | joints | agree | without masses | refused |", "|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for package in dict.fromkeys(record["package"] for record in moving):
+        rows = [record for record in moving if record["package"] == package]
+        joints = [int(row[column]) for row in rows for column in ("least_joints", "most_joints") if row[column]]
+        whole = sum(map(_is_refused, rows))
         cells = (
-            row.file.removeprefix(common),
-            row.chains if row.joints else "",
-            span,
-            row.agreed,
-            row.without_masses,
-            refused,
-        )
-        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
-    if rows:
-        lines.append("")
-    if still:
-        lines += [f"{still} files have no moving joint.", ""]
-    reasons = {}
-    for row in rows:
-        for kind, text in (
-            ("without masses", getattr(row, "refused_masses", "")),
-            ("refused", "; ".join(row.refused[:1])),
-        ):
-            if text:
-                reasons[f"- `{row.file.removeprefix(common)}`, {kind}: {_escaped(text)}"] = None
-        for wrong in row.wrong:
-            reasons[f"- `{row.file.removeprefix(common)}`, WRONG {wrong}"] = None
-    return [*lines, *reasons, *([""] if reasons else [])]
+            package, len(rows), f"{min(joints, default=0)}-{max(joints, default=0)}", total(rows, "agree"),
+            total(rows, "without_masses"), f"{total(rows, 'refused')}{f' and {whole} files' if whole else ''}",
+        )  # fmt: skip
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    reasons = collections.Counter(_kind(record["reason"]) for record in moving if record["reason"])
+    lines += [
+        "",
+        "Reasons of refusals, of the first refused chain of each file:",
+        "",
+        "| reason | files |",
+        "|---|---|",
+    ]
+    lines += [f"| {_escaped(reason)} | {count} |" for reason, count in reasons.most_common()]
+    return "\n".join(lines) + "\n"
+
+
+def _is_wrong(record: dict[str, str]) -> bool:
+    return bool(record["wrong"])
+
+
+def _is_refused(record: dict[str, str]) -> bool:
+    return record["refused"] == "all"
+
+
+def _kind(reason: str) -> str:
+    """Return a reason without the names in it, up to its remedy."""
+    text = re.sub(r"'[^']*'", "...", reason)
+    return re.split(r"; | \(", re.sub(r"^(link|joint) \.\.\.(, (link|joint) \.\.\.)*:? ", "", text))[0]
 
 
 def _escaped(text: str) -> str:
     shown = text if len(text) <= 260 else text[:257] + "..."
     return shown.replace("<", "&lt;").replace("|", "\\|")
-
-
-def _common_folder(names: list[str]) -> str:
-    if not names:
-        return ""
-    parts = [name.split("/")[:-1] for name in names]
-    common = []
-    for level in zip(*parts, strict=False):
-        if len(set(level)) > 1:
-            break
-        common.append(level[0])
-    return "".join(f"{part}/" for part in common)
 
 
 if __name__ == "__main__":
