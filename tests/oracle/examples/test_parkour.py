@@ -12,14 +12,12 @@ import mujoco
 import numpy as np
 import pytest
 
-import stiffgen
 from examples.experiments import report, trial
 from examples.experiments.plant import Plant
 from examples.parkour import analysis, board, trajectory
 from examples.parkour.__main__ import CAPTIONS, main
-from examples.parkour.tool import BALL, BALL_RADIUS, TOOL_POINT
+from examples.parkour.tool import BALL_RADIUS, TOOL_POINT
 from stiffgen import open_robot
-from support.project import URDF, Once
 
 
 def poses(q: np.ndarray) -> np.ndarray:
@@ -64,16 +62,6 @@ def test_the_board_lies_under_the_recorded_ball() -> None:
     assert np.abs(gap).max() < 6e-3  # at the wall of an obstacle, where the ball was lifted
     wide, narrow = board.board(0.12).height, board.board(0.03).height
     assert np.sum(wide > np.median(wide) + 0.01) > 1.5 * np.sum(narrow > np.median(narrow) + 0.01)
-
-
-@pytest.fixture(scope="module")
-def ball_folder(once: Once) -> Path:
-    def make(output: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("CFLAGS", "-O1")
-            stiffgen.generate(URDF, name=BALL.robot, tool=BALL.for_generator(), output=output)
-
-    return once("ball", make) / BALL.robot
 
 
 @pytest.fixture(scope="module")

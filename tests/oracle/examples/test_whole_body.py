@@ -10,27 +10,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 import scipy.linalg
-from filelock import FileLock
 
-import stiffgen
 from examples.whole_body import findings, identify, trials
 from examples.whole_body.__main__ import main
 from examples.whole_body.findings import BAR, LEANING, SOFTEST
 from examples.whole_body.law import WholeBodyLaw, on_base
-from examples.whole_body.plant import URDF
 from examples.whole_body.stance import FEET, LEG, Springs, Stance, feet, level, standing
 from stiffgen.errors import StiffgenError
-
-
-@pytest.fixture(scope="session")
-def solo(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> ModuleType:
-    """The generated quadruped, compiled once for all workers."""
-    base = tmp_path_factory.getbasetemp()
-    output = (base if worker_id == "master" else base.parent) / "whole-body"
-    with FileLock(str(output) + ".lock"):
-        if not (output / "solo12").exists():
-            stiffgen.generate(URDF, tip=FEET, floating_base=True, output=output)
-    return stiffgen.open_robot(output / "solo12").module
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: MIT
+"""Compute the tables of docs/results.md.
+
+    python -m examples.results [SECTION ...]   prints tables: all, or those of some sections
+    python -m examples.results --write         replaces the tables in docs/results.md
+
+The experiments need the robots of ``make experiment``, the stance that of ``make whole-body``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+import stiffgen
+from examples import energy_cycle, theory
+from stiffgen import StiffgenError, open_robot
+
+Array = NDArray[np.float64]
+Rows = list[tuple[str, ...]]
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "results.md"
+ROBOTS = Path("build/robots")
+TASK_STIFFNESS: Array = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
+"""The paper's K [N/m, N m/rad], hybrid frame."""
+
+
+def appendix(robots: Path) -> Rows:
+    """Compute the paper's appendix example, three revolute joints, at q1 = 0.7 rad under m = (1, 2, 3) N m."""
+    q1, m = 0.7, np.array([1.0, 2.0, 3.0])
+    s, c = np.sin(q1), np.cos(q1)
+    Jr = np.array([[0, s, s], [0, -c, -c], [1, 0, 0]])
+    derivative = np.array([[0, c, c], [0, s, s], [0, 0, 0]])  # of Jr by q1; by q2 and q3 it is zero
+    kinematic = np.zeros((3, 3))
+    kinematic[:, 0] = derivative.T @ m
+    gamma = theory.cross_matrix(m).T / 2
+    corrected = kinematic + Jr.T @ gamma @ Jr
+    return [
+        ("second entry of the first column, conventional", f"{kinematic[1, 0]:.4f} N m/rad"),
+        ("second entry of the first row, conventional", f"{kinematic[0, 1]:.4f} N m/rad"),
+        ("both entries, corrected: (c m1 + s m2) / 2", f"{corrected[1, 0]:.4f} N m/rad"),
+        ("asymmetry of the corrected matrix", f"{_below(np.abs(corrected - corrected.T).max(), 1e-15)}"),
+    ]
+
+
+def experiments(robots: Path) -> Rows:
+    """Run both experiments at 5 ms, seed 0: corrected, conventional, and the laws beside them."""
+    from examples.bowl_wiping import analysis as bowl_analysis
+    from examples.bowl_wiping.experiment import EXPERIMENT as BOWL
+    from examples.experiments.command import Experiment, open_arm
+    from examples.experiments.trial import Trace, run
+    from examples.parkour import analysis, trajectory
+    from examples.parkour.experiment import EXPERIMENT as PARKOUR
+
+    def trials(experiment: Experiment, robot: ModuleType) -> dict[str, Trace]:
+        return {law: run(robot, law, experiment.plant(0.005), experiment.motion(0.005)) for law in experiment.laws}
+
+    plate = open_arm(BOWL, robots / BOWL.tool.robot)
+    bowl = bowl_analysis.findings(plate, list(trials(BOWL, plate).values()))
+    ball = open_arm(PARKOUR, robots / PARKOUR.tool.robot)
+    found = {law: analysis.findings(ball, law, trace) for law, trace in trials(PARKOUR, ball).items()}
+    board, shift = found["conventional"], trajectory.compare(ball)
+    return [
+        ("antisymmetric part, corrected, every entry", *(_below(each, 1e-12) + " N m/rad" for each in (
+            bowl.antisymmetric_entry[0], found["corrected"].symmetric_entry))),
+        ("antisymmetric part, conventional, largest singular value", f"{bowl.antisymmetric[1]:.1f} N m/rad",
+         f"{board.antisymmetric:.2f} N m/rad"),
+        ("conventional less its closed form J_r^T [m]x J_r / 2", *(_below(each, 1e-12) + " N m/rad" for each in (
+            max(bowl.closed_form_error), max(each.closed_form_error for each in found.values())))),
+        ("largest moment at the tool point", f"{max(bowl.largest_moment):.1f} N m", f"{board.moment:.2f} N m"),
+        ("contact, of the samples", f"{min(bowl.contact):.0%}", f"{min(each.contact for each in found.values()):.0%}"),
+        ("torque of the correction, at most", "", f"{board.correction_torque:.1g} N m"),
+        ("energy account, largest residual", *(_below(each, 1e-12) + " J" for each in (
+            bowl.balance, max(each.imbalance for each in found.values())))),
+        ("replayed below recorded trajectory", "", f"{-1e3 * shift.mean[2]:.2f} mm"),
+    ]  # fmt: skip
+
+
+def per_moment(robots: Path) -> Rows:
+    """Measure the conventional stiffness under 1 N m about each base axis, at the flange, every 20th sample."""
+    robot = _iiwa()
+    rows: Rows = []
+    for name, folder, file in (
+        ("bowl", "bowl_wiping", "zero_force_trajectory.csv"),
+        ("parkour", "parkour", "recorded_trajectory.csv"),
+    ):
+        q = np.loadtxt(ROOT / "examples" / folder / file, delimiter=",").T[::20]
+        wrench = np.hstack([np.zeros((3, 3)), np.eye(3)])
+        K = robot.hybrid.joint_stiffness_uncorrected(q[:, None], wrench, TASK_STIFFNESS)
+        turned = np.swapaxes(K, -1, -2)
+        odd, even = (np.linalg.norm(part, 2, axis=(-2, -1)) for part in ((K - turned) / 2, (K + turned) / 2))
+        rows.append((name, f"{odd.min():.2f} to {odd.max():.2f}", f"{even.min():.0f} to {even.max():.0f}"))
+    return rows
+
+
+def orbits(robots: Path) -> Rows:
+    """Compute the net work of one lap of 0.3 rad about an orientation 0.5 rad from the equilibrium [J]."""
+    return [(name, *(f"{round(value, 6) + 0.0:.4f}" for value in work)) for name, work in theory.orbit_table()]
+
+
+def symmetrising(robots: Path) -> Rows:
+    """Compute the symmetric part of the conventional matrix less the corrected one, on the bowl's path."""
+    robot = _iiwa()
+    q = np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]
+    rows = []
+    for name, wrench in (("moment alone", np.r_[np.zeros(3), 4, -3, 8.0]), ("force and moment", energy_cycle.WRENCH)):
+        row = [name]
+        for representation in ("hybrid", "body", "spatial"):
+            kernels = getattr(robot, representation)
+            K = kernels.joint_stiffness_uncorrected(q, wrench, TASK_STIFFNESS)
+            corrected = kernels.joint_stiffness(q, wrench, TASK_STIFFNESS)
+            row.append(_below(np.abs((K + np.swapaxes(K, -1, -2)) / 2 - corrected).max(), 1e-12))
+        rows.append(tuple(row))
+    return rows
+
+
+def spatial_term(robots: Path) -> Rows:
+    """Compare one spring in two representations: joint stiffness of the spatial form less the hybrid one."""
+    robot = _iiwa()
+    q = np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]
+    K = robot.hybrid.joint_stiffness(q, energy_cycle.WRENCH, TASK_STIFFNESS)
+    rows: Rows = []
+    for name, as_tensor in (("with the covariant term", False), ("without it, as in the paper's spatial form", True)):
+        pose = robot.forward_kinematics(q)
+        wrench, moved = stiffgen.move_stiffness(
+            pose, energy_cycle.WRENCH, TASK_STIFFNESS, "hybrid", "spatial", as_tensor=as_tensor
+        )
+        worst = float(np.abs(robot.spatial.joint_stiffness(q, wrench, moved) - K).max())
+        rows.append((name, f"{_below(worst, 1e-10)} N m/rad"))
+    return rows
+
+
+def secant(robots: Path) -> Rows:
+    """Use a tangent as a secant: one joint on a spring, and laps of the iiwa 14 under a constant wrench."""
+    rows: Rows = []
+    for degrees in (20, 60, 90, 120):
+        spring = theory.pendulum_spring(np.radians([degrees]))
+        rows.append((f"one joint at {degrees} deg, torque / k", *(f"{value:.2f}" for value in (
+            -spring["torque"][0], -spring["secant_law"][0]))))  # fmt: skip
+    q = energy_cycle.centre()
+    robot = _iiwa()
+    for u, v in energy_cycle.PLANES:
+        works = [
+            energy_cycle.following(robot, q, (u, v), energy_cycle.RADIUS, law)[-1] for law in ("gradient", "corrected")
+        ]
+        rows.append((f"lap of joints {u + 1}, {v + 1}, work [J]", _below(abs(works[0]), 1e-12), f"{works[1]:.1e}"))
+    return rows
+
+
+def stance(robots: Path) -> Rows:
+    """Let Solo12 stand on four feet: softest frequency predicted from the stance's stiffness, and found in MuJoCo."""
+    from examples.whole_body import identify
+    from examples.whole_body.findings import DURATION, LEANING
+    from examples.whole_body.stance import standing
+    from examples.whole_body.trials import identified
+
+    robot = open_robot(robots / "solo12").module
+    rows: Rows = []
+    for name, load in (("standing", np.zeros(3)), ("pulled by a rope", LEANING)):
+        stood = standing(robot, load)
+        mode = stood.modes()[0]
+        without = stood.modes(stood.stiffness_without_base_term())[0].frequency
+        measured = identified(stood, DURATION)
+        M = stood.mass_matrix()
+        best = max(measured, key=lambda each: identify.agreement(M, mode.direction, each.shape))
+        rows.append((name, *(f"{value:.3f} Hz" for value in (mode.frequency, best.frequency, without))))
+    return rows
+
+
+def speed(robots: Path) -> Rows:
+    """Read the ratios of benchmarks/RESULTS.md."""
+    text = (ROOT / "benchmarks" / "RESULTS.md").read_text()
+    bars = re.findall(r"^\| (single call to 7 libm sincos|batch to 7 libm sincos[^|]*) \| ([0-9.]+) \|", text, re.M)
+    return [(name, value) for name, value in bars]
+
+
+SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
+    "appendix": (appendix, ("quantity", "value")),
+    "experiments": (experiments, ("quantity", "bowl", "parkour")),
+    "per moment": (per_moment, ("trajectory", "antisymmetric part [N m/rad]", "symmetric part [N m/rad]")),
+    "orbits": (orbits, ("law", "K = diag(30, 30, 10)", "diag(30, 20, 10)", "diag(30, 30, 30)")),
+    "symmetrising": (symmetrising, ("wrench", "hybrid", "body", "spatial")),
+    "spatial term": (spatial_term, ("conversion of the task stiffness", "largest difference")),
+    "secant": (secant, ("case", "gradient", "tangent as secant")),
+    "stance": (stance, ("stance", "predicted", "found", "predicted without the base's term")),
+    "speed": (speed, ("ratio", "measured")),
+}
+"""Tables of the page: function and head of the columns."""
+
+
+def _below(value: float, bound: float) -> str:
+    """Return "0", "below" a bound, or the number: rounding differs between machines."""
+    if value == 0:
+        return "0"
+    return f"below {bound:.0e}" if value < bound else f"{value:.2g}"
+
+
+def _iiwa() -> ModuleType:
+    from generated import iiwa14
+
+    return iiwa14
+
+
+def table(section: str, robots: Path = ROBOTS) -> str:
+    """Return a section's table in Markdown.
+
+    Raises:
+        StiffgenError: a robot is not there.
+
+    """
+    compute, head = SECTIONS[section]
+    rows = [head, ("---",) * len(head), *compute(robots)]
+    return "".join("| " + " | ".join(row) + " |\n" for row in rows)
+
+
+def replaced(text: str, section: str, made: str) -> str:
+    """Return the page's text with a section's table replaced."""
+    before, start, rest = text.partition(f"<!-- {section} -->\n")
+    _, end, after = rest.partition(f"<!-- end of {section} -->")
+    return before + start + made + end + after
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=", ".join(SECTIONS))
+    parser.add_argument("--write", action="store_true", help="replace the tables in docs/results.md")
+    options = parser.parse_args()
+    text = PAGE.read_text()
+    for section in options.sections or SECTIONS:
+        if section not in SECTIONS:
+            parser.error(f"no section {section!r}; there are {', '.join(SECTIONS)}")
+        try:
+            made = table(section)
+        except StiffgenError as error:
+            print(f"results: {error}", file=sys.stderr)
+            return 2
+        print(f"{section}\n\n{made}")
+        text = replaced(text, section, made)
+    if options.write:
+        PAGE.write_text(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

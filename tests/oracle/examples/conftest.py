@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: MIT
+"""Robots of the examples, generated and compiled once for all workers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import stiffgen
+from examples.parkour.tool import BALL
+from examples.whole_body.plant import URDF as SOLO
+from examples.whole_body.stance import FEET
+from support.project import URDF, Once
+
+
+@pytest.fixture(scope="session")
+def ball_folder(once: Once) -> Path:
+    """Return the folder of the arm with the parkour's ball."""
+
+    def make(output: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CFLAGS", "-O1")
+            stiffgen.generate(URDF, name=BALL.robot, tool=BALL.for_generator(), output=output)
+
+    return once("ball", make) / BALL.robot
+
+
+@pytest.fixture(scope="session")
+def solo_folder(once: Once) -> Path:
+    """Return the folder of the quadruped."""
+    return (
+        once("whole-body", lambda output: stiffgen.generate(SOLO, tip=FEET, floating_base=True, output=output))
+        / "solo12"
+    )
+
+
+@pytest.fixture(scope="session")
+def solo(solo_folder: Path) -> ModuleType:
+    return stiffgen.open_robot(solo_folder).module

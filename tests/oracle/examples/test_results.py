@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""Every number of docs/results.md, computed anew."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from examples import results
+
+PAGE = results.PAGE.read_text()
+IN_CONTACT = 0.05
+"""Relative tolerance of the experiments: processors round differently, and contact amplifies it."""
+NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?"
+
+
+def shown(section: str) -> str:
+    (table,) = re.findall(rf"<!-- {section} -->\n(.*?)<!-- end of {section} -->", PAGE, re.DOTALL)
+    return str(table)
+
+
+@pytest.fixture(scope="module")
+def robots(plate_folder: Path, ball_folder: Path, solo_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("robots")
+    for each in (plate_folder, ball_folder, solo_folder):
+        (folder / each.name).symlink_to(each)
+    return folder
+
+
+def test_every_table_has_its_section_and_its_command() -> None:
+    assert re.findall(r"<!-- (?!end of)(.*?) -->", PAGE) == list(results.SECTIONS)
+    for section in results.SECTIONS:
+        assert re.search(rf"examples\.results \"?{section}|make (experiment|bench|whole-body)", PAGE.replace("\n", " "))
+
+
+@pytest.mark.parametrize("section", [each for each in results.SECTIONS if each not in ("experiments", "stance")])
+def test_numbers(section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The same text, to the digits shown."""
+    monkeypatch.setattr(results, "_iiwa", lambda: robot)
+    assert results.table(section, tmp_path) == shown(section)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("section", ["experiments", "stance"])
+def test_numbers_in_contact(section: str, robots: Path) -> None:
+    made, page = results.table(section, robots), shown(section)
+    assert re.sub(NUMBER, "#", made) == re.sub(NUMBER, "#", page)
+    for ours, theirs in zip(re.findall(NUMBER, made), re.findall(NUMBER, page), strict=True):
+        assert float(ours) == pytest.approx(float(theirs), rel=IN_CONTACT), (ours, theirs)
