@@ -12,6 +12,7 @@ from stiffgen._version import __version__
 
 if TYPE_CHECKING:
     from stiffgen.analyze.analysis import Analysis, analyze
+    from stiffgen.analyze.sensors import SensorProperties, estimate_sensors
     from stiffgen.cache import load
     from stiffgen.errors import (
         BuildError,
@@ -50,12 +51,14 @@ __all__ = [
     "Placement",
     "PotentialError",
     "RecordingError",
+    "SensorProperties",
     "SpringOptions",
     "StiffgenError",
     "StiffnessModel",
     "Tool",
     "__version__",
     "analyze",
+    "estimate_sensors",
     "generate",
     "load",
     "load_chain",
@@ -65,6 +68,7 @@ __all__ = [
 
 _HOMES = {
     "analyze.analysis": ("Analysis", "analyze"),
+    "analyze.sensors": ("SensorProperties", "estimate_sensors"),
     "cache": ("load",),
     "generate": ("generate",),
     "loading": ("load_chain",),

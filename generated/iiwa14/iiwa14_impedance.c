@@ -27,7 +27,7 @@ typedef iiwa14_impedance_output output_t;
  *   l            scale; the torque is the gradient of l U
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  */
-enum { READY = 0x51f7, RECENT = 8 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -43,6 +43,9 @@ static const double BRAKED = 0.9;     /* share of the velocity limits from which
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
+/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
+ * on, over the motion of this many samples. */
+static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 /* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
 
@@ -59,6 +62,8 @@ typedef struct {
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
     int timed;     /* the sample's counter tells which calls are missing */
+    int joint;     /* of the finding about the sample, or NO_JOINT */
+    double seen, limit; /* of the finding */
     double budget; /* [J] the tank's share for what costs energy */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
@@ -244,11 +249,23 @@ static int check_fields(const config_t *c)
     if (!integers_within(&c->missed_limit, 1, 1, 1000)) {
         return ID(E_CONFIG_MISSED_LIMIT);
     }
+    if (!integers_within(&c->loss_limit, 1, 1, 1000000)) {
+        return ID(E_CONFIG_LOSS_LIMIT);
+    }
+    if (!doubles_within(&c->state_period, 1, 0.0, 1.0)) {
+        return ID(E_CONFIG_STATE_PERIOD);
+    }
     if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
         return ID(E_CONFIG_POSITION_QUANTUM);
     }
+    if (!doubles_within(&c->velocity_noise, 1, 0.0, 100.0)) {
+        return ID(E_CONFIG_VELOCITY_NOISE);
+    }
     if (!integers_within(&c->frozen_window, 1, 2, 1000000)) {
         return ID(E_CONFIG_FROZEN_WINDOW);
+    }
+    if (!doubles_within(&c->overspeed_time, 1, 0.0, 10.0)) {
+        return ID(E_CONFIG_OVERSPEED_TIME);
     }
     if (!doubles_within(&c->automatic_reset_time, 1, 0.0, 10000.0)) {
         return ID(E_CONFIG_AUTOMATIC_RESET_TIME);
@@ -269,6 +286,91 @@ static int fault_of_reason(int reason)
     return classes[reason];
 }
 
+/* Return the meaning of a reason, with the fields to look at; "unknown reason" for any other number. */
+static const char *meaning_of_reason(int reason)
+{
+    switch (reason) {
+    case IIWA14_REASON_NONE:
+        return "no fault";
+    case IIWA14_REASON_NOT_FINITE:
+        return "q or dq is NaN, infinite, or absurdly large";
+    case IIWA14_REASON_JUMP:
+        return "q moved by more than twice the velocity limit allows (velocity_limit, position_quantum, state_period)";
+    case IIWA14_REASON_MISMATCH:
+        return "dq does not agree with the change of q (velocity_noise, position_quantum, state_period, velocity_limit)";
+    case IIWA14_REASON_FROZEN:
+        return "q or dq stands still while the other moves (velocity_noise, position_quantum, frozen_window)";
+    case IIWA14_REASON_STALE:
+        return "the sample counter does not advance";
+    case IIWA14_REASON_WRENCH:
+        return "paper's law: no wrench, or one that is not believed (force_limit, moment_limit)";
+    case IIWA14_REASON_MISSED:
+        return "too many samples are missing in a row, or more than one of three for long (loss_limit)";
+    case IIWA14_REASON_SKIPPED:
+        return "the sample counter shows that calls are missing (missed_limit)";
+    case IIWA14_REASON_POSITION:
+        return "a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance)";
+    case IIWA14_REASON_OVERSPEED:
+        return "a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise)";
+    case IIWA14_REASON_PAPER_BOUND:
+        return "paper's law: load or deflection beyond the bound where the law is a spring (law)";
+    case IIWA14_REASON_RESERVE:
+        return "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)";
+    case IIWA14_REASON_CONFIG:
+        return "the configuration was refused (the return value names the field)";
+    case IIWA14_REASON_CHANGED:
+        return "law or tool pose changed while engaged (law, tool_pose)";
+    case IIWA14_REASON_STATE:
+        return "the state's checksum is wrong: its memory was overwritten";
+    default:
+        return "unknown reason";
+    }
+}
+
+/* Return what a reason's numbers are, with their unit; empty for a reason without. */
+static const char *seen_of_reason(int reason)
+{
+    switch (reason) {
+    case IIWA14_REASON_JUMP:
+        return "change of q [rad or m]";
+    case IIWA14_REASON_MISMATCH:
+        return "dq less the change of q per second [rad/s or m/s]";
+    case IIWA14_REASON_FROZEN:
+        return "motion that only the other signal shows [rad or m]";
+    case IIWA14_REASON_STALE:
+        return "advance of the counter [samples]";
+    case IIWA14_REASON_MISSED:
+        return "samples missing, less half of the good ones since [samples]";
+    case IIWA14_REASON_SKIPPED:
+        return "calls left out [samples]";
+    case IIWA14_REASON_POSITION:
+        return "q [rad or m]";
+    case IIWA14_REASON_OVERSPEED:
+        return "speed [rad/s or m/s]";
+    case IIWA14_REASON_PAPER_BOUND:
+        return "deflection [rad]";
+    case IIWA14_REASON_RESERVE:
+        return "reserve of the torque [J]";
+    default:
+        return "";
+    }
+}
+
+/* Return the name of a joint. */
+static const char *robot_joint(int joint)
+{
+    static const char *const names[N] = {
+        "A1",
+        "A2",
+        "A3",
+        "A4",
+        "A5",
+        "A6",
+        "A7",
+    };
+    return names[joint];
+}
+
 /* Copy the output fields that the memory holds. */
 static void report_memory(const memory_t *m, output_t *out)
 {
@@ -276,7 +378,11 @@ static void report_memory(const memory_t *m, output_t *out)
     out->reason = m->reason;
     out->missed = m->missed;
     out->unaccounted = m->unaccounted;
+    out->fault_joint = m->fault_joint;
+    out->hold = m->hold;
     out->fault_time = m->fault_time;
+    out->fault_seen = m->fault_seen;
+    out->fault_limit = m->fault_limit;
     memcpy(out->position, m->q, sizeof out->position);
     memcpy(out->reference, m->posture, sizeof out->reference);
     memcpy(out->equilibrium, m->equilibrium, sizeof out->equilibrium);
@@ -715,6 +821,9 @@ static int validate(const config_t *c)
     if (c->law == ID(LAW_PAPER) && TIPS > 1) {
         return ID(E_PAPER_TIPS);
     }
+    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
+        return ID(E_STATE_PERIOD);
+    }
     return c->tank_initial <= c->tank_maximum ? ID(OK) : ID(E_TANK);
 }
 
@@ -762,7 +871,8 @@ static void start_memory(const config_t *c, state_t *state)
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->tank = c->tank_initial;
-    m->calls = c->missed_limit;
+    m->calls = m->hold = c->missed_limit;
+    m->fault_joint = NO_JOINT;
     m->ready = READY;
 }
 
@@ -804,12 +914,18 @@ static int request_reset(state_t *state)
     return ID(OK);
 }
 
-/* Latch a fault; the first one stays. */
-static void latch_fault(memory_t *m, int reason)
+/*
+ * Latch a fault; the first one stays. joint: where, or NO_JOINT; seen, limit: the number that was seen, and what it may
+ * be.
+ */
+static void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
 {
     if (m->fault == ID(FAULT_NONE)) {
         m->fault = fault_of_reason(reason);
         m->reason = reason;
+        m->fault_joint = joint;
+        m->fault_seen = seen;
+        m->fault_limit = limit;
         m->fault_time = 0.0;
         m->reset = 0;
     }
@@ -944,11 +1060,11 @@ static double worst_feed_work(const memory_t *m, const double *feed, int interva
 
 /*
  * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and one of `calls` calls is made. The
- * torque is held for `calls` such calls without a sample, and, in a fault, for one.
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample times.
+ * The torque is held for `calls` such calls without a sample, and, in a fault, for one.
  * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
  */
-static double compute_reserve(const step_t *s, int calls, const double *torque, double *parts)
+static double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
 {
     const memory_t *const m = s->m;
     const double hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
@@ -956,8 +1072,8 @@ static double compute_reserve(const step_t *s, int calls, const double *torque, 
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
         parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
-        parts[1] += far * calls * hold * size;
-        parts[2] += far * calls * 0.5 * size * (size / m->rate[i]);
+        parts[1] += far * gap * hold * size;
+        parts[2] += far * gap * 0.5 * size * (size / m->rate[i]);
     }
     return parts[0] + parts[1] + parts[2];
 }
@@ -1021,7 +1137,7 @@ static void adopt_missed_limit(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     double parts[3];
-    const int covered = compute_reserve(s, s->c->missed_limit, last, parts) <= available_energy(m);
+    const int covered = compute_reserve(s, s->c->missed_limit, s->c->missed_limit, last, parts) <= available_energy(m);
     if (s->c->missed_limit <= m->calls || (m->fault == ID(FAULT_NONE) && covered)) {
         m->calls = s->c->missed_limit;
     }
@@ -1140,47 +1256,76 @@ static void book_interval(step_t *s, const double *q)
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 
 /*
- * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a
- * fault, and so is more than one of three for long.
+ * Count missing samples; each sample that is there (periods 0) takes half a one back. Faults are loss_limit in a row,
+ * more than one of three for long, and missed_limit calls in a row.
  */
 static void count_missing(step_t *s, int periods, int reason)
 {
     memory_t *const m = s->m;
-    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->m->calls;
-    m->absent = clamp_count(count, limit);
-    if (count >= limit && m->known) {
-        latch_fault(m, reason);
+    const int most = s->c->loss_limit > m->calls ? s->c->loss_limit : m->calls;
+    const int count = m->absent + (periods > 0 ? 2 * periods : -1), calls = reason == ID(REASON_SKIPPED) ? periods : 0;
+    m->absent = clamp_count(count, 2 * most);
+    if (m->known && calls >= m->calls) {
+        latch_fault(m, reason, NO_JOINT, calls, m->calls);
+    } else if (m->known && count >= 2 * most) {
+        latch_fault(m, reason, NO_JOINT, 0.5 * count, most);
     }
 }
 
 /*
- * Track a value that may stand still. Return whether it has for a window, while the motions since its last change (or
- * since the last window without a finding) lead away from q by more than `most`. Each window is judged by itself, so
- * noise and bias of a velocity do not add up at rest.
+ * Track a value that may stand still. From a window after its last change on, sum how far the motions of q and dq
+ * differ; up to `allowed` per sample is noise, resolution and bias of dq, which therefore do not add up at rest. Return
+ * the sum's absolute value.
  */
-static int stands_still(int changed, double window, double most, double q, double motion, double *age,
-                        double *predicted)
+static double sum_still(int changed, double window, double differs, double allowed, double *age, double *sum)
 {
     *age = changed ? 0.0 : *age + 1.0;
-    *predicted = changed ? q : *predicted + motion;
-    if (*age >= window && fabs(q - *predicted) <= most) {
-        *age = 0.0;
-        *predicted = q;
-    }
-    return *age >= window;
+    const double next = *sum + differs;
+    *sum = *age > window ? next - clamp(next, -allowed, allowed) : 0.0;
+    return fabs(*sum);
 }
 
-/* Find whether q or dq of joint i stands still over a window while the other moves. */
-static int check_frozen(const config_t *c, memory_t *m, double q, double dq, int i)
+/*
+ * Find whether q or dq of joint i stands still while the other moves. differs: motion by dq less the change of q; seen,
+ * limit: the sum and what it may be.
+ */
+static int check_frozen(step_t *s, int i, double differs, double elapsed, double *seen, double *limit)
 {
-    const double window = c->frozen_window, T = c->sample_time, motion = dq * T * (1 + m->gap);
-    const double most = fmax(4.0 * c->position_quantum, 0.02 * m->velocity_limit[i] * window * T);
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double q = s->input->q[i], dq = s->input->dq[i], window = c->frozen_window;
+    const double drift = fmax(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
     const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
+    const double q_sum = sum_still(q_changed, window, differs, allowed, &m->q_age[i], &m->moved_q[i]);
+    const double dq_sum = sum_still(dq_changed, window, differs, allowed, &m->dq_age[i], &m->moved_dq[i]);
     m->still_q[i] = q;
     m->still_dq[i] = dq;
-    const int q_stands = stands_still(q_changed, window, most, q, motion, &m->q_age[i], &m->moved_q[i]);
-    const int dq_stands = stands_still(dq_changed, window, most, q, motion, &m->dq_age[i], &m->start_q[i]);
-    return (q_stands ? FROZEN_POSITION : 0) | (dq_stands ? FROZEN_VELOCITY : 0);
+    *limit = fmax(4.0 * c->position_quantum, drift * FROZEN_SAMPLES * c->sample_time);
+    *seen = fmax(q_sum, dq_sum);
+    return (q_sum > *limit ? FROZEN_POSITION : 0) | (dq_sum > *limit ? FROZEN_VELOCITY : 0);
+}
+
+/* Return whether the sample repeats the last state, which state_period allows for this long. */
+static int repeats_state(step_t *s)
+{
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    int same = m->known && m->fault == ID(FAULT_NONE);
+    for (int i = 0; i < N; ++i) {
+        same = same && in->q[i] == m->still_q[i] && in->dq[i] == m->still_dq[i];
+    }
+    m->state_age = clamp_count(m->state_age + 1, 1000000);
+    same = same && m->state_age * s->c->sample_time < (1.0 - 1e-9) * s->c->state_period;
+    m->state_age = same ? m->state_age : 0;
+    return same;
+}
+
+/* Note what is wrong with a sample: joint, the number that was seen, and its limit. */
+static void note_finding(step_t *s, int joint, double seen, double limit)
+{
+    s->joint = joint;
+    s->seen = seen;
+    s->limit = limit;
 }
 
 /* Check the sample counter, and bridge the calls that are missing. Return REASON_NONE or REASON_STALE. */
@@ -1192,6 +1337,7 @@ static int check_counter(step_t *s, const double *last)
     m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
     m->seen_counter = counter;
     if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
+        note_finding(s, NO_JOINT, 1.0 + ahead, 1.0);
         return ID(REASON_STALE);
     }
     if (ahead > 0) {
@@ -1215,24 +1361,32 @@ static int check_joint(step_t *s, int i)
     const double q = s->input->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
-    const int stuck = check_frozen(c, m, q, dq, i);
-    const int differ = fabs(dq * elapsed - motion) > fmax(0.5 * far, 0.3 * fabs(motion)) + quanta;
-    /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
-    const int fault = m->fault != ID(FAULT_NONE);
-    if ((differ || !fault) && fabs(motion) > (fault ? 10.0 : 2.0) * far + quanta) {
-        s->located = 0;
-    }
+    const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
+    const double apart = c->state_period * fmin(fabs(dq), fabs(measured)); /* q and dq of different times */
+    const double most = fmax(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
+    double still, still_limit;
+    const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
+    /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
+     * one, and in a fault at any speed. */
+    const int fault = m->fault != ID(FAULT_NONE), follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
+    const double range = 2.0 * far + quanta + apart, located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
-    if (differ && fabs(motion) > 2.0 * far + quanta) {
+    if ((differ || !fault) && fabs(motion) > located) {
+        s->located = 0;
+        note_finding(s, i, fabs(motion), located);
+    }
+    if (differ && fabs(motion) > range) {
         s->velocity[i] = 0.0;
         s->jumped = 1;
         return ID(REASON_JUMP);
     }
     if (stuck != 0) {
+        note_finding(s, i, still, still_limit);
         s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
         return ID(REASON_FROZEN);
     }
     if (differ) {
+        note_finding(s, i, fabs(differs) / elapsed, most / elapsed);
         const double smaller = fabs(measured) < fabs(dq) ? measured : dq;
         s->velocity[i] = measured * dq <= 0.0 ? 0.0 : smaller;
         return ID(REASON_MISMATCH);
@@ -1251,6 +1405,8 @@ static int check_sample(step_t *s, const double *last)
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
         if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * m->velocity_limit[i])) {
+            const double size = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
+            note_finding(s, i, fabs(size) <= DBL_MAX ? size : 0.0, 0.0);
             return ID(REASON_NOT_FINITE);
         }
     }
@@ -1292,12 +1448,18 @@ static void observe_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     int reason = ID(REASON_MISSED);
+    if (s->input->sample_valid == 1 && repeats_state(s)) {
+        /* no new sample, and none that is missing: the torque is held */
+        s->status |= ID(STATUS_REPEATED);
+        check_counter(s, last);
+        return;
+    }
     if (s->input->sample_valid == 1) {
         check_wrench(s);
         reason = check_sample(s, last);
         m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
         if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {
-            latch_fault(m, reason);
+            latch_fault(m, reason, s->joint, s->seen, s->limit);
         }
     }
     s->believed = reason == ID(REASON_NONE);
@@ -1989,7 +2151,7 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    compute_reserve(s, m->calls, pull, parts);
+    compute_reserve(s, m->calls, m->calls, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
@@ -2060,7 +2222,7 @@ static int try_torque(step_t *s, const double *last, double share)
         }
     }
     limit_torque(s, last);
-    s->m->reserve = compute_reserve(s, s->m->calls, out->torque, parts);
+    s->m->reserve = compute_reserve(s, s->m->hold, s->m->calls, out->torque, parts);
     return s->m->reserve <= available_energy(s->m);
 }
 
@@ -2078,10 +2240,14 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         trial += covered ? step : -step;
         step *= 0.5;
     }
-    try_torque(s, last, share);
+    if (!try_torque(s, last, share)) {
+        /* after a long gap only a torque that is not held again may be covered */
+        m->hold = 1;
+        try_torque(s, last, share);
+    }
     s->status |= ID(STATUS_RESERVE);
     if (share < 1.0 && m->tank < TANK_FLOOR * s->c->tank_maximum) {
-        latch_fault(m, ID(REASON_RESERVE));
+        latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
         s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
@@ -2160,6 +2326,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     output_t *const out = s->out;
+    m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
     double pull[N], follow[N] = {0.0}, slip[N], feed[N];
     robot_mass_matrix(m->q, out->mass_matrix);
@@ -2170,7 +2337,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     const double energy = pull_springs(s, slip, by_pose, pull, follow);
     const double cap = design_damping(s, follow);
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
-        latch_fault(m, ID(REASON_PAPER_BOUND));
+        latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
     if (m->engaged) {
         vary_scale(s, pull, energy, cap);
@@ -2200,6 +2367,65 @@ static void compute_torque(step_t *s, const double *last, int moved)
     shift_history(m, s->transit, feed);
 }
 
+/* Texts: a fault in words and numbers. */
+
+/* Append characters to a text of the given size, as far as they fit with the final zero. */
+static void append(char *text, size_t size, size_t *length, const char *words)
+{
+    for (size_t k = 0; words[k] != '\0' && *length + 1u < size; ++k) {
+        text[*length] = words[k];
+        *length += 1u;
+    }
+    text[*length] = '\0';
+}
+
+/* Append a number with up to six decimals; beyond a billion, a billion. */
+static void append_number(char *text, size_t size, size_t *length, double number)
+{
+    char digits[24];
+    int at = (int)sizeof digits - 1, shown = 0;
+    int64_t millionths = (int64_t)(clamp(fabs(number), 0.0, 1e9) * 1e6 + 0.5);
+    append(text, size, length, number < 0.0 && millionths > 0 ? "-" : "");
+    digits[at] = '\0';
+    for (int place = 0; place < 7 || millionths > 0; ++place) {
+        const int digit = (int)(millionths % 10);
+        if (place == 6 && shown) {
+            at -= 1;
+            digits[at] = '.';
+        }
+        shown |= digit != 0 || place >= 6;
+        if (shown) {
+            at -= 1;
+            digits[at] = (char)('0' + digit);
+        }
+        millionths /= 10;
+    }
+    append(text, size, length, digits + at);
+}
+
+/* Write what a fault is about into a text: joint, meaning with the fields to look at, what was seen, and its limit. */
+static void describe_fault(const output_t *out, char *text, size_t size)
+{
+    size_t length = 0;
+    if (size == 0u) {
+        return;
+    }
+    text[0] = '\0';
+    if (out->fault_joint >= 0 && out->fault_joint < N) {
+        append(text, size, &length, robot_joint(out->fault_joint));
+        append(text, size, &length, ": ");
+    }
+    append(text, size, &length, meaning_of_reason(out->reason));
+    if (seen_of_reason(out->reason)[0] != '\0') {
+        append(text, size, &length, "; ");
+        append(text, size, &length, seen_of_reason(out->reason));
+        append(text, size, &length, ": ");
+        append_number(text, size, &length, out->fault_seen);
+        append(text, size, &length, ", limit ");
+        append_number(text, size, &length, out->fault_limit);
+    }
+}
+
 /*
  * Step: observe the sample, book the interval that ended (s), check for faults, move the equilibrium (p), vary the
  * stiffness (v), design the damping, vary the scale (v), choose a torque that is covered and within its limits.
@@ -2224,10 +2450,12 @@ static void check_limits(step_t *s)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const input_t *const in = s->input;
+    int fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
-        if (speed > c->velocity_limit[i]) {
-            latch_fault(m, ID(REASON_OVERSPEED));
+        if (speed > c->velocity_limit[i] + NOISE_RANGE * c->velocity_noise) {
+            fast = fast == NO_JOINT ? i : fast;
+            s->status |= ID(STATUS_OVERSPEED);
         }
         /* a lowered limit bounds what is believed only once the arm is below it */
         if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
@@ -2235,13 +2463,19 @@ static void check_limits(step_t *s)
         }
         const double beyond = fmax(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
         if (beyond > c->position_tolerance) {
-            latch_fault(m, ID(REASON_POSITION));
+            const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
+            latch_fault(m, ID(REASON_POSITION), i, in->q[i], edge);
         }
+    }
+    /* a bump may drive a joint beyond its limit for a moment, which is braked */
+    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, 1000000);
+    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + 1e-9)) {
+        latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
     const int other_tool = s->commanded && robot_tool(in) != NULL &&
                            memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
     if (m->engaged && (c->law != m->law || other_tool)) {
-        latch_fault(m, ID(REASON_CHANGED));
+        latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
     }
 }
 
@@ -2254,6 +2488,8 @@ static void end_fault(step_t *s)
     if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > s->c->sample_time) {
         m->fault = ID(FAULT_NONE);
         m->reason = ID(REASON_NONE);
+        m->fault_joint = NO_JOINT;
+        m->fault_seen = m->fault_limit = 0.0;
         m->reset = m->absent = m->bad = 0;
     }
 }
@@ -2292,7 +2528,10 @@ static void step_with_sample(step_t *s, const double *last)
     compute_torque(s, last, moved);
 }
 
-/* Step without a believed sample: hold the torque, or, in a fault, move it to zero at the rate limit. */
+/*
+ * Step without a believed sample: hold the torque for as many calls as the reserve covers, then move it to zero at the
+ * rate limit. In a fault it moves at once, and the springs are released.
+ */
 static void step_without_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
@@ -2304,6 +2543,9 @@ static void step_without_sample(step_t *s, const double *last)
     bridge_gap(s, 1);
     if (m->known && m->fault == ID(FAULT_NONE)) {
         memcpy(s->out->torque, last, N * sizeof(double));
+        if (m->missed >= m->hold) {
+            step_towards_zero(last, m->rate, s->out->torque);
+        }
         limit_torque(s, last);
     } else { /* there may be no configuration */
         m->stiffness_total -= m->elastic_energy;
@@ -2383,12 +2625,12 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
         start_memory(c, state);
         m->unaccounted = 1;
-        latch_fault(m, ID(REASON_STATE));
+        latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }
     if (error == ID(OK)) {
         start_step(&s, state, last);
     } else {
-        latch_fault(m, ID(REASON_CONFIG));
+        latch_fault(m, ID(REASON_CONFIG), NO_JOINT, 0.0, 0.0);
         s.status |= ID(STATUS_CONFIG);
     }
     if (s.believed || (s.located && m->known && m->fault != ID(FAULT_NONE))) {
@@ -2426,8 +2668,12 @@ void iiwa14_impedance_default_config(config_t *config)
     config->force_limit = 500.0;
     config->moment_limit = 100.0;
     config->missed_limit = 3;
+    config->loss_limit = 10;
+    config->state_period = 0.0;
     config->position_quantum = 0.0;
+    config->velocity_noise = 0.0;
     config->frozen_window = 20;
+    config->overspeed_time = 0.2;
     config->automatic_reset_time = 0.0;
     config->tank_initial = 10.0;
     config->tank_maximum = 10.0;
@@ -2465,6 +2711,15 @@ int iiwa14_impedance_reset(state_t *state)
     return request_reset(state);
 }
 
+int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
+{
+    if (output == NULL || text == NULL) {
+        return ID(E_NULL);
+    }
+    describe_fault(output, text, size);
+    return ID(OK);
+}
+
 const char *iiwa14_impedance_error_text(int code)
 {
     switch (code) {
@@ -2484,6 +2739,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "tank_initial: must not be above tank_maximum";
     case IIWA14_E_PAPER_TIPS:
         return "law: the paper's law needs a robot with one tip";
+    case IIWA14_E_STATE_PERIOD:
+        return "state_period: must not be above missed_limit times sample_time";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
@@ -2544,10 +2801,18 @@ const char *iiwa14_impedance_error_text(int code)
         return "moment_limit: must lie between 0.001 and 1e+06";
     case IIWA14_E_CONFIG_MISSED_LIMIT:
         return "missed_limit: must lie between 1 and 1000";
+    case IIWA14_E_CONFIG_LOSS_LIMIT:
+        return "loss_limit: must lie between 1 and 1e+06";
+    case IIWA14_E_CONFIG_STATE_PERIOD:
+        return "state_period: must lie between 0 and 1";
     case IIWA14_E_CONFIG_POSITION_QUANTUM:
         return "position_quantum: must lie between 0 and 0.1";
+    case IIWA14_E_CONFIG_VELOCITY_NOISE:
+        return "velocity_noise: must lie between 0 and 100";
     case IIWA14_E_CONFIG_FROZEN_WINDOW:
         return "frozen_window: must lie between 2 and 1e+06";
+    case IIWA14_E_CONFIG_OVERSPEED_TIME:
+        return "overspeed_time: must lie between 0 and 10";
     case IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME:
         return "automatic_reset_time: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_TANK_INITIAL:

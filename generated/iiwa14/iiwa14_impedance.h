@@ -24,6 +24,7 @@
 
 #include "iiwa14.h"
 
+#include <stddef.h>
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -40,6 +41,7 @@ enum {
     IIWA14_E_POSITION_LIMITS = -5,
     IIWA14_E_TANK = -6,
     IIWA14_E_PAPER_TIPS = -7,
+    IIWA14_E_STATE_PERIOD = -8,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
     IIWA14_E_CONFIG_LAW = -22,
@@ -70,11 +72,15 @@ enum {
     IIWA14_E_CONFIG_FORCE_LIMIT = -47,
     IIWA14_E_CONFIG_MOMENT_LIMIT = -48,
     IIWA14_E_CONFIG_MISSED_LIMIT = -49,
-    IIWA14_E_CONFIG_POSITION_QUANTUM = -50,
-    IIWA14_E_CONFIG_FROZEN_WINDOW = -51,
-    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -52,
-    IIWA14_E_CONFIG_TANK_INITIAL = -53,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -54
+    IIWA14_E_CONFIG_LOSS_LIMIT = -50,
+    IIWA14_E_CONFIG_STATE_PERIOD = -51,
+    IIWA14_E_CONFIG_POSITION_QUANTUM = -52,
+    IIWA14_E_CONFIG_VELOCITY_NOISE = -53,
+    IIWA14_E_CONFIG_FROZEN_WINDOW = -54,
+    IIWA14_E_CONFIG_OVERSPEED_TIME = -55,
+    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -56,
+    IIWA14_E_CONFIG_TANK_INITIAL = -57,
+    IIWA14_E_CONFIG_TANK_MAXIMUM = -58
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
@@ -104,7 +110,9 @@ enum {
     IIWA14_STATUS_INDEFINITE = 1 << 16, /* the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable */
     IIWA14_STATUS_MASS_MATRIX = 1 << 17, /* the mass matrix is not positive definite: damping is joint_damping only */
     IIWA14_STATUS_LIMITS_KEPT = 1 << 18, /* a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay */
-    IIWA14_STATUS_CONFIG = 1 << 19 /* the configuration is refused or the state is not initialised; the return value says why */
+    IIWA14_STATUS_CONFIG = 1 << 19, /* the configuration is refused or the state is not initialised; the return value says why */
+    IIWA14_STATUS_REPEATED = 1 << 20, /* the sample repeats the last state, as state_period allows: the torque is held */
+    IIWA14_STATUS_OVERSPEED = 1 << 21 /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
 };
 
 /* Modes of a step. */
@@ -129,19 +137,19 @@ enum {
 enum {
     IIWA14_REASON_NONE = 0, /* [none] no fault */
     IIWA14_REASON_NOT_FINITE = 1, /* [sensor] q or dq is NaN, infinite, or absurdly large */
-    IIWA14_REASON_JUMP = 2, /* [sensor] q moved by more than twice the velocity limit allows (velocity_limit, position_quantum) */
-    IIWA14_REASON_MISMATCH = 3, /* [sensor] dq does not agree with the change of q (position_quantum, velocity_limit) */
-    IIWA14_REASON_FROZEN = 4, /* [sensor] q or dq stands still while the other moves (frozen_window, position_quantum) */
+    IIWA14_REASON_JUMP = 2, /* [sensor] q moved by more than twice the velocity limit allows (velocity_limit, position_quantum, state_period) */
+    IIWA14_REASON_MISMATCH = 3, /* [sensor] dq does not agree with the change of q (velocity_noise, position_quantum, state_period, velocity_limit) */
+    IIWA14_REASON_FROZEN = 4, /* [sensor] q or dq stands still while the other moves (velocity_noise, position_quantum, frozen_window) */
     IIWA14_REASON_STALE = 5, /* [sensor] the sample counter does not advance */
     IIWA14_REASON_WRENCH = 6, /* [sensor] paper's law: no wrench, or one that is not believed (force_limit, moment_limit) */
-    IIWA14_REASON_MISSED = 7, /* [communication] missed_limit samples were missed, or more than one of three for long (missed_limit) */
+    IIWA14_REASON_MISSED = 7, /* [communication] too many samples are missing in a row, or more than one of three for long (loss_limit) */
     IIWA14_REASON_SKIPPED = 8, /* [communication] the sample counter shows that calls are missing (missed_limit) */
     IIWA14_REASON_POSITION = 9, /* [limit] a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance) */
-    IIWA14_REASON_OVERSPEED = 10, /* [limit] a velocity is beyond its limit (velocity_limit) */
+    IIWA14_REASON_OVERSPEED = 10, /* [limit] a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise) */
     IIWA14_REASON_PAPER_BOUND = 11, /* [limit] paper's law: load or deflection beyond the bound where the law is a spring (law) */
     IIWA14_REASON_RESERVE = 12, /* [energy] the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit) */
-    IIWA14_REASON_CONFIG = 13, /* [configuration] the configuration was refused */
-    IIWA14_REASON_CHANGED = 14, /* [configuration] law or tool pose changed while engaged */
+    IIWA14_REASON_CONFIG = 13, /* [configuration] the configuration was refused (the return value names the field) */
+    IIWA14_REASON_CHANGED = 14, /* [configuration] law or tool pose changed while engaged (law, tool_pose) */
     IIWA14_REASON_STATE = 15 /* [configuration] the state's checksum is wrong: its memory was overwritten */
 };
 
@@ -197,8 +205,8 @@ typedef struct {
      * rate and sample time can follow; 0 turns it off. Every entry must lie between 0 and 1e+06. Default:
      * effort[i]. */
     double limit_stiffness[7];
-    /* [rad/s or m/s] velocity limit of the arm; exceeding it is a limit fault. Every entry must lie between
-     * 1e-06 and 1000. Default: velocity[i]. */
+    /* [rad/s or m/s] velocity limit of the arm; exceeding it for overspeed_time is a limit fault. Every entry
+     * must lie between 1e-06 and 1000. Default: velocity[i]. */
     double velocity_limit[7];
     /* [rad/s or m/s] velocity limit of the equilibrium, which uses 0.8 of it; from 0.9 of it on the arm's joint
      * is braked. Every entry must lie between 1e-06 and 1000. Default: 0.5 * velocity[i]. */
@@ -225,16 +233,30 @@ typedef struct {
     double force_limit;
     /* [N m] largest measured moment (norm) that is believed. Must lie between 0.001 and 1e+06. Default: 100.0. */
     double moment_limit;
-    /* [samples] number of missed, skipped or bad samples that is a fault; each good sample takes half of one
-     * back. Must lie between 1 and 1000. Default: 3. */
+    /* [samples] number of calls without a believed sample for which the torque is held; from then on it moves
+     * to zero at the rate limit until a sample comes; as many calls left out in a row are a fault. Must lie
+     * between 1 and 1000. Default: 3. */
     int missed_limit;
+    /* [samples] number of missing or bad samples in a row that is a fault, at least missed_limit; each good
+     * sample takes half of one back, so random loss of 5 % is none. Must lie between 1 and 1e+06. Default: 10. */
+    int loss_limit;
+    /* [s] time from one new state of the robot to the next; within it a sample that repeats the last one is no
+     * new sample, and none that is missing; at most missed_limit sample times; 0: each sample is new. Must lie
+     * between 0 and 1. Default: 0.0. */
+    double state_period;
     /* [rad or m] resolution of the positions that velocities are computed from; the damping then uses the mean
      * velocity of as many samples (up to 8) as the torque's rate limit needs. Must lie between 0 and 0.1.
      * Default: 0.0. */
     double position_quantum;
-    /* [samples] number of samples after which a value that stands still while the other signal moves is a bad
-     * sample. Must lie between 2 and 1e+06. Default: 20. */
+    /* [rad/s or m/s] standard deviation or resolution of dq, the larger one; what the checks of samples and
+     * speed allow for. Must lie between 0 and 100. Default: 0.0. */
+    double velocity_noise;
+    /* [samples] number of samples for which a value may stand still while the other signal moves, before it is
+     * judged. Must lie between 2 and 1e+06. Default: 20. */
     int frozen_window;
+    /* [s] time for which a joint may be beyond velocity_limit, as after a bump; it is braked from the first
+     * sample on. Must lie between 0 and 10. Default: 0.2. */
+    double overspeed_time;
     /* [s] time of good samples after which a fault resets itself; 0: never. Must lie between 0 and 10000.
      * Default: 0.0. */
     double automatic_reset_time;
@@ -294,8 +316,17 @@ typedef struct {
     int missed;
     /* number of times that the energy account began anew. */
     uint32_t unaccounted;
+    /* index of the joint that the fault is about, or -1. */
+    int fault_joint;
+    /* [samples] calls without a sample for which the torque would be held: missed_limit, or 1 where the tank
+     * covers no more. */
+    int hold;
     /* [s] time since the fault was latched. */
     double fault_time;
+    /* number that was seen, IIWA14_impedance_reason_seen says of what. */
+    double fault_seen;
+    /* what fault_seen may be. */
+    double fault_limit;
     /* [rad or m] last believed q. */
     double position[7];
     /* [rad/s or m/s] velocity that the damping used: dq, its mean, or the credible part of it; 0 without a
@@ -371,7 +402,7 @@ typedef struct {
     double still_q[7];
     double moved_q[7];
     double still_dq[7];
-    double start_q[7];
+    double moved_dq[7];
     double q_age[7];
     double dq_age[7];
     double posture[7];
@@ -402,6 +433,8 @@ typedef struct {
     double start_total;
     double fault_time;
     double good_time;
+    double fault_seen;
+    double fault_limit;
     int32_t ready;
     int32_t law;
     int32_t known;
@@ -423,6 +456,10 @@ typedef struct {
     int32_t delay;
     int32_t gap_calls;
     int32_t calls;
+    int32_t hold;
+    int32_t state_age;
+    int32_t fast;
+    int32_t fault_joint;
     int32_t by_pose;
 } iiwa14_impedance_memory;
 
@@ -460,6 +497,12 @@ int iiwa14_impedance_step(const iiwa14_impedance_config *config, iiwa14_impedanc
  * brings the equilibrium back. A fault whose cause persists comes back at once.
  */
 int iiwa14_impedance_reset(iiwa14_impedance_state *state);
+
+/*
+ * Write a step's fault in words: joint, reason with the configuration fields to look at, what was seen, and its limit.
+ * At most size characters, the last one zero; 256 are enough. Return IIWA14_OK or IIWA14_E_NULL.
+ */
+int iiwa14_impedance_fault_text(const iiwa14_impedance_output *output, char *text, size_t size);
 
 /* Return one line of English for an error code, "unknown error" for any other number. Never NULL. */
 const char *iiwa14_impedance_error_text(int code);

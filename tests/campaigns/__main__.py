@@ -77,6 +77,7 @@ CAMPAIGNS = {
     "seeded-faults": _campaign("seeded_faults", "prove folders with seeded faults", None),
     "soak": _campaign("soak", "run the controller for a million hostile steps", "--steps 12000 --pencils 20"),
     "settle": _campaign("settle", "let random situations come to rest", "--count 2"),
+    "nuisance": _campaign("nuisance", "count faults in harmless episodes of four arms", "--episodes 3 --arms ur5"),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
     "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 120000 --flips 2400"),
     "fri-fuzz": _campaign(

@@ -17,6 +17,7 @@ from stiffgen.emit.fields import (
     MODES,
     OUTPUT,
     REASONS,
+    SEEN,
     STATUS,
     Field,
 )
@@ -26,7 +27,7 @@ from stiffgen.robot.chain import Chain
 RUNTIME = Path(__file__).parent.parent / "runtime"
 """Folder of the C library that every NAME_impedance.c contains."""
 INTERFACE = "impedance.h"
-_PARTS = ("matrix", "state", "energy", "sample", "damping", "governor", "stiffness", "torque", "step")
+_PARTS = ("matrix", "state", "energy", "sample", "damping", "governor", "stiffness", "torque", "text", "step")
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
 CONTROLLER_KERNELS = (
@@ -92,6 +93,7 @@ class ControllerPage:
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
         reasons: name, class of the fault and meaning.
+        seen: reason and the meaning of its numbers.
         reason_classes: number of each reason's class.
         errors: name, code and text.
         rules: checks of the configuration's fields.
@@ -111,6 +113,7 @@ class ControllerPage:
     modes: tuple[tuple[str, str], ...]
     faults: tuple[tuple[str, str], ...]
     reasons: tuple[tuple[str, str, str], ...]
+    seen: list[tuple[str, str]]
     reason_classes: list[int]
     errors: list[tuple[str, int, str]]
     rules: list[Rule]
@@ -136,6 +139,7 @@ def controller_page(name: str, chain: Chain, scalar: Scalar) -> ControllerPage |
         modes=MODES,
         faults=FAULTS,
         reasons=REASONS,
+        seen=list(SEEN.items()),
         reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],
         errors=_errors(name),
         rules=[_rule(field) for field in CONFIG],

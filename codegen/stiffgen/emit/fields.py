@@ -169,7 +169,7 @@ CONFIG: tuple[Field, ...] = (
         "velocity_limit",
         _N,
         "rad/s or m/s",
-        "velocity limit of the arm; exceeding it is a limit fault",
+        "velocity limit of the arm; exceeding it for overspeed_time is a limit fault",
         "{name}_velocity[i]",
         1e-6,
         1e3,
@@ -221,11 +221,33 @@ CONFIG: tuple[Field, ...] = (
         "missed_limit",
         _SCALAR,
         "samples",
-        "number of missed, skipped or bad samples that is a fault; each good sample takes half of one back",
+        "number of calls without a believed sample for which the torque is held; from then on it moves to zero at the "
+        "rate limit until a sample comes; as many calls left out in a row are a fault",
         "3",
         1,
         1000,
         "int",
+    ),
+    Field(
+        "loss_limit",
+        _SCALAR,
+        "samples",
+        "number of missing or bad samples in a row that is a fault, at least missed_limit; each good sample takes half "
+        "of one back, so random loss of 5 % is none",
+        "10",
+        1,
+        1000000,
+        "int",
+    ),
+    Field(
+        "state_period",
+        _SCALAR,
+        "s",
+        "time from one new state of the robot to the next; within it a sample that repeats the last one is no new "
+        "sample, and none that is missing; at most missed_limit sample times; 0: each sample is new",
+        "0.0",
+        0.0,
+        1.0,
     ),
     Field(
         "position_quantum",
@@ -238,14 +260,32 @@ CONFIG: tuple[Field, ...] = (
         0.1,
     ),
     Field(
+        "velocity_noise",
+        _SCALAR,
+        "rad/s or m/s",
+        "standard deviation or resolution of dq, the larger one; what the checks of samples and speed allow for",
+        "0.0",
+        0.0,
+        100.0,
+    ),
+    Field(
         "frozen_window",
         _SCALAR,
         "samples",
-        "number of samples after which a value that stands still while the other signal moves is a bad sample",
+        "number of samples for which a value may stand still while the other signal moves, before it is judged",
         "20",
         2,
         1000000,
         "int",
+    ),
+    Field(
+        "overspeed_time",
+        _SCALAR,
+        "s",
+        "time for which a joint may be beyond velocity_limit, as after a bump; it is braked from the first sample on",
+        "0.2",
+        0.0,
+        10.0,
     ),
     Field(
         "automatic_reset_time",
@@ -356,7 +396,18 @@ OUTPUT: tuple[Field, ...] = (
     Field(
         "unaccounted", _SCALAR, "", "number of times that the energy account began anew", type="uint32_t", memory="="
     ),
+    Field("fault_joint", _SCALAR, "", "index of the joint that the fault is about, or -1", type="int", memory="="),
+    Field(
+        "hold",
+        _SCALAR,
+        "samples",
+        "calls without a sample for which the torque would be held: missed_limit, or 1 where the tank covers no more",
+        type="int",
+        memory="=",
+    ),
     Field("fault_time", _SCALAR, "s", "time since the fault was latched", memory="="),
+    Field("fault_seen", _SCALAR, "", "number that was seen, NAME_impedance_reason_seen says of what", memory="="),
+    Field("fault_limit", _SCALAR, "", "what fault_seen may be", memory="="),
     Field("position", _N, "rad or m", "last believed q", memory="q"),
     Field(
         "velocity",
@@ -443,6 +494,8 @@ STATUS: tuple[tuple[str, str], ...] = (
         "a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay",
     ),
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
+    ("repeated", "the sample repeats the last state, as state_period allows: the torque is held"),
+    ("overspeed", "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
 
@@ -467,30 +520,60 @@ FAULTS: tuple[tuple[str, str], ...] = (
 REASONS: tuple[tuple[str, str, str], ...] = (
     ("none", "none", "no fault"),
     ("not_finite", "sensor", "q or dq is NaN, infinite, or absurdly large"),
-    ("jump", "sensor", "q moved by more than twice the velocity limit allows (velocity_limit, position_quantum)"),
-    ("mismatch", "sensor", "dq does not agree with the change of q (position_quantum, velocity_limit)"),
-    ("frozen", "sensor", "q or dq stands still while the other moves (frozen_window, position_quantum)"),
+    (
+        "jump",
+        "sensor",
+        "q moved by more than twice the velocity limit allows (velocity_limit, position_quantum, state_period)",
+    ),
+    (
+        "mismatch",
+        "sensor",
+        "dq does not agree with the change of q (velocity_noise, position_quantum, state_period, velocity_limit)",
+    ),
+    (
+        "frozen",
+        "sensor",
+        "q or dq stands still while the other moves (velocity_noise, position_quantum, frozen_window)",
+    ),
     ("stale", "sensor", "the sample counter does not advance"),
     ("wrench", "sensor", "paper's law: no wrench, or one that is not believed (force_limit, moment_limit)"),
-    ("missed", "communication", "missed_limit samples were missed, or more than one of three for long (missed_limit)"),
+    (
+        "missed",
+        "communication",
+        "too many samples are missing in a row, or more than one of three for long (loss_limit)",
+    ),
     ("skipped", "communication", "the sample counter shows that calls are missing (missed_limit)"),
     (
         "position",
         "limit",
         "a position is beyond its limit and tolerance (lower_limit, upper_limit, position_tolerance)",
     ),
-    ("overspeed", "limit", "a velocity is beyond its limit (velocity_limit)"),
+    ("overspeed", "limit", "a velocity is beyond its limit for long (velocity_limit, overspeed_time, velocity_noise)"),
     ("paper_bound", "limit", "paper's law: load or deflection beyond the bound where the law is a spring (law)"),
     (
         "reserve",
         "energy",
         "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)",
     ),
-    ("config", "configuration", "the configuration was refused"),
-    ("changed", "configuration", "law or tool pose changed while engaged"),
+    ("config", "configuration", "the configuration was refused (the return value names the field)"),
+    ("changed", "configuration", "law or tool pose changed while engaged (law, tool_pose)"),
     ("state", "configuration", "the state's checksum is wrong: its memory was overwritten"),
 )
 """Reasons for faults, NAME_REASON_<NAME> from 0 on: class, meaning, and in brackets the fields to look at."""
+
+SEEN: dict[str, str] = {
+    "jump": "change of q [rad or m]",
+    "mismatch": "dq less the change of q per second [rad/s or m/s]",
+    "frozen": "motion that only the other signal shows [rad or m]",
+    "stale": "advance of the counter [samples]",
+    "missed": "samples missing, less half of the good ones since [samples]",
+    "skipped": "calls left out [samples]",
+    "position": "q [rad or m]",
+    "overspeed": "speed [rad/s or m/s]",
+    "paper_bound": "deflection [rad]",
+    "reserve": "reserve of the torque [J]",
+}
+"""Meaning and unit of fault_seen and fault_limit for each reason with numbers."""
 
 ERRORS: tuple[tuple[str, str], ...] = (
     ("null", "a pointer is NULL"),
@@ -500,5 +583,6 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("position_limits", "lower_limit, upper_limit: lower must be below upper by more than two limit zones"),
     ("tank", "tank_initial: must not be above tank_maximum"),
     ("paper_tips", "law: the paper's law needs a robot with one tip"),
+    ("state_period", "state_period: must not be above missed_limit times sample_time"),
 )
 """Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""

@@ -127,11 +127,11 @@ double worst_feed_work(const memory_t *m, const double *feed, int intervals)
 
 /*
  * Compute the reserve: the worst-case work of the torques in transit, whatever the environment does, until the last of
- * them has gone to zero at the rate limit. No joint is faster than its limit, and one of `calls` calls is made. The
- * torque is held for `calls` such calls without a sample, and, in a fault, for one.
+ * them has gone to zero at the rate limit. No joint is faster than its limit, and a call comes every `gap` sample times.
+ * The torque is held for `calls` such calls without a sample, and, in a fault, for one.
  * With l times the torque the reserve is parts[0] + l parts[1] + l^2 parts[2].
  */
-double compute_reserve(const step_t *s, int calls, const double *torque, double *parts)
+double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts)
 {
     const memory_t *const m = s->m;
     const double hold = m->fault != ID(FAULT_NONE) ? 1.0 : calls;
@@ -139,8 +139,8 @@ double compute_reserve(const step_t *s, int calls, const double *torque, double 
     for (int i = 0; i < N; ++i) {
         const double size = fabs(torque[i]), far = farthest_motion(m, i);
         parts[0] += far * ((m->delay > 0 ? fabs(s->transit[i]) : 0.0) + (m->delay > 1 ? fabs(m->older[i]) : 0.0));
-        parts[1] += far * calls * hold * size;
-        parts[2] += far * calls * 0.5 * size * (size / m->rate[i]);
+        parts[1] += far * gap * hold * size;
+        parts[2] += far * gap * 0.5 * size * (size / m->rate[i]);
     }
     return parts[0] + parts[1] + parts[2];
 }
@@ -204,7 +204,7 @@ void adopt_missed_limit(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     double parts[3];
-    const int covered = compute_reserve(s, s->c->missed_limit, last, parts) <= available_energy(m);
+    const int covered = compute_reserve(s, s->c->missed_limit, s->c->missed_limit, last, parts) <= available_energy(m);
     if (s->c->missed_limit <= m->calls || (m->fault == ID(FAULT_NONE) && covered)) {
         m->calls = s->c->missed_limit;
     }

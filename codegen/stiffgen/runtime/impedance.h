@@ -18,7 +18,7 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { READY = 0x51f7, RECENT = 8 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -34,6 +34,9 @@ static const double BRAKED = 0.9;     /* share of the velocity limits from which
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
+/* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
+ * on, over the motion of this many samples. */
+static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
 /* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
 
@@ -50,6 +53,8 @@ typedef struct {
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
     int timed;     /* the sample's counter tells which calls are missing */
+    int joint;     /* of the finding about the sample, or NO_JOINT */
+    double seen, limit; /* of the finding */
     double budget; /* [J] the tank's share for what costs energy */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
@@ -80,6 +85,9 @@ void robot_mass_matrix(const double *q, double *mass_matrix);
 const double *robot_tool(const input_t *input);
 int check_fields(const config_t *c);
 int fault_of_reason(int reason);
+const char *meaning_of_reason(int reason);
+const char *seen_of_reason(int reason);
+const char *robot_joint(int joint);
 void report_memory(const memory_t *m, output_t *out);
 
 /* matrix.c */
@@ -112,7 +120,7 @@ void store_copies(double *copies, const double *values);
 void start_memory(const config_t *c, state_t *state);
 int initialise(const config_t *c, state_t *state, const double *torque);
 int request_reset(state_t *state);
-void latch_fault(memory_t *m, int reason);
+void latch_fault(memory_t *m, int reason, int joint, double seen, double limit);
 
 /* energy.c */
 double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture);
@@ -125,7 +133,7 @@ void book_reference(step_t *s, double p);
 void shift_history(memory_t *m, const double *last, const double *feed);
 double farthest_motion(const memory_t *m, int i);
 double worst_feed_work(const memory_t *m, const double *feed, int intervals);
-double compute_reserve(const step_t *s, int calls, const double *torque, double *parts);
+double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts);
 double available_energy(const memory_t *m);
 void adopt_limits(step_t *s, const double *q);
 void adopt_missed_limit(step_t *s, const double *last);
@@ -158,6 +166,9 @@ void brake_fast_joints(step_t *s);
 void step_towards_zero(const double *last, const double *rate, double *torque);
 void limit_torque(step_t *s, const double *last);
 void compute_torque(step_t *s, const double *last, int moved);
+
+/* text.c */
+void describe_fault(const output_t *out, char *text, size_t size);
 
 /* step.c */
 int step(const config_t *c, state_t *state, const input_t *input, output_t *output);

@@ -4,47 +4,76 @@
 enum { FROZEN_POSITION = 1, FROZEN_VELOCITY = 2 };
 
 /*
- * Count missing samples; each sample that is there (periods 0) takes half a one back. missed_limit in a row are a
- * fault, and so is more than one of three for long.
+ * Count missing samples; each sample that is there (periods 0) takes half a one back. Faults are loss_limit in a row,
+ * more than one of three for long, and missed_limit calls in a row.
  */
 static void count_missing(step_t *s, int periods, int reason)
 {
     memory_t *const m = s->m;
-    const int count = m->absent + (periods > 0 ? 2 * periods : -1), limit = 2 * s->m->calls;
-    m->absent = clamp_count(count, limit);
-    if (count >= limit && m->known) {
-        latch_fault(m, reason);
+    const int most = s->c->loss_limit > m->calls ? s->c->loss_limit : m->calls;
+    const int count = m->absent + (periods > 0 ? 2 * periods : -1), calls = reason == ID(REASON_SKIPPED) ? periods : 0;
+    m->absent = clamp_count(count, 2 * most);
+    if (m->known && calls >= m->calls) {
+        latch_fault(m, reason, NO_JOINT, calls, m->calls);
+    } else if (m->known && count >= 2 * most) {
+        latch_fault(m, reason, NO_JOINT, 0.5 * count, most);
     }
 }
 
 /*
- * Track a value that may stand still. Return whether it has for a window, while the motions since its last change (or
- * since the last window without a finding) lead away from q by more than `most`. Each window is judged by itself, so
- * noise and bias of a velocity do not add up at rest.
+ * Track a value that may stand still. From a window after its last change on, sum how far the motions of q and dq
+ * differ; up to `allowed` per sample is noise, resolution and bias of dq, which therefore do not add up at rest. Return
+ * the sum's absolute value.
  */
-static int stands_still(int changed, double window, double most, double q, double motion, double *age,
-                        double *predicted)
+static double sum_still(int changed, double window, double differs, double allowed, double *age, double *sum)
 {
     *age = changed ? 0.0 : *age + 1.0;
-    *predicted = changed ? q : *predicted + motion;
-    if (*age >= window && fabs(q - *predicted) <= most) {
-        *age = 0.0;
-        *predicted = q;
-    }
-    return *age >= window;
+    const double next = *sum + differs;
+    *sum = *age > window ? next - clamp(next, -allowed, allowed) : 0.0;
+    return fabs(*sum);
 }
 
-/* Find whether q or dq of joint i stands still over a window while the other moves. */
-static int check_frozen(const config_t *c, memory_t *m, double q, double dq, int i)
+/*
+ * Find whether q or dq of joint i stands still while the other moves. differs: motion by dq less the change of q; seen,
+ * limit: the sum and what it may be.
+ */
+static int check_frozen(step_t *s, int i, double differs, double elapsed, double *seen, double *limit)
 {
-    const double window = c->frozen_window, T = c->sample_time, motion = dq * T * (1 + m->gap);
-    const double most = fmax(4.0 * c->position_quantum, 0.02 * m->velocity_limit[i] * window * T);
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double q = s->input->q[i], dq = s->input->dq[i], window = c->frozen_window;
+    const double drift = fmax(FROZEN_SHARE * m->velocity_limit[i], c->velocity_noise), allowed = drift * elapsed;
     const int q_changed = !m->known || q != m->still_q[i], dq_changed = !m->known || dq != m->still_dq[i];
+    const double q_sum = sum_still(q_changed, window, differs, allowed, &m->q_age[i], &m->moved_q[i]);
+    const double dq_sum = sum_still(dq_changed, window, differs, allowed, &m->dq_age[i], &m->moved_dq[i]);
     m->still_q[i] = q;
     m->still_dq[i] = dq;
-    const int q_stands = stands_still(q_changed, window, most, q, motion, &m->q_age[i], &m->moved_q[i]);
-    const int dq_stands = stands_still(dq_changed, window, most, q, motion, &m->dq_age[i], &m->start_q[i]);
-    return (q_stands ? FROZEN_POSITION : 0) | (dq_stands ? FROZEN_VELOCITY : 0);
+    *limit = fmax(4.0 * c->position_quantum, drift * FROZEN_SAMPLES * c->sample_time);
+    *seen = fmax(q_sum, dq_sum);
+    return (q_sum > *limit ? FROZEN_POSITION : 0) | (dq_sum > *limit ? FROZEN_VELOCITY : 0);
+}
+
+/* Return whether the sample repeats the last state, which state_period allows for this long. */
+static int repeats_state(step_t *s)
+{
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    int same = m->known && m->fault == ID(FAULT_NONE);
+    for (int i = 0; i < N; ++i) {
+        same = same && in->q[i] == m->still_q[i] && in->dq[i] == m->still_dq[i];
+    }
+    m->state_age = clamp_count(m->state_age + 1, 1000000);
+    same = same && m->state_age * s->c->sample_time < (1.0 - 1e-9) * s->c->state_period;
+    m->state_age = same ? m->state_age : 0;
+    return same;
+}
+
+/* Note what is wrong with a sample: joint, the number that was seen, and its limit. */
+static void note_finding(step_t *s, int joint, double seen, double limit)
+{
+    s->joint = joint;
+    s->seen = seen;
+    s->limit = limit;
 }
 
 /* Check the sample counter, and bridge the calls that are missing. Return REASON_NONE or REASON_STALE. */
@@ -56,6 +85,7 @@ static int check_counter(step_t *s, const double *last)
     m->regular = counter == m->seen_counter + 1u ? clamp_count(m->regular + 1, 3) : 0;
     m->seen_counter = counter;
     if (ahead < 0 && (m->fault == ID(FAULT_NONE) || m->regular < 3)) {
+        note_finding(s, NO_JOINT, 1.0 + ahead, 1.0);
         return ID(REASON_STALE);
     }
     if (ahead > 0) {
@@ -79,24 +109,32 @@ static int check_joint(step_t *s, int i)
     const double q = s->input->q[i], dq = s->input->dq[i], elapsed = c->sample_time * (1 + m->gap);
     const double motion = m->known ? q - m->q[i] : dq * elapsed;
     const double far = m->velocity_limit[i] * elapsed, measured = motion / elapsed, quanta = 2.0 * c->position_quantum;
-    const int stuck = check_frozen(c, m, q, dq, i);
-    const int differ = fabs(dq * elapsed - motion) > fmax(0.5 * far, 0.3 * fabs(motion)) + quanta;
-    /* an arm that is too fast must be braked: in a fault q and dq that agree are believed at any speed */
-    const int fault = m->fault != ID(FAULT_NONE);
-    if ((differ || !fault) && fabs(motion) > (fault ? 10.0 : 2.0) * far + quanta) {
-        s->located = 0;
-    }
+    const double noise = NOISE_RANGE * c->velocity_noise * elapsed, differs = dq * elapsed - motion;
+    const double apart = c->state_period * fmin(fabs(dq), fabs(measured)); /* q and dq of different times */
+    const double most = fmax(0.5 * far, 0.3 * fabs(motion)) + quanta + noise + apart;
+    double still, still_limit;
+    const int stuck = check_frozen(s, i, differs, elapsed, &still, &still_limit), differ = fabs(differs) > most;
+    /* An arm that is too fast must be braked: q and dq that agree are believed at any speed that follows from the last
+     * one, and in a fault at any speed. */
+    const int fault = m->fault != ID(FAULT_NONE), follows = fabs(motion - m->dq[i] * elapsed) <= far + quanta;
+    const double range = 2.0 * far + quanta + apart, located = fault || (follows && !differ) ? 10.0 * far + quanta : range;
     s->velocity[i] = dq;
-    if (differ && fabs(motion) > 2.0 * far + quanta) {
+    if ((differ || !fault) && fabs(motion) > located) {
+        s->located = 0;
+        note_finding(s, i, fabs(motion), located);
+    }
+    if (differ && fabs(motion) > range) {
         s->velocity[i] = 0.0;
         s->jumped = 1;
         return ID(REASON_JUMP);
     }
     if (stuck != 0) {
+        note_finding(s, i, still, still_limit);
         s->velocity[i] = stuck == FROZEN_VELOCITY ? measured : dq;
         return ID(REASON_FROZEN);
     }
     if (differ) {
+        note_finding(s, i, fabs(differs) / elapsed, most / elapsed);
         const double smaller = fabs(measured) < fabs(dq) ? measured : dq;
         s->velocity[i] = measured * dq <= 0.0 ? 0.0 : smaller;
         return ID(REASON_MISMATCH);
@@ -115,6 +153,8 @@ static int check_sample(step_t *s, const double *last)
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
         if (!(fabs(in->q[i]) <= FARTHEST && fabs(in->dq[i]) <= 1e3 * m->velocity_limit[i])) {
+            const double size = fabs(in->q[i]) <= FARTHEST ? in->dq[i] : in->q[i];
+            note_finding(s, i, fabs(size) <= DBL_MAX ? size : 0.0, 0.0);
             return ID(REASON_NOT_FINITE);
         }
     }
@@ -156,12 +196,18 @@ void observe_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     int reason = ID(REASON_MISSED);
+    if (s->input->sample_valid == 1 && repeats_state(s)) {
+        /* no new sample, and none that is missing: the torque is held */
+        s->status |= ID(STATUS_REPEATED);
+        check_counter(s, last);
+        return;
+    }
     if (s->input->sample_valid == 1) {
         check_wrench(s);
         reason = check_sample(s, last);
         m->bad = ((m->bad << 1) | (reason != ID(REASON_NONE))) & 7;
         if (reason != ID(REASON_NONE) && (m->bad & (m->bad - 1)) != 0) {
-            latch_fault(m, reason);
+            latch_fault(m, reason, s->joint, s->seen, s->limit);
         }
     }
     s->believed = reason == ID(REASON_NONE);

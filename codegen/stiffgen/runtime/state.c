@@ -41,6 +41,9 @@ int validate(const config_t *c)
     if (c->law == ID(LAW_PAPER) && TIPS > 1) {
         return ID(E_PAPER_TIPS);
     }
+    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
+        return ID(E_STATE_PERIOD);
+    }
     return c->tank_initial <= c->tank_maximum ? ID(OK) : ID(E_TANK);
 }
 
@@ -88,7 +91,8 @@ void start_memory(const config_t *c, state_t *state)
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
     m->tank = c->tank_initial;
-    m->calls = c->missed_limit;
+    m->calls = m->hold = c->missed_limit;
+    m->fault_joint = NO_JOINT;
     m->ready = READY;
 }
 
@@ -130,12 +134,18 @@ int request_reset(state_t *state)
     return ID(OK);
 }
 
-/* Latch a fault; the first one stays. */
-void latch_fault(memory_t *m, int reason)
+/*
+ * Latch a fault; the first one stays. joint: where, or NO_JOINT; seen, limit: the number that was seen, and what it may
+ * be.
+ */
+void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
 {
     if (m->fault == ID(FAULT_NONE)) {
         m->fault = fault_of_reason(reason);
         m->reason = reason;
+        m->fault_joint = joint;
+        m->fault_seen = seen;
+        m->fault_limit = limit;
         m->fault_time = 0.0;
         m->reset = 0;
     }

@@ -23,10 +23,12 @@ static void check_limits(step_t *s)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const input_t *const in = s->input;
+    int fast = NO_JOINT;
     for (int i = 0; i < N; ++i) {
         const double speed = fabs(s->velocity[i]);
-        if (speed > c->velocity_limit[i]) {
-            latch_fault(m, ID(REASON_OVERSPEED));
+        if (speed > c->velocity_limit[i] + NOISE_RANGE * c->velocity_noise) {
+            fast = fast == NO_JOINT ? i : fast;
+            s->status |= ID(STATUS_OVERSPEED);
         }
         /* a lowered limit bounds what is believed only once the arm is below it */
         if (fmin(speed, m->velocity_limit[i]) <= c->velocity_limit[i]) {
@@ -34,13 +36,19 @@ static void check_limits(step_t *s)
         }
         const double beyond = fmax(c->lower_limit[i] - in->q[i], in->q[i] - c->upper_limit[i]);
         if (beyond > c->position_tolerance) {
-            latch_fault(m, ID(REASON_POSITION));
+            const double edge = in->q[i] > c->upper_limit[i] ? c->upper_limit[i] : c->lower_limit[i];
+            latch_fault(m, ID(REASON_POSITION), i, in->q[i], edge);
         }
+    }
+    /* a bump may drive a joint beyond its limit for a moment, which is braked */
+    m->fast = fast == NO_JOINT ? 0 : clamp_count(m->fast + 1, 1000000);
+    if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + 1e-9)) {
+        latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
     const int other_tool = s->commanded && robot_tool(in) != NULL &&
                            memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
     if (m->engaged && (c->law != m->law || other_tool)) {
-        latch_fault(m, ID(REASON_CHANGED));
+        latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
     }
 }
 
@@ -53,6 +61,8 @@ static void end_fault(step_t *s)
     if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > s->c->sample_time) {
         m->fault = ID(FAULT_NONE);
         m->reason = ID(REASON_NONE);
+        m->fault_joint = NO_JOINT;
+        m->fault_seen = m->fault_limit = 0.0;
         m->reset = m->absent = m->bad = 0;
     }
 }
@@ -91,7 +101,10 @@ static void step_with_sample(step_t *s, const double *last)
     compute_torque(s, last, moved);
 }
 
-/* Step without a believed sample: hold the torque, or, in a fault, move it to zero at the rate limit. */
+/*
+ * Step without a believed sample: hold the torque for as many calls as the reserve covers, then move it to zero at the
+ * rate limit. In a fault it moves at once, and the springs are released.
+ */
 static void step_without_sample(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
@@ -103,6 +116,9 @@ static void step_without_sample(step_t *s, const double *last)
     bridge_gap(s, 1);
     if (m->known && m->fault == ID(FAULT_NONE)) {
         memcpy(s->out->torque, last, N * sizeof(double));
+        if (m->missed >= m->hold) {
+            step_towards_zero(last, m->rate, s->out->torque);
+        }
         limit_torque(s, last);
     } else { /* there may be no configuration */
         m->stiffness_total -= m->elastic_energy;
@@ -182,12 +198,12 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         /* memory was overwritten: nothing is believed but the torque, which is stored three times */
         start_memory(c, state);
         m->unaccounted = 1;
-        latch_fault(m, ID(REASON_STATE));
+        latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }
     if (error == ID(OK)) {
         start_step(&s, state, last);
     } else {
-        latch_fault(m, ID(REASON_CONFIG));
+        latch_fault(m, ID(REASON_CONFIG), NO_JOINT, 0.0, 0.0);
         s.status |= ID(STATUS_CONFIG);
     }
     if (s.believed || (s.located && m->known && m->fault != ID(FAULT_NONE))) {

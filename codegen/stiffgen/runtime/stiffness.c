@@ -76,7 +76,7 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    compute_reserve(s, m->calls, pull, parts);
+    compute_reserve(s, m->calls, m->calls, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));

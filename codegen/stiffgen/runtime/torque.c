@@ -46,7 +46,7 @@ static int try_torque(step_t *s, const double *last, double share)
         }
     }
     limit_torque(s, last);
-    s->m->reserve = compute_reserve(s, s->m->calls, out->torque, parts);
+    s->m->reserve = compute_reserve(s, s->m->hold, s->m->calls, out->torque, parts);
     return s->m->reserve <= available_energy(s->m);
 }
 
@@ -64,10 +64,14 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         trial += covered ? step : -step;
         step *= 0.5;
     }
-    try_torque(s, last, share);
+    if (!try_torque(s, last, share)) {
+        /* after a long gap only a torque that is not held again may be covered */
+        m->hold = 1;
+        try_torque(s, last, share);
+    }
     s->status |= ID(STATUS_RESERVE);
     if (share < 1.0 && m->tank < TANK_FLOOR * s->c->tank_maximum) {
-        latch_fault(m, ID(REASON_RESERVE));
+        latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
         s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
@@ -146,6 +150,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     output_t *const out = s->out;
+    m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
     double pull[N], follow[N] = {0.0}, slip[N], feed[N];
     robot_mass_matrix(m->q, out->mass_matrix);
@@ -156,7 +161,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     const double energy = pull_springs(s, slip, by_pose, pull, follow);
     const double cap = design_damping(s, follow);
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
-        latch_fault(m, ID(REASON_PAPER_BOUND));
+        latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
     if (m->engaged) {
         vary_scale(s, pull, energy, cap);

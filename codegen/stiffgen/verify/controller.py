@@ -365,11 +365,11 @@ def _faults(bench: _Bench) -> list[str]:
 
 def _other_faults(bench: _Bench) -> list[str]:
     module, n, q, faults = bench.robot.module, len(bench.q), bench.q, []
-    controller = bench.controller(missed_limit=4)
+    controller = bench.controller(missed_limit=4, loss_limit=4)
     kinds = [int(controller.missed().fault) for _ in range(4)]
     if kinds != [0, 0, 0, int(module.Fault.COMMUNICATION)]:
         faults.append("missed samples")
-    controller = bench.controller(velocity_limit=2.0, upper_limit=q + 1e3)
+    controller = bench.controller(velocity_limit=2.0, upper_limit=q + 1e3, overspeed_time=0.0)
     out = controller.step(q=q + 2.4 * PERIOD, dq=np.full(n, 2.4), q0=q, **bench.given)
     if out.reason != module.Reason.OVERSPEED:
         faults.append("overspeed is no fault")

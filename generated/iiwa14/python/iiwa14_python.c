@@ -2370,8 +2370,12 @@ static const field fields[] = {
     {"config", "force_limit", "f8", offsetof(iiwa14_impedance_config, force_limit), 0, {1, 1, 1}},
     {"config", "moment_limit", "f8", offsetof(iiwa14_impedance_config, moment_limit), 0, {1, 1, 1}},
     {"config", "missed_limit", "i4", offsetof(iiwa14_impedance_config, missed_limit), 0, {1, 1, 1}},
+    {"config", "loss_limit", "i4", offsetof(iiwa14_impedance_config, loss_limit), 0, {1, 1, 1}},
+    {"config", "state_period", "f8", offsetof(iiwa14_impedance_config, state_period), 0, {1, 1, 1}},
     {"config", "position_quantum", "f8", offsetof(iiwa14_impedance_config, position_quantum), 0, {1, 1, 1}},
+    {"config", "velocity_noise", "f8", offsetof(iiwa14_impedance_config, velocity_noise), 0, {1, 1, 1}},
     {"config", "frozen_window", "i4", offsetof(iiwa14_impedance_config, frozen_window), 0, {1, 1, 1}},
+    {"config", "overspeed_time", "f8", offsetof(iiwa14_impedance_config, overspeed_time), 0, {1, 1, 1}},
     {"config", "automatic_reset_time", "f8", offsetof(iiwa14_impedance_config, automatic_reset_time), 0, {1, 1, 1}},
     {"config", "tank_initial", "f8", offsetof(iiwa14_impedance_config, tank_initial), 0, {1, 1, 1}},
     {"config", "tank_maximum", "f8", offsetof(iiwa14_impedance_config, tank_maximum), 0, {1, 1, 1}},
@@ -2394,7 +2398,11 @@ static const field fields[] = {
     {"output", "reason", "i4", offsetof(iiwa14_impedance_output, reason), 0, {1, 1, 1}},
     {"output", "missed", "i4", offsetof(iiwa14_impedance_output, missed), 0, {1, 1, 1}},
     {"output", "unaccounted", "u4", offsetof(iiwa14_impedance_output, unaccounted), 0, {1, 1, 1}},
+    {"output", "fault_joint", "i4", offsetof(iiwa14_impedance_output, fault_joint), 0, {1, 1, 1}},
+    {"output", "hold", "i4", offsetof(iiwa14_impedance_output, hold), 0, {1, 1, 1}},
     {"output", "fault_time", "f8", offsetof(iiwa14_impedance_output, fault_time), 0, {1, 1, 1}},
+    {"output", "fault_seen", "f8", offsetof(iiwa14_impedance_output, fault_seen), 0, {1, 1, 1}},
+    {"output", "fault_limit", "f8", offsetof(iiwa14_impedance_output, fault_limit), 0, {1, 1, 1}},
     {"output", "position", "f8", offsetof(iiwa14_impedance_output, position), 1, {7, 1, 1}},
     {"output", "velocity", "f8", offsetof(iiwa14_impedance_output, velocity), 1, {7, 1, 1}},
     {"output", "reference", "f8", offsetof(iiwa14_impedance_output, reference), 1, {7, 1, 1}},
@@ -2456,6 +2464,8 @@ static const status statuses[] = {
     {"mass_matrix", IIWA14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
     {"limits_kept", IIWA14_STATUS_LIMITS_KEPT, "a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay"},
     {"config", IIWA14_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
+    {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
+    {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
 };
 
 static const choice outcomes[] = {
@@ -2597,6 +2607,22 @@ static PyObject *run(PyObject *module, PyObject *arguments)
     return result;
 }
 
+static PyObject *fault_text(PyObject *module, PyObject *arguments)
+{
+    Py_buffer output;
+    char text[1024] = "";
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*", &output)) {
+        return NULL;
+    }
+    const void *out = structs(&output, sizeof(iiwa14_impedance_output), 1);
+    if (out != NULL) {
+        iiwa14_impedance_fault_text((const iiwa14_impedance_output *)out, text, sizeof text);
+    }
+    PyBuffer_Release(&output);
+    return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
+}
+
 static PyObject *error_text(PyObject *module, PyObject *arguments)
 {
     int code;
@@ -2610,6 +2636,7 @@ static PyMethodDef controller_methods[] = {
     {"validate", validate, METH_VARARGS, NULL},
     {"reset", reset, METH_VARARGS, NULL},
     {"run", run, METH_VARARGS, NULL},
+    {"fault_text", fault_text, METH_VARARGS, NULL},
     {"error_text", error_text, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
@@ -2720,7 +2747,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "c4084cc51594e90a") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "a240a68c72a167f0") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -157,11 +157,26 @@ class Record:
 
     __getitem__ = __getattr__
 
+    @property
+    def text(self) -> str:
+        """Mode, fault with its numbers, and status bits in words; of several steps, those of the last one."""
+        row = self._rows[-1:]
+        if not len(row) or "status" not in self.names:
+            return ""
+        fault = Fault(int(row["fault"][0]))
+        lines = [f"mode {Mode(int(row['mode'][0])).name}"]
+        if fault:
+            reason = Reason(int(row["reason"][0])).name
+            lines.append(f"fault {fault.name}, {reason}: {_c.fault_text(np.ascontiguousarray(row))}")
+        bits = int(row["status"][0])
+        lines += [f"{bit.name}: {meaning}" for bit, meaning in STATUS_MEANING.items() if bits & bit]
+        return "\n".join(lines)
+
     def __len__(self) -> int:
         return len(self._rows)
 
     def __dir__(self) -> list[str]:
-        return [*self.names, "names"]
+        return [*self.names, "names", "text"]
 
     def __repr__(self) -> str:
         if not self._single:

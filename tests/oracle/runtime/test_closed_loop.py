@@ -332,7 +332,8 @@ def test_a_fast_arm_is_braked(loop: Loop) -> None:
     the limit on, let the damping fade, and the arm ran away at 30 times the limit.
     """
     parts = loop.segments({}, {"start": 100, "push": [0, 0, 0, 70.0, 0, 9, 9]}, {"start": 180, "push": 0.0})
-    summary, rows = loop.run(1500, parts, configs=config(loop), rows=True)
+    assert loop.run(1500, parts, configs=config(loop)).faults == 0, "80 ms, less than overspeed_time"
+    summary, rows = loop.run(1500, parts, configs=config(loop, overspeed_time=0.0), rows=True)
     assert_contract(summary)
     assert summary.faults == 1
     assert summary.speed > 2, "the push is not enough for this test"

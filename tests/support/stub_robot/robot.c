@@ -105,6 +105,22 @@ int check_fields(const config_t *c)
     return doubles_within(&c->sample_time, 1, 1e-5, 0.1) ? ID(OK) : ID(E_CONFIG_SAMPLE_TIME);
 }
 
+const char *meaning_of_reason(int reason)
+{
+    return reason == IIWA14_REASON_FROZEN ? "frozen" : "another reason";
+}
+
+const char *seen_of_reason(int reason)
+{
+    return reason == IIWA14_REASON_FROZEN ? "motion" : "";
+}
+
+const char *robot_joint(int joint)
+{
+    (void)joint;
+    return "joint";
+}
+
 int fault_of_reason(int reason)
 {
     return reason == ID(REASON_NONE) ? ID(FAULT_NONE) : ID(FAULT_SENSOR);

@@ -305,7 +305,7 @@ def setter(name: str, value: Any) -> Any:
         (setter("dq", np.zeros(7)), "FROZEN", 40),
         (lambda k, s: s.update(q=Q + 0.2 * np.sin(0.2)), "FROZEN", 40),
         (setter("counter", 99), "STALE", 1),
-        (lambda k, s: s.update(valid=False), "MISSED", 2),
+        (lambda k, s: s.update(valid=False), "MISSED", 9),
         (lambda k, s: s.update(counter=s["counter"] + 5, q=Q + 0.2 * np.sin(2e-3 * (s["counter"] + 5))), "SKIPPED", 0),
     ],
 )
@@ -345,7 +345,7 @@ def test_an_encoder_jump_is_not_believed(robot: ModuleType) -> None:
 
 
 def test_limits_of_the_arm(robot: ModuleType) -> None:
-    controller = robot.Impedance(motor_inertia=0.1)
+    controller = robot.Impedance(motor_inertia=0.1, overspeed_time=0.0)
     q, dq = Q.copy(), np.zeros(7)
     for k in range(400):
         dq = np.full(7, min(2.0 * k * 1e-3, 3.0)) * np.eye(7)[0]

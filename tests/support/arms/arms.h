@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: MIT */
+/*
+ * Arm with motors, friction, flexible joints, a wall, a clamp, a payload and sensors, under a control law. Compiled for
+ * one generated robot: -DROBOT=NAME -DUPPER=NAME_IN_CAPITALS -DJOINTS=DOF, with NAME.h and NAME_impedance.h included. Everything that changes in time
+ * comes in arrays with one row per sample.
+ */
+#ifndef ARMS_H
+#define ARMS_H
+
+#include <stdint.h>
+
+#define JOIN_NAMES(a, b) a##b
+#define JOIN(a, b) JOIN_NAMES(a, b)
+#define ROBOT_(name) JOIN(ROBOT, _##name)
+
+enum { N = JOINTS, MOST_DELAY = 8 };
+
+typedef struct {
+    double motor[N];        /* [kg m^2] inertia of the rotors at the joints */
+    double coulomb[N];      /* [N m] friction in motion; half as much again holds at rest */
+    double viscous[N];      /* [N m s/rad] */
+    double joint_spring[N]; /* [N m/rad] between motor and link; 0: rigid */
+    double wall_point[3];
+    double wall_normal[3];  /* towards the free side */
+    double wall_stiffness;  /* [N/m]; 0: no wall */
+    double wall_damping;    /* [N s/m] */
+    double stop_stiffness;  /* [N m/rad] of the mechanical stops, 0.05 rad beyond the limits; 0: none */
+    double position_quantum, velocity_quantum; /* of the sensors; 0: exact */
+    double sample_time;
+    double effort[N], rate[N]; /* limits of the textbook laws' torque [N m], [N m/s] */
+    int differences;        /* dq is the difference of q; 0: a sensor of its own */
+    int delay;              /* [samples] from the sample to the torque */
+    int state_period;       /* [samples] from one new state to the next */
+    int clamp_start;        /* sample from which the tip is clamped where it is; -1: never */
+    int law;                /* 0: stiffgen, else a law of laws.c */
+    int by_pose;            /* the command is the pose; the goal is the posture */
+    int reset_after;        /* [samples] after which a fault is reset; 0: never */
+} plant_t;
+
+/* Arrays of an episode, one row per sample. */
+typedef struct {
+    const double *goal;        /* N: commanded joint positions */
+    const double *pose;        /* 16: commanded pose, forward_kinematics(goal) where by_pose is 0 */
+    const double *translation; /* 3: diagonal of the stiffness */
+    const double *rotation;    /* 3 */
+    const double *load;        /* 6: wrench on the tip */
+    const double *payload;     /* 1: mass at the tip [kg] */
+    const double *noise;       /* N: added to dq */
+    const double *offset;      /* N: added to q, after rounding */
+    const uint8_t *sensor;     /* 0 good, 1 lost, 2 call skipped, then the faults of sensor_fault_t */
+} inputs_t;
+
+enum { GOOD, LOST, SKIPPED, Q_FROZEN, DQ_FROZEN, DQ_ZERO, DQ_REVERSED, NOT_A_NUMBER, COUNTER_FROZEN, BOTH_FROZEN };
+
+typedef struct {
+    double q[N];
+    double v[N];
+    double torque[N];
+    double pose[16];
+    double contact[6];
+    double work;
+    double detail[2];
+    uint32_t status;
+    int32_t reason;
+    int32_t faulted;
+    int32_t saturated;
+} row_t;
+
+/* What a textbook law reads, and what it remembers. */
+typedef struct {
+    double q[N], dq[N], goal[N], pose[16], translation[3], rotation[3];
+    double sample_time;
+} sample_t;
+
+typedef struct {
+    double integral[6];
+    double inertia[2]; /* mean inertia of the tip at the start: [kg], [kg m^2] */
+    int started;
+} memory_t;
+
+void textbook(int law, const sample_t *sample, memory_t *memory, double *torque);
+int factorise(int n, double *A);
+void solve(int n, const double *L, double *x);
+
+#endif
