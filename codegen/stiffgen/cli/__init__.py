@@ -113,7 +113,7 @@ class _Terminated(BaseException):
 
 @contextmanager
 def _stopped_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the block by an exception, so that nothing half-written stays."""
+    """End the block by an exception at SIGTERM and SIGHUP, so that nothing half-written stays."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

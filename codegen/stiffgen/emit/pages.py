@@ -147,7 +147,7 @@ def differentiable_pages(chain: Chain, kernels: Sequence[Kernel]) -> list[Differ
 
 @dataclass(frozen=True)
 class Group:
-    """Functions of a tip and a group; "" for those of no tip, or of no group."""
+    """Functions of one tip and one group; ``tip`` and ``group`` are empty where the functions belong to none."""
 
     tip: str
     group: str

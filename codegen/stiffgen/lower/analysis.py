@@ -79,7 +79,7 @@ class Analysis:
     found: dict[int, Bound] = field(default_factory=dict)
 
     def bounds(self, numbers: Sequence[int]) -> list[Bound]:
-        """Return the bounds of some of the operations."""
+        """Return the bounds of the operations with these numbers, computed with all that they depend on."""
         needed, pending = set(numbers), list(numbers)
         while pending:
             new = set(self.graph.operands(pending.pop())) - needed
@@ -142,7 +142,7 @@ class Analysis:
         return Bound(size * ENLARGED, (error + self.precision.unit * (size + error)) * ENLARGED)
 
     def _turned(self, a: int, b: int) -> Bound | None:
-        """Return the bound of c X + s Y, cosine and sine of one angle, before rounding; None for other sums."""
+        """Return the bound of c X + s Y before rounding, c and s of one angle (cosine, sine); None for other sums."""
         for turn, x in self._with_turn(a):
             for other, y in self._with_turn(b):
                 (kind, angle, _), (another, same, _) = self.graph.keys[turn], self.graph.keys[other]

@@ -87,7 +87,7 @@ def _argument(f: Lowering, storage: Storage, operand: Operand, k: int, sliding: 
 def _outputs(
     f: Lowering, step: StraightLine, storages: Sequence[Storage], expressions: Expressions
 ) -> tuple[list[tuple[tuple[Entry, ...], ca.SX]], list[Kind]]:
-    """Return the places of the outputs that are stored, with their expressions, and their kinds."""
+    """Return place, expression and kind of each output that is stored."""
     entries, m = entries_of(expressions.result), len(f.chain.joints)
     kinds = expressions.kinds or (Kind.NUMBER,) * len(entries)
     outputs: list[tuple[tuple[Entry, ...], ca.SX]] = []

@@ -207,7 +207,7 @@ def _sum_joints(f: Lowering, step: SumJoints) -> None:
 
 
 def _weights(f: Lowering, step: Weights) -> None:
-    """Lower to rows of vectors, zero outside; else to the source, folded if both triangles count."""
+    """Store the weights as rows of vectors with zeros between; without vectors, read them from the source."""
     m, lanes = len(f.chain.joints), f.variant.joint_lanes
     depth = step.source.size // (m * m)
     source, output, transposed = f.storage(step.source), f.storage(step.output), f.storage(step.transposed)

@@ -17,7 +17,7 @@ Outcome = Literal["proved", "FAILED", "unproved"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict: a row of the table.
+    """Verdict on one claim: a row of the table of ``stiffgen prove``.
 
     ``function`` is the C function (or group of functions) and ``claims`` what was claimed of it for all inputs.
     "unproved" is neither proved nor refuted: a time-out, or what a tool cannot say; ``detail`` has the reason, or the

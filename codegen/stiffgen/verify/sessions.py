@@ -118,7 +118,7 @@ def differences(
 
 
 def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
-    """Return the functions but step that differ: defaults, checks of the configuration, start, reset, texts."""
+    """Return the names of functions whose results differ: defaults, checks, start, reset, texts; not step."""
     both, faults = (reference, library), []
     for each in both:
         each.call("default_config", each.config)
