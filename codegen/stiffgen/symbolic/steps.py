@@ -72,7 +72,7 @@ class StraightLine(Step):
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """Outputs."""
+        """Arrays that the step writes."""
         return self.outputs
 
     @property
@@ -286,7 +286,7 @@ class Reduce(_OnOperands):
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """Outputs."""
+        """Arrays that the step writes."""
         return self.outputs
 
     def _evaluate(self, run: Unrolling) -> None:
@@ -359,7 +359,7 @@ class Sum(Step):
 
     @property
     def writes(self) -> tuple[Array, ...]:
-        """Outputs."""
+        """Arrays that the step writes."""
         return self.outputs
 
     @property

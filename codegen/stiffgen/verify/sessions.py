@@ -106,7 +106,7 @@ def confined(work: Callable[[], list[str]], seconds: int = 1200) -> list[str]:
 def differences(
     reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, seed: int, enough: int = 4
 ) -> list[str]:
-    """Return where a controller differs from the reference: in functions, and in sessions until there are enough."""
+    """Return the differences of a controller from the reference: in functions, then in sessions, up to a number."""
     faults = compare_services(reference, library, chain)
     for session in range(SESSIONS):
         if len(faults) >= enough:

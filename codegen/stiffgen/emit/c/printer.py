@@ -127,7 +127,7 @@ class Printer(Loops):
         self.lines += printed.lines
 
     def _sums(self, count: int) -> list[str]:
-        """Return the declaration of sums, which are zero."""
+        """Return the declaration of the sums, which start at zero."""
         if not self.variant.lanes:
             return [f"{self.variant.row} sum[{count}] = {{{self.variant.scalar.constant(0.0)}}};"]
         return [f"{self.variant.row} sum[{count}];", "memset(sum, 0, sizeof sum);"]
