@@ -14,6 +14,7 @@ from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
 from stiffgen.robot.chain import Chain, ChainOptions, Tool
 from stiffgen.robot.description import Description, Reading
+from stiffgen.robot.names import find_robot, is_name
 from stiffgen.robot.reader import read_description
 from stiffgen.robot.selection import select
 from stiffgen.symbolic.kernels import RESERVED_NAMES
@@ -97,14 +98,22 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
 
 
 def describe(source: str | Path, reading: Reading | None = None) -> Description:
-    """Read a robot's file of any format that stiffgen knows; the one entry of all readers.
+    """Read a robot's file (URDF, xacro, MJCF), or a robot by its name; the one entry of all readers.
+
+    A name is a text without dots and slashes for which no file exists: see :mod:`stiffgen.robot.names`.
 
     Raises:
-        DescriptionError: the file cannot be read, or its links do not form a tree; all its problems are named.
+        DescriptionError: the file cannot be read, or its links do not form a tree; all its problems are named. Or
+            there is no robot of this name.
         MissingExtraError: the package that reads this format is not installed.
 
     """
-    return read_description(source, reading)
+    return read_description(*located(source, reading or Reading()))
+
+
+def located(source: str | Path, reading: Reading) -> tuple[Path, Reading]:
+    """Return the file of a source, which may be a robot's name, and the settings that its template needs."""
+    return find_robot(str(source), reading) if is_name(source) else (Path(source), reading)
 
 
 def chain_between(description: Description, options: ChainOptions = _DEFAULTS) -> Chain:

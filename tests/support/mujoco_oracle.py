@@ -7,6 +7,8 @@ from another; all other joints stand at zero (ball joints at their reference).
 
 from __future__ import annotations
 
+import copy
+from functools import lru_cache
 from pathlib import Path
 
 import mujoco
@@ -17,11 +19,16 @@ from support.pinocchio_oracle import State
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
+@lru_cache(maxsize=1)
+def _model(file: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(file)
+
+
 class MujocoChain:
     """Chain between two bodies (or from a body to a site) of a model; ``coordinates`` are names of joints."""
 
     def __init__(self, file: str | Path, tip: str, base: str, coordinates: list[str]) -> None:
-        self.model = mujoco.MjModel.from_xml_path(str(file))
+        self.model = copy.deepcopy(_model(str(file)))
         self.data = mujoco.MjData(self.model)
         self.coordinates = coordinates
         m = self.model

@@ -28,6 +28,7 @@ COMMANDS = {
     "generate": "generate C code and a Python module for a robot",
     "new": "write a project: a 1 kHz loop, a simulated robot, a test, a script",
     "inspect": "show joints, chains to each tip, and problems of a robot's file",
+    "robots": "list the robots that can be named, with format and licence",
     "verify": "verify a robot's compiled functions against independent references",
     "prove": "prove contracts of a robot's C code for all inputs",
     "bench": "time a robot's compiled functions on this machine",

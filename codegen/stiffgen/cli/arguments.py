@@ -7,9 +7,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import StiffgenError
+from stiffgen.errors import StiffgenError, printable
 from stiffgen.robot.chain import Tool
 from stiffgen.robot.description import Reading
+from stiffgen.robot.names import is_name
 
 
 def natural(text: str) -> int:
@@ -33,12 +34,26 @@ def add_folder(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", type=Path, metavar="DIR", help="folder that 'stiffgen generate' wrote")
 
 
-def add_robot(command: Any) -> None:
-    """Add the robot's file and the arguments of a template."""
+def add_robot(command: Any, meaning: str = "URDF, MJCF, or a xacro template with NAME:=VALUE behind it") -> None:
+    """Add the robot's file or name, and the arguments of a template."""
     command.takes_arguments = True
     command.add_argument(
-        "urdf", type=Path, metavar="FILE", help="URDF, MJCF, or a xacro template with NAME:=VALUE behind it"
+        "urdf",
+        type=Path,
+        nargs="?",
+        metavar="FILE",
+        help=meaning,
     )
+    command.add_argument("--robot", metavar="NAME", help="robot by name instead of FILE; 'stiffgen robots' lists them")
+
+
+def source_of(options: argparse.Namespace) -> Path | str:
+    """Return the robot's file, or its name."""
+    if options.robot is None:
+        return Path(options.urdf)
+    if not is_name(options.robot):
+        raise StiffgenError(f"--robot {printable(options.robot)}: is no robot's name; give a file without --robot")
+    return str(options.robot)
 
 
 def add_reading(command: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ import math
 from dataclasses import Field, fields, replace
 from typing import Any
 
-from stiffgen.cli.arguments import add_robot, add_tool, tool_of
+from stiffgen.cli.arguments import add_robot, add_tool, source_of, tool_of
 from stiffgen.cli.console import Progress, messages
 from stiffgen.errors import StiffgenError, printable
 from stiffgen.generate import generate_folder
@@ -85,7 +85,7 @@ def _add_springs(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Generate a folder and print its path."""
     with Progress(messages()).shown() as progress:
-        folder = generate_folder(options.urdf, _generation_options(options, progress))
+        folder = generate_folder(source_of(options), _generation_options(options, progress))
     print(folder)
     return 0
 

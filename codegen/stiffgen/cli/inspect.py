@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from rich.markup import escape
 from rich.table import Table
 
-from stiffgen.cli.arguments import add_reading, add_robot, reading_of
+from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
 from stiffgen.cli.console import table, tables
 from stiffgen.errors import DescriptionError, StiffgenError, listed
 from stiffgen.loading import describe
@@ -34,7 +34,7 @@ def add(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Show a robot's file; return 1 if it has problems."""
     try:
-        description = describe(options.urdf, reading_of(options))
+        description = describe(source_of(options), reading_of(options))
     except DescriptionError as error:
         raise StiffgenError(error.full) from error  # all problems, where other commands show the first ones
     console = tables()

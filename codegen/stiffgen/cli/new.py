@@ -8,7 +8,7 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
-from stiffgen.cli.arguments import add_tool, tool_of
+from stiffgen.cli.arguments import add_reading, add_robot, add_tool, reading_of, source_of, tool_of
 from stiffgen.cli.console import Progress, messages
 from stiffgen.errors import StiffgenError
 from stiffgen.new.project import new_project
@@ -18,16 +18,20 @@ from stiffgen.symbolic.springs import KINDS
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    command.add_argument("urdf", type=Path, metavar="URDF", help="URDF of the robot")
+    add_robot(command)
+    add_reading(command)
     command.add_argument("--tip", metavar="LINK", help="link that touches things (needed where there are several)")
     command.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root link)")
     command.add_argument("--controller", choices=list(CONTROLLERS), help="control law of the loop (default: impedance)")
     command.add_argument("--spring", choices=KINDS, help="spring of --controller spring (default: trace)")
+    command.add_argument(
+        "--no-masses", dest="masses", action="store_false", help="ignore masses; the simulation has rotors alone"
+    )
     command.add_argument("--name", help="prefix of C names and name of the module (default: the robot's name)")
     command.add_argument("--output", type=Path, metavar="DIR", help="folder to write (default: NAME_control)")
     command.add_argument("--no-build", action="store_true", help="write the sources, compile nothing")
     add_tool(command, "mounted on the tip link (default: none)")
-    command.set_defaults(run=run, tool=None, masses=True)
+    command.set_defaults(run=run, tool=None)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -40,8 +44,11 @@ def run(options: argparse.Namespace) -> int:
             spinner.enter_context(progress.shown())
 
         project = new_project(
-            options.urdf,
-            given=Given(options.tip, options.base, tool is not None, options.spring, options.controller),
+            source_of(options),
+            given=Given(
+                options.tip, options.base, tool is not None, options.spring, options.controller, options.masses
+            ),
+            reading=reading_of(options),
             tool=tool,
             name=options.name,
             output=options.output,

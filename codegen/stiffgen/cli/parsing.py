@@ -79,6 +79,8 @@ class Parser(argparse.ArgumentParser):
         rest = [word for word in words if not _ASSIGNMENT.fullmatch(word)]
         options, unknown = super().parse_known_args(rest, namespace)
         options.arguments = dict(found)
+        if (options.urdf is None) == (options.robot is None):
+            self.error("give a robot's FILE or --robot NAME, one of the two")
         return options, unknown
 
     def _print_message(self, message: str, file: Any = None) -> None:

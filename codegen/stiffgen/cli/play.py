@@ -7,16 +7,21 @@ import argparse
 import os
 import sys
 import webbrowser
+from contextlib import ExitStack
 from pathlib import Path
 
-from stiffgen.cli.arguments import add_folder
+from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
 from stiffgen.cli.console import Progress, messages
+from stiffgen.folder import temporary_folder
+from stiffgen.generate import generate
 from stiffgen.play.page import write_page
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_folder(command)
+    add_robot(command, "folder that 'stiffgen generate' wrote, or a robot's URDF, MJCF or xacro template")
+    add_reading(command)
+    command.add_argument("--tip", metavar="LINK", help="tip link, for a robot's file (default: the only leaf)")
     command.add_argument("--output", type=Path, metavar="FILE.html", help="file to write (default: NAME.html)")
     command.add_argument("--no-open", action="store_true", help="write the page, do not open it")
     command.set_defaults(run=run)
@@ -24,12 +29,31 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the page, open it and print its path."""
-    with Progress(messages()).shown() as progress:
-        page = write_page(options.folder, options.output, progress)
+    source = source_of(options)
+    with Progress(messages()).shown() as progress, ExitStack() as open_folders:
+        if isinstance(source, str) or not source.is_dir():
+            source = _generated(source, open_folders.enter_context(temporary_folder("play")), options, progress)
+        page = write_page(source, options.output, progress)
     print(page)
     if not options.no_open and _has_screen() and not webbrowser.open(page.resolve().as_uri()):
         print("stiffgen: warning: no browser found; open the file in one", file=sys.stderr)
     return 0
+
+
+def _generated(source: Path | str, folder: Path, options: argparse.Namespace, progress: Progress) -> Path:
+    """Generate the functions of a robot's file, without the controller, and return their folder."""
+    reading = reading_of(options)
+    return generate(
+        source,
+        tip=options.tip,
+        ignore=reading.ignored,
+        arguments=reading.arguments,
+        package_path=reading.package_path,
+        output=folder,
+        controller=False,
+        build=False,
+        progress=progress,
+    )
 
 
 def _has_screen() -> bool:

@@ -14,12 +14,12 @@ from stiffgen.emit.controller import has_controller
 from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
 from stiffgen.folder import swapped_in
 from stiffgen.generate import generate
-from stiffgen.loading import load_chain
+from stiffgen.loading import chain_between, describe, located
 from stiffgen.names import c_string, checked_identifier, comment, identifier
 from stiffgen.new.questions import Answers, Ask, Given, decide
 from stiffgen.rendering import environment
-from stiffgen.robot.chain import Chain, Coordinate, Tool
-from stiffgen.robot.reader import read_description
+from stiffgen.robot.chain import Chain, ChainOptions, Coordinate, Tool
+from stiffgen.robot.description import Description, Reading
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import spring
 
@@ -50,9 +50,10 @@ class _Page:
         group: namespace of the spring, with the namespace of the tip if there is one.
         posture: the start configuration, away from limits and from a stretched arm.
         zone: width of the zone inside the limits that pushes back [rad or m].
-        rotors: assumed inertia of the motors at the joints [kg m^2 or kg].
+        rotors: inertia of the motors at the joints [kg m^2 or kg]: the file's, or a guess.
         effort, velocity: limits to set because the URDF has none, by joint.
         regenerate: the command that made the generated folder.
+        file: the copy of the robot's file in the project.
 
     """
 
@@ -67,12 +68,14 @@ class _Page:
     effort: dict[int, float]
     velocity: dict[int, float]
     regenerate: str
+    file: str
 
 
 def new_project(
     urdf: str | Path,
     *,
     given: Given | None = None,
+    reading: Reading | None = None,
     tool: Tool | None = None,
     name: str | None = None,
     output: str | Path | None = None,
@@ -86,8 +89,9 @@ def new_project(
     The folder appears whole or not at all; an existing folder is never replaced.
 
     Args:
-        urdf: path of the URDF file; a copy of it becomes part of the project.
-        given: decisions already made: tip, base, spring, controller.
+        urdf: path of the robot's file, or its name; copies of the files become part of the project.
+        given: decisions already made: tip, base, spring, controller, masses.
+        reading: settings of the reader.
         tool: the tool on the tip link.
         name: prefix of the C names and name of the Python module (default: from the robot's name).
         output: the folder to write (default: NAME_control).
@@ -103,25 +107,36 @@ def new_project(
         StiffgenError: see :func:`stiffgen.generate`; also if something is ambiguous and nobody can answer.
 
     """
-    urdf = Path(urdf)
-    text = _text_of(urdf)
-    description = read_description(urdf)
+    urdf, reading = located(urdf, reading or Reading())
+    given = given or Given(tool=tool is not None)
+    description = describe(urdf, reading)
     name = identifier(description.robot) if name is None else checked_identifier(name)
     target = _free_folder(Path(f"{name}_control") if output is None else Path(output))
-    answers = decide(description, given or Given(tool=tool is not None), ask)
+    answers = decide(description, given, ask)
     ready()
     tool = tool or (None if answers.tool_xyz is None else Tool(xyz=answers.tool_xyz))
     base = None if answers.base == description.root else answers.base
-    chain = load_chain(urdf, tip=answers.tip, base=base, tool=tool)
+    choice = ChainOptions(tip=answers.tip, base=base, tool=tool, masses=given.masses)
+    chain = chain_between(description, choice)
     _check(chain, answers)
-    page = _page(name, chain, answers, tool, urdf.name)
+    files = _copied_files(urdf, description)
+    page = _page(name, chain, answers, tool, f"urdf/{next(iter(files))}")
     springs = SpringOptions(() if answers.spring == "trace" else (answers.spring,))
     with swapped_in(target) as staging:
-        (staging / "urdf").mkdir()
-        copy = staging / "urdf" / urdf.name
-        copy.write_bytes(text)
+        for file, source in files.items():
+            (staging / "urdf" / file).parent.mkdir(parents=True, exist_ok=True)
+            (staging / "urdf" / file).write_bytes(source.read_bytes())
         generate_robot = partial(generate, tip=answers.tip, base=base, tool=tool, name=name, springs=springs)
-        generate_robot(copy, output=staging / "generated", build=build, progress=progress)
+        generate_robot(
+            urdf,
+            masses=given.masses,
+            ignore=reading.ignored,
+            arguments=reading.arguments,
+            package_path=reading.package_path,
+            output=staging / "generated",
+            build=build,
+            progress=progress,
+        )
         progress("writing the project")
         _write(page, staging)
     return target
@@ -136,12 +151,16 @@ def _free_folder(target: Path) -> Path:
     return target
 
 
-def _text_of(urdf: Path) -> bytes:
-    try:
-        return urdf.read_bytes()
-    except OSError:
-        read_description(urdf)  # raises a clear error
-        raise
+def _copied_files(urdf: Path, description: Description) -> dict[str, Path]:
+    """Return the files to copy by their path in the project, the robot's own file first.
+
+    Files that a template finds in packages stay there; the README's command needs --package-path for them.
+    """
+    files = {".": urdf.resolve()}
+    folder = urdf.resolve().parent
+    files |= {each.file: (folder / each.file).resolve() for each in description.inputs if "://" not in each.file}
+    root = Path(os.path.commonpath([path.parent for path in files.values()]))
+    return {path.relative_to(root).as_posix(): path for path in files.values()}
 
 
 def _check(chain: Chain, answers: Answers) -> None:
@@ -159,7 +178,10 @@ def _check(chain: Chain, answers: Answers) -> None:
 
 def _page(name: str, chain: Chain, answers: Answers, tool: Tool | None, file: str) -> _Page:
     coordinates = chain.coordinates
-    parts = ["stiffgen", "generate", f"urdf/{file}", "--name", name, "--tip", answers.tip, "--base", chain.base]
+    arguments = [f"{argument}:={value}" for argument, value in chain.arguments]
+    parts = ["stiffgen", "generate", file, *arguments, "--name", name, "--tip", answers.tip, "--base", chain.base]
+    parts += [] if chain.masses else ["--no-masses"]
+    parts += [word for element in chain.ignored for word in ("--ignore", element)]
     parts += [] if answers.spring == "trace" else ["--spring", answers.spring]
     if tool is not None:
         for option, value in (("xyz", tool.xyz), ("rpy", tool.rpy), ("com", tool.com), ("inertia", tool.inertia)):
@@ -173,10 +195,11 @@ def _page(name: str, chain: Chain, answers: Answers, tool: Tool | None, file: st
         group=spring(answers.spring).name,
         posture=tuple(float(f"{_start(k, coordinate):.4g}") for k, coordinate in enumerate(coordinates)),
         zone=min(0.1, *(float(f"{0.2 * (c.upper - c.lower):.2g}") for c in coordinates)),
-        rotors=tuple(1.0 if coordinate.type == "prismatic" else 0.1 for coordinate in coordinates),
+        rotors=tuple(c.motor_inertia or (1.0 if c.type == "prismatic" else 0.1) for c in coordinates),
         effort={k: _FORCE for k, c in enumerate(coordinates) if not 1e-6 <= c.effort <= 1e5},
         velocity={k: _SPEED for k, c in enumerate(coordinates) if not 2e-6 <= c.velocity <= 1e3},
         regenerate=" ".join(map(_quoted, parts)),
+        file=file,
     )
 
 

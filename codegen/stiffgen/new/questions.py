@@ -36,13 +36,17 @@ class Answers:
 
 @dataclass(frozen=True)
 class Given:
-    """Decisions from options; None where open. ``tool`` is true if the options describe a tool."""
+    """Decisions from options; None where open. ``tool`` is true if the options describe a tool.
+
+    ``masses`` is False if the file's masses are to be ignored; then the controller can only be the spring.
+    """
 
     tip: str | None = None
     base: str | None = None
     tool: bool = False
     spring: str | None = None
     controller: str | None = None
+    masses: bool = True
 
 
 def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
@@ -58,12 +62,16 @@ def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
         ChainError: there is no such tip or base.
 
     """
+    if not given.masses and given.controller == "impedance":
+        raise StiffgenError("--controller impedance needs masses; leave out --no-masses, or use --controller spring")
     survey = _tip(description, given, ask)
     base = given.base or _chosen(
         ask, f"Base link: first link of the chain [{printable(survey.base)}]", survey.base, description.links
     )
     tool = None if given.tool else _tool(ask, survey.tip)
-    controller = given.controller or _chosen(ask, _menu("Controller", CONTROLLERS), "impedance", CONTROLLERS)
+    controller = given.controller or "spring"
+    if given.masses and given.controller is None:
+        controller = _chosen(ask, _menu("Controller", CONTROLLERS), "impedance", CONTROLLERS)
     if controller == "impedance":
         if given.spring not in (None, "trace"):
             raise StiffgenError(
@@ -77,9 +85,12 @@ def decide(description: Description, given: Given, ask: Ask | None) -> Answers:
 
 def _tip(description: Description, given: Given, ask: Ask | None) -> TipSurvey:
     if given.tip is not None:
-        return survey_tip(description, given.tip, given.base)
+        survey = survey_tip(description, given.tip, given.base, given.masses)
+        if survey.hindrance and survey.coordinates:  # only its masses are refused: say so before any question
+            raise StiffgenError(f"{description.file}: tip '{printable(survey.tip)}': {survey.hindrance}")
+        return survey
     tips = possible_tips(description, given.base)
-    surveys = [survey_tip(description, tip, given.base) for tip in tips[:_MOST_TIPS]]
+    surveys = [survey_tip(description, tip, given.base, given.masses) for tip in tips[:_MOST_TIPS]]
     good = [survey for survey in surveys if survey.coordinates and not survey.hindrance]
     hindered = [survey for survey in surveys if survey.hindrance]
     if not good and hindered:
@@ -88,17 +99,17 @@ def _tip(description: Description, given: Given, ask: Ask | None) -> TipSurvey:
         raise StiffgenError(
             f"{description.file}: no leaf link has a usable chain; 'stiffgen inspect' names the reasons"
         )
-    if len(good) == 1 or ask is None:
-        if len(good) > 1:
-            raise StiffgenError(
-                f"{description.file}: several links could be the tip, and there is no terminal to ask at; "
-                f"choose one with --tip: {listed([survey.tip for survey in good])}"
-            )
+    if len(tips) == 1:  # as 'generate' chooses
         return good[0]
+    if ask is None:
+        raise StiffgenError(
+            f"{description.file}: several links could be the tip, and there is no terminal to ask at; "
+            f"choose one with --tip: {listed([survey.tip for survey in good])}"
+        )
     lines = {survey.tip: f"{len(survey.coordinates)} joints from {printable(survey.base)}" for survey in good}
     longest = max(good, key=lambda survey: len(survey.coordinates)).tip
     menu = _menu("Tip: the link that touches things; one of these, or any other", lines, longest)
-    return survey_tip(description, _chosen(ask, menu, longest, description.links), given.base)
+    return survey_tip(description, _chosen(ask, menu, longest, description.links), given.base, given.masses)
 
 
 def _menu(title: str, lines: dict[str, str], default: str | None = None) -> str:

@@ -112,6 +112,10 @@ def _expanded(request: dict[str, Any]) -> dict[str, Any]:
     except Exception as error:
         raise _TemplateError(_reason(error, (xacro.filestack or [file])[-1] or file, file)) from error
     files.check_arguments(request["arguments"])
+    for root in asked.values():  # its name is what the template asks for
+        manifest = Path(root) / "package.xml"
+        if manifest.is_file():
+            files.digests[str(manifest)] = hashlib.sha256(manifest.read_bytes()).hexdigest()
     return {"text": document.dom.toxml(), "files": list(files.digests.items()), "packages": asked}
 
 

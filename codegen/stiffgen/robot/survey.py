@@ -28,7 +28,7 @@ class TipSurvey:
     floating: bool = False
 
 
-def survey_tip(description: Description, tip: str, base: str | None = None) -> TipSurvey:
+def survey_tip(description: Description, tip: str, base: str | None = None, masses: bool = True) -> TipSurvey:
     """Return the survey of the chain from ``base`` (default: the link nearest the root) to a tip.
 
     Raises:
@@ -46,7 +46,7 @@ def survey_tip(description: Description, tip: str, base: str | None = None) -> T
         base = free[-1].child if free else description.root
         # As `generate` without --base: a floating joint frees the base if no joint before it moves.
         floats = bool(free) and free[-1].type == "floating" and movable[0] is free[-1]
-    options, hindrance = ChainOptions(tip=tip, base=None if floats else base), ""
+    options, hindrance = ChainOptions(tip=tip, base=None if floats else base, masses=masses), ""
     try:
         selection = select(description, options)
     except DescriptionError as error:

@@ -19,11 +19,13 @@ import pytest
 
 from stiffgen.cli import main
 from stiffgen.errors import StiffgenError
+from stiffgen.loading import describe
 from stiffgen.new.project import FILES, new_project
 from stiffgen.new.questions import Answers, Given, decide
+from stiffgen.robot.description import Reading
 from stiffgen.robot.reader import read_description
 from support.c_program import STRICT
-from support.chains import ARM, chain_urdf
+from support.chains import ARM, INERTIAL, chain_urdf, replaced
 from support.project import ROOT, URDF, require_program
 
 DUAL = ROOT / "tests" / "data" / "dual_arm.urdf"
@@ -79,6 +81,7 @@ def test_another_spring_does_not_go_with_the_controller():
         ([str(URDF), "--name", "int"], "nearest: --name robot_int"),
         ([str(ROOT / "tests" / "data" / "solo12.urdf"), "--tip", "FL_FOOT", "--base", "nothing"], "nothing"),
         ([str(URDF), "--tool-mass", "-1"], "mass"),
+        ([str(URDF), "--no-masses", "--controller", "impedance"], "--controller impedance needs masses"),
     ],
 )
 def test_bad_input_is_one_message_and_leaves_nothing(arguments, named, tmp_path, monkeypatch, capsys):
@@ -89,6 +92,33 @@ def test_bad_input_is_one_message_and_leaves_nothing(arguments, named, tmp_path,
     assert captured.out == "" and named in captured.err
     assert captured.err.splitlines()[-1].startswith("stiffgen: ")
     assert [path.name for path in tmp_path.iterdir()] == ["taken"] and not list((tmp_path / "taken").iterdir())
+
+
+def test_without_masses_and_a_fault_of_inertia(tmp_path, capsys):
+    """A fault is named before any question; without masses the project is of the spring and of rotors alone."""
+    faulty = tmp_path / "faulty.urdf"
+    faulty.write_text(re.sub(r'izz="[^"]*"', 'izz="9"', URDF.read_text()))
+    for tip in ([], ["--tip", "link_ee"]):
+        assert main(["new", str(faulty), *tip, "--output", str(tmp_path / "out")]) == 2
+        assert "only with --no-masses: link 'link_1'" in capsys.readouterr().err
+    assert main(["new", str(faulty), "--no-masses", "--no-build", "--output", str(tmp_path / "out")]) == 0
+    assert "mass_matrix" not in (tmp_path / "out" / "src" / "simulated_robot.hpp").read_text()
+    assert "--no-masses" in regenerate((tmp_path / "out" / "README.md").read_text())
+
+
+def test_a_template_takes_its_files_with_it(tmp_path):
+    (tmp_path / "arms" / "urdf").mkdir(parents=True)
+    (tmp_path / "arms" / "package.xml").write_text("<package><name>arms</name></package>")
+    (tmp_path / "arms" / "part.xacro").write_text(chain_urdf("rrr"))
+    template = tmp_path / "arms" / "urdf" / "arm.urdf.xacro"
+    template.write_text('<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+                        '<xacro:include filename="$(find arms)/part.xacro"/></robot>')  # fmt: skip
+    reading = Reading({"name": "arm"})
+    project = new_project(template, reading=reading, output=tmp_path / "project", build=False)
+    words = regenerate((project / "README.md").read_text()).split()
+    assert words[2:4] == ["urdf/urdf/arm.urdf.xacro", "name:=arm"]
+    copy = describe(project / words[2], reading)
+    assert copy == describe(template, reading)
 
 
 def test_names_with_ends_of_lines_and_html(tmp_path):
@@ -205,3 +235,16 @@ def test_the_project_builds_runs_and_passes_its_own_test(case, tmp_path):
 def main_in(folder: Path, command: str) -> int:
     done = subprocess.run([*STIFFGEN, *shlex.split(command)[1:], "--no-build"], cwd=folder, check=False)
     return done.returncode
+
+
+def test_new_and_generate_choose_tips_alike(tmp_path, capsys):
+    """One of two leaves cannot be the tip for its inertia: neither command chooses the other one silently."""
+    leg = (
+        f'<link name="leg">{INERTIAL}</link><joint name="hip" type="revolute"><parent link="base"/>'
+        '<child link="leg"/></joint></robot>'
+    )
+    faulty = tmp_path / "two.urdf"
+    faulty.write_text(replaced(("</robot>", re.sub(r'izz="[^"]*"', 'izz="9"', leg))))
+    for command in ("new", "generate"):
+        assert main([command, str(faulty), "--no-build", "--output", str(tmp_path / command)]) == 2
+        assert "choose one with --tip: finger" in capsys.readouterr().err

@@ -127,6 +127,8 @@ def test_constructs_of_vendors(tmp_path, vendor):
     folder = Path(template).parent
     expected = {Path(name).relative_to(folder).as_posix() if Path(name).is_relative_to(folder) else f"../{name}": text
                 for name, text in files.items() if name != template}  # fmt: skip
+    if any("$(find arms)" in text for text in files.values()):
+        expected["../package.xml"] = PACKAGE.format("arms")
     found = {each.file: each.digest for each in description.inputs}
     assert found == {name: hashlib.sha256(text.encode()).hexdigest() for name, text in expected.items()}
 
@@ -134,13 +136,13 @@ def test_constructs_of_vendors(tmp_path, vendor):
 def test_arguments_change_the_robot_and_stand_in_the_manifest(tmp_path, capsys):
     template = written(tmp_path, VENDORS["yaml by joint, include by argument"])
     chain = stiffgen.load_chain(template, arguments={"hand": "false"})
-    assert (chain.tip, chain.arguments, len(chain.inputs)) == ("a", (("hand", "false"),), 2)
+    assert (chain.tip, chain.arguments, len(chain.inputs)) == ("a", (("hand", "false"),), 3)
     assert stiffgen.load_chain(template).tip == "claw"
     words = ["hand:=false", "--output", str(tmp_path / "out"), "--no-build", "--no-controller", "--kernels", "hybrid"]
     assert main(["generate", str(template), *words]) == 0
     manifest = stiffgen.open_robot(tmp_path / "out" / "arm").manifest
     assert manifest["urdf"]["arguments"] == {"hand": "false"}
-    assert set(manifest["urdf"]["inputs"]) == {"common/arm.xacro", "one/limits.yaml"}
+    assert set(manifest["urdf"]["inputs"]) == {"../package.xml", "common/arm.xacro", "one/limits.yaml"}
     assert stiffgen.open_robot(tmp_path / "out" / "arm").chain == chain
     assert main(["inspect", "hand:=false", str(template)]) == 0
     assert "claw" not in capsys.readouterr().out

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""Robots by name: the descriptions that the package robot_descriptions knows, and copies of MuJoCo Menagerie.
+
+robot_descriptions clones a description's repository into its cache (ROBOT_DESCRIPTIONS_CACHE) on first use. A copy of
+Menagerie is a folder with one folder per robot: the variable MUJOCO_MENAGERIE_PATH names it, or the package
+mujoco_menagerie holds it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib
+import io
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from stiffgen.errors import DescriptionError, MissingExtraError, listed, printable
+from stiffgen.robot.description import Reading
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_+-]*")
+_INSTALL = "install one of them: pip install robot_descriptions"
+
+
+@dataclass(frozen=True)
+class KnownRobot:
+    """Robot that can be named: name, formats, maker, licence (SPDX), and the package that has it."""
+
+    name: str
+    formats: str
+    maker: str
+    licence: str
+    package: str
+
+
+def is_name(source: str | Path) -> bool:
+    """Return whether a source is a robot's name: no file of that name exists, and it holds no dot or slash."""
+    return isinstance(source, str) and _NAME.fullmatch(source) is not None and not Path(source).exists()
+
+
+def known_robots(word: str = "") -> list[KnownRobot]:
+    """Return the robots whose name or maker contains a word, sorted by name.
+
+    Raises:
+        MissingExtraError: no package with descriptions is installed.
+
+    """
+    if find_spec("robot_descriptions") is None and _menagerie() is None:
+        raise MissingExtraError(
+            f"neither robot_descriptions nor mujoco_menagerie, which hold descriptions, is installed; {_INSTALL}"
+        )
+    robots = [*_described(), *_in_menagerie()]
+    found = [each for each in robots if word.lower() in f"{each.name} {each.maker}".lower()]
+    return sorted(found, key=lambda each: (each.name, each.package))
+
+
+def find_robot(name: str, reading: Reading) -> tuple[Path, Reading]:
+    """Return the file of a named robot, and the settings with its packages and arguments.
+
+    Raises:
+        DescriptionError: there is no such robot, or its description cannot be downloaded.
+        MissingExtraError: no package with descriptions is installed.
+
+    """
+    robots = {(each.package, each.name) for each in known_robots()}
+    for candidate in (name, f"{name}_description", f"{name}_mj_description"):
+        if ("robot_descriptions", candidate) in robots:
+            return _downloaded(candidate, reading)
+    menagerie = _menagerie()
+    if menagerie is not None and ("mujoco_menagerie", name) in robots:
+        return _menagerie_file(menagerie / name), reading
+    names = sorted({_short(each) for _, each in robots})
+    near = difflib.get_close_matches(name, names, 5, 0.5) + [each for each in names if name in each]
+    hint = f"did you mean {listed(list(dict.fromkeys(near)), 5)}? " if near else ""
+    raise DescriptionError(name, [f"is no file and no known robot; {hint}'stiffgen robots' lists all names"])
+
+
+def _short(name: str) -> str:
+    return name.removesuffix("_description")
+
+
+def _described() -> Iterator[KnownRobot]:
+    """Yield the robots of robot_descriptions; none if it is not installed."""
+    if find_spec("robot_descriptions") is None:
+        return
+    descriptions = importlib.import_module("robot_descriptions._descriptions").DESCRIPTIONS
+    for name, each in descriptions.items():
+        formats = ", ".join(sorted(str(kind.name) for kind in each.formats if kind.name in ("URDF", "MJCF")))
+        if formats:
+            licence = each.license_spdx or "not stated"
+            yield KnownRobot(name, formats, each.maker or "", licence, "robot_descriptions")
+
+
+def _downloaded(name: str, reading: Reading) -> tuple[Path, Reading]:
+    """Return file and settings of a description; the import of its module downloads what is missing."""
+    noise = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(noise):
+            module = importlib.import_module(f"robot_descriptions.{name}")
+    except ImportError as error:
+        raise MissingExtraError(
+            f"robot_descriptions cannot be imported ({printable(str(error), 200)}); install it again with what it "
+            "needs: pip install robot_descriptions"
+        ) from error
+    except Exception as error:  # of git, of the network, of the disk
+        reason = printable(" ".join(str(error).split()) or type(error).__name__, 200)
+        raise DescriptionError(
+            name,
+            [
+                f"its description cannot be downloaded ({reason}); connect to the network, or set "
+                "ROBOT_DESCRIPTIONS_CACHE to a folder that holds it"
+            ],
+        ) from error
+    for attribute in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH"):
+        if hasattr(module, attribute):
+            path = Path(getattr(module, attribute))
+            return path, _with_defaults(module, reading) if attribute == "XACRO_PATH" else reading
+    raise DescriptionError(name, ["has neither URDF, xacro nor MJCF; choose another name: 'stiffgen robots'"])
+
+
+def _with_defaults(module: Any, reading: Reading) -> Reading:
+    """Return settings with the package's own arguments and packages; the user's arguments come first."""
+    arguments = dict(getattr(module, "XACRO_ARGS", {})) | dict(reading.arguments)
+    packages = [*reading.package_path, *getattr(module, "XACRO_PACKAGE_PATHS", {}).values()]
+    return Reading(arguments, (*packages, Path(module.REPOSITORY_PATH)), reading.ignored)
+
+
+def _menagerie() -> Path | None:
+    """Return the folder of a copy of MuJoCo Menagerie."""
+    spec = find_spec("mujoco_menagerie")
+    places = [os.environ.get("MUJOCO_MENAGERIE_PATH"), *((spec and spec.submodule_search_locations) or [])]
+    return next((Path(place) for place in places if place and Path(place).is_dir()), None)
+
+
+def _in_menagerie() -> Iterator[KnownRobot]:
+    folder = _menagerie()
+    for each in sorted(folder.iterdir()) if folder is not None else ():
+        if each.is_dir() and list(each.glob("*.xml")):
+            lines = (each / "LICENSE").read_text("utf-8", "replace").split("\n") if (each / "LICENSE").is_file() else []
+            first = next((line.strip() for line in lines if line.strip()), "not stated")
+            yield KnownRobot(each.name, "MJCF", "", printable(first, 30), "mujoco_menagerie")
+
+
+def _menagerie_file(folder: Path) -> Path:
+    """Return a robot's own file: named as the folder's last word, else the first that is no scene."""
+    files = sorted(folder.glob("*.xml"))
+    robots = [each for each in files if "scene" not in each.name] or files
+    return min(robots, key=lambda each: (not folder.name.endswith(each.stem), len(each.name), each.name))

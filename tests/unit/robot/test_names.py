@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: MIT
+"""Robots by name, from packages that hold descriptions; the packages here are stand-ins with their layout."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from stiffgen.cli import main
+from stiffgen.errors import DescriptionError, MissingExtraError, StiffgenError
+from stiffgen.loading import describe
+from stiffgen.robot.description import Reading
+from support.chains import ARM
+
+TEMPLATE = """<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include
+ filename="$(find parts)/part.xacro"/></robot>"""
+PART = """<robot><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>
+</joint></robot>"""
+LIST = """from enum import IntEnum
+class Format(IntEnum):
+    URDF = 0
+    MJCF = 1
+    SRDF = 2
+class Description:
+    def __init__(self, formats, maker=None, license_spdx=None):
+        self.formats, self.maker, self.license_spdx = formats, maker, license_spdx
+DESCRIPTIONS = {
+    "arm_description": Description({Format.URDF, Format.SRDF}, "Maker A", "MIT"),
+    "arm_mj_description": Description({Format.MJCF}, "Maker A", "Apache-2.0"),
+    "lab_description": Description({Format.URDF}, "Maker B"),
+    "far_description": Description({Format.URDF}),
+    "poses_description": Description({Format.SRDF}),
+}"""
+
+
+@pytest.fixture
+def described(tmp_path, monkeypatch):
+    """Install a stand-in for robot_descriptions."""
+    package = tmp_path / "robot_descriptions"
+    (package / "parts").mkdir(parents=True)
+    files = {
+        "arm.urdf": ARM,
+        "lab.urdf.xacro": TEMPLATE,
+        "parts/part.xacro": PART,
+        "__init__.py": "",
+        "_descriptions.py": LIST,
+        "arm_description.py": f"print('Cloning ...')\nURDF_PATH = {str(package / 'arm.urdf')!r}\n",
+        "lab_description.py": f"REPOSITORY_PATH = {str(package)!r}\nXACRO_PATH = {str(package / 'lab.urdf.xacro')!r}\n"
+        f"XACRO_ARGS = {{'name': 'lab'}}\nXACRO_PACKAGE_PATHS = {{'parts': {str(package / 'parts')!r}}}\n",
+        "far_description.py": "raise OSError('Could not resolve host: github.com')\n",
+    }
+    for name, text in files.items():
+        (package / name).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    yield package
+    for name in [name for name in sys.modules if name.split(".")[0] == "robot_descriptions"]:
+        del sys.modules[name]
+
+
+def test_a_name_stands_for_a_file(described, capsys):
+    assert describe("arm").file == describe("arm_description").file == "arm.urdf"
+    assert "Cloning" not in capsys.readouterr().out  # standard output holds the result alone
+    lab = describe("lab")
+    assert (lab.robot, lab.arguments) == ("lab", (("name", "lab"),))
+    assert describe("lab", Reading({"name": "other"})).robot == "other"
+    assert main(["inspect", "--robot", "lab", "name:=mine"]) == 0
+    assert "robot mine: 2 links" in capsys.readouterr().out
+
+
+def test_a_file_comes_before_a_name(described):
+    Path("arm").write_text(PART.replace("<robot>", '<robot name="file">'))
+    assert describe("arm").robot == "file"
+    with pytest.raises(DescriptionError, match="cannot be read"):
+        describe("./lab")
+
+
+def test_unknown_names_and_no_network(described, capsys):
+    with pytest.raises(DescriptionError, match="did you mean arm"):
+        describe("armm")
+    with pytest.raises(DescriptionError, match=r"cannot be downloaded .Could not resolve host.*connect to the network"):
+        describe("far")
+    assert main(["generate", "--robot", "a/b"]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["generate", "x.urdf", "--robot", "arm"])
+    assert "one of the two" in capsys.readouterr().err
+
+
+def test_robots_lists_name_format_and_licence(described, capsys):
+    assert main(["robots", "ARM"]) == 0
+    out = capsys.readouterr().out
+    assert [line.split()[0] for line in out.splitlines()[2:]] == ["arm", "arm_mj"]
+    assert "MJCF" in out and "Apache-2.0" in out and "poses" not in out
+    assert main(["robots", "nothing"]) == 2
+
+
+def test_menagerie(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "maker_arm"
+    folder.mkdir()
+    (folder / "LICENSE").write_text("BSD 3-Clause\n")
+    (folder / "scene.xml").write_text('<mujoco><include file="arm.xml"/></mujoco>')
+    (folder / "arm.xml").write_text('<mujoco model="arm"><worldbody><body name="b"><joint name="j"/><geom size=".1"/>'
+                                    "</body></worldbody></mujoco>")  # fmt: skip
+    monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path))
+    assert describe("maker_arm").file == "arm.xml"
+    assert main(["robots"]) == 0
+    assert "BSD 3-Clause" in capsys.readouterr().out
+
+
+def test_without_packages_the_remedy_is_named(monkeypatch):
+    monkeypatch.setattr("stiffgen.robot.names.find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match="pip install robot_descriptions"):
+        describe("fr3")
+
+
+def test_names_are_no_paths():
+    for text in ("no/such.urdf", "arm.urdf", "", "..", "x" * 5000 + ".urdf"):
+        with pytest.raises(StiffgenError) as refusal:
+            describe(text)
+        assert "robot_descriptions" not in str(refusal.value)
