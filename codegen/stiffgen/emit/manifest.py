@@ -99,7 +99,7 @@ def _finite(value: Any) -> Any:
 
 
 def chain_from_manifest(content: dict[str, Any]) -> Chain:
-    """Return the chain that a folder was generated from; one of DAMAGE if the manifest has none."""
+    """Return the chain that a folder was generated from; raise one of DAMAGE if the manifest has none."""
     chain = _record(Chain, content["chain"])
     assert isinstance(chain, Chain)
     return chain

@@ -48,7 +48,7 @@ def statements(f: Lowering, step: StraightLine, storages: Sequence[Storage]) -> 
 
 
 def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list[tuple[range, Entry]]]:
-    """Return the inputs, the arguments of the expressions, and for each array its inputs and its first entry.
+    """Return the inputs, the symbols for them, and per array the range of its inputs with its first entry.
 
     What enters linearly is guarded: a sliding joint's coordinate, a pose, a stiffness. Sines turn infinity into NaN,
     and what earlier steps wrote comes from guarded numbers.

@@ -122,7 +122,7 @@ def _chosen(
 
 
 def _not_failed(entries: Sequence[str], verdicts: Sequence[Verdict]) -> list[str]:
-    """Return the functions whose memory proof did not fail: only their bits mean something."""
+    """Return the functions whose memory proof did not fail; a proof of bits means something for these only."""
     failed = {each.function for each in verdicts if each.outcome == "FAILED"}
     return [each for each in entries if each not in failed]
 
