@@ -260,7 +260,7 @@ def table(records: list[dict[str, str]]) -> str:
     reasons = collections.Counter(_kind(record["reason"]) for record in moving if record["reason"])
     lines += [
         "",
-        "Reasons of refusals, of the first refused chain of each file:",
+        "Reasons of refusals (one per file, of its first refused chain):",
         "",
         "| reason | files |",
         "|---|---|",
