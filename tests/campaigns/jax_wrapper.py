@@ -49,11 +49,21 @@ def listed(results):
     return list(results) if isinstance(results, tuple) else [results]
 
 
+def assert_transposed(case, gradients):
+    """The Jacobian-vector product is the transpose of the vector-Jacobian product."""
+    tangents = [np.random.default_rng(3).normal(size=np.shape(each)) for each in case.arguments]
+    _, changes = jax.jvp(case.function, tuple(case.arguments), tuple(tangents))
+    forward = sum((c * change).sum() for c, change in zip(case.cotangents, listed(changes), strict=True))
+    terms = [gradient * tangent for gradient, tangent in zip(gradients, tangents, strict=True)]
+    scale = sum(np.abs(term).sum() for term in terms)
+    assert abs(forward - sum(term.sum() for term in terms)) <= 1e-12 * scale, case.path
+
+
 @pytest.mark.parametrize("robot", ["small", "walker"])
 def test_values_and_gradients_are_those_of_numpy(robot, request, double):
     """Every function: a stack, one configuration, vmap over all, and vmap over the first argument alone."""
     robot = request.getfixturevalue(robot)
-    for case in cases(robot, wrapper(robot, "jax"), COUNT):
+    for number, case in enumerate(cases(robot, wrapper(robot, "jax"), COUNT)):
         close = lambda found, expected, path=case.path: np.testing.assert_allclose(  # noqa: E731
             found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(initial=0), err_msg=path
         )
@@ -65,6 +75,8 @@ def test_values_and_gradients_are_those_of_numpy(robot, request, double):
         gradients = back(results.__class__(case.cotangents) if isinstance(results, tuple) else case.cotangents[0])
         for each, expected in zip(gradients, case.of_wrapper(), strict=True):
             close(each, expected)
+        if number % 3 == 0:  # forward mode takes as long as all others together
+            assert_transposed(case, gradients)
         first, *others = case.arguments
         shared = [each[0] for each in others]
         alone = jax.vmap(case.function, (0, *[None] * len(shared)))(first, *shared)
@@ -164,11 +176,46 @@ assert not {{"jax", "jaxlib", "torch"}} & set(sys.modules)
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
-def test_not_compiled_is_said(small, tmp_path):
+def test_forward_mode_is_the_derivative(small, arm):
+    """All of the Jacobian at once, under jit and vmap, against differences; second derivatives are refused."""
+    n = small.chain.dof
+    q, wrench, stiffness = np.linspace(-1, 1, 2 * n).reshape(2, n), np.arange(1.0, 7), np.diag([700.0] * 3 + [30] * 3)
+
+    def matrix(q):
+        return arm.hybrid.joint_stiffness(q, wrench, stiffness)
+
+    step = 1e-5
+    found = jax.jit(jax.vmap(jax.jacfwd(matrix)))(q)
+    for k, unit in enumerate(np.eye(n)):
+        difference = (matrix(q + step * unit) - matrix(q - step * unit)) / (2 * step)
+        np.testing.assert_allclose(found[..., k], difference, atol=1e-5 * np.abs(found).max())
+    for second in (jax.hessian, lambda f: jax.jacfwd(jax.jacfwd(f)), lambda f: jax.jacrev(jax.jacrev(f))):
+        with pytest.raises(NotImplementedError, match=r"hybrid\.joint_stiffness\(\) has first derivatives only"):
+            second(lambda q: matrix(q).sum())(q[0])
+
+
+def test_a_gradient_runs_the_product_alone(small, arm):
+    """Reverse mode costs the function and one product; the code of forward mode is not run."""
+    loss = jax.grad(lambda q: arm.hybrid.joint_stiffness(q, np.ones(6), np.eye(6)).sum())
+    text = jax.jit(loss).lower(jax.ShapeDtypeStruct((small.chain.dof,), jnp.float64)).compile().as_text()
+    assert text.count(" custom-call(") == 1, text
+
+
+def test_calls_are_compiled_when_they_are_missing(small, tmp_path, monkeypatch):
+    """As where jax was installed after the folder was generated; without a compiler the import says what to do."""
     folder = tmp_path / "arm"
-    shutil.copytree(small.folder, folder, ignore=shutil.ignore_patterns("arm_jax.*"))
-    with pytest.raises(ImportError, match=r"install jax .* 'stiffgen generate --derivatives'"):
-        wrapper(open_robot(folder), "jax")
+    shutil.copytree(small.folder, folder, ignore=shutil.ignore_patterns("arm_jax.*o", "arm_jax.pyd"))
+    with monkeypatch.context() as patched:
+        patched.setenv("CC", str(tmp_path / "absent"))
+        with pytest.raises(ImportError, match=r"absent' .*install jax .* 'stiffgen generate --derivatives'"):
+            wrapper(open_robot(folder), "jax")
+    q = np.linspace(-1, 1, small.chain.dof)
+    jax.config.update("jax_enable_x64", True)
+    try:
+        found = wrapper(open_robot(folder), "jax").hybrid.jacobian(q)
+        np.testing.assert_allclose(found, small.module.hybrid.jacobian(q), rtol=1e-12, atol=1e-12)
+    finally:
+        jax.config.update("jax_enable_x64", False)
 
 
 def test_a_second_copy_in_the_process(small, arm, tmp_path):

@@ -61,6 +61,23 @@ def test_values_and_gradients_are_those_of_numpy(robot, request):
             assert_close(found, expected.detach().numpy(), case.path)
 
 
+@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:FutureWarning")
+def test_forward_mode_is_the_transpose_of_reverse_mode(small, arm):
+    """With vmap, for functions of one and of several results; second derivatives are refused."""
+    q = torch.linspace(-1, 1, 2 * small.chain.dof, dtype=torch.float64).reshape(2, -1)
+    eye = torch.eye(6, dtype=torch.float64)
+    pose, three = torch.eye(4, dtype=torch.float64), eye[:3, :3]
+    functions = (
+        lambda q: arm.hybrid.joint_stiffness(q, eye.sum(0), eye),
+        lambda q: torch.cat([each.flatten() for each in arm.spring.linearization(q, pose, three, three)]),
+    )
+    for function in functions:
+        forward, reverse = (torch.func.vmap(mode(function))(q) for mode in (torch.func.jacfwd, torch.func.jacrev))
+        assert torch.allclose(forward, reverse, rtol=1e-12, atol=1e-12)
+        with pytest.raises(NotImplementedError, match=r"\(\) has first derivatives only"):
+            torch.func.jacfwd(torch.func.jacfwd(function))(q[0])
+
+
 # PyTorch 2.15's check reads .grad of a copy; its way to hide the warning is too late where a warning is an error.
 @pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor that is not a leaf:UserWarning")
 def test_opcheck(small, arm):

@@ -80,6 +80,34 @@ def build_module(folder: Path, name: str) -> None:
         _self_check([*command, *kernels], folder, name, build)
 
 
+def build_jax(folder: Path, name: str) -> None:
+    """Compile the library of NAME.jax alone, for a folder that was generated where jax was missing.
+
+    Raises:
+        BuildError: jax or a compiler is missing, or the compiler failed.
+
+    """
+    compiler, folder, includes = compiler_command(), folder.resolve(), _xla_headers()
+    if not includes:
+        raise BuildError("jax is not installed")
+    calls, wrapper = (folder / "python" / f"{name}_{part}.c" for part in ("calls", "jax"))
+    with temporary_folder("build") as build:
+        options = [*_FLAGS, *_native(compiler, build), *shlex.split(os.environ.get("CFLAGS", ""))]
+        sources = {**dict.fromkeys(kernel_sources(folder, name), ()), calls: _FAST_TO_COMPILE, wrapper: _FORWARDS}
+        objects = [str(build / f"{source.name}.o") for source in sources]
+        headers = [f"-I{include}" for include in includes]
+        _run(
+            [
+                [*compiler, *options, *more, *headers, "-c", str(source), "-o", made]
+                for (source, more), made in zip(sources.items(), objects, strict=True)
+            ],
+            compiler[0],
+            build,
+        )
+        library = folder / "python" / f"{name}_jax{'.pyd' if os.name == 'nt' else '.so'}"
+        _run([[*compiler, *options, "-shared", *objects, "-o", str(library), *_libraries()]], compiler[0], build)
+
+
 def _sources(folder: Path, name: str, header: Path) -> dict[Path, Sequence[str]]:
     """Return the folder's C files with the compiler's options for each."""
     xla = _xla_headers()

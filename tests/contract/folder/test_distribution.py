@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Wheel and source distribution: complete, and enough for a new user in an empty folder, as docs/start.md says."""
+"""Wheel and source distribution: complete; a new user in an empty folder with a clone, as docs/start.md says."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import stiffgen
-from support.project import ROOT, URDF
+from support.project import ROOT
 
 VERSIONS = ("3.10", "3.13")
 """The oldest and the newest Python; the other tests run in one between them."""
@@ -82,21 +82,20 @@ def commands() -> list[tuple[str, str]]:
     blocks = re.findall(r"```console\n(.*?)```", PAGE, re.DOTALL)
     found = re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", "".join(blocks), re.MULTILINE)
     assert [command.split()[0] for command, _ in found] == [
-        "python3", "venv/bin/pip", "venv/bin/stiffgen", "cc", "./first_steps", "cmake", "cmake", "build/my_robot_loop",
+        "python3", "venv/bin/pip", "cp", "venv/bin/stiffgen", "cc",
+        "./first_steps", "cmake", "cmake", "build/my_robot_loop",
     ]  # fmt: skip
     return found
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
-def test_a_new_user_in_an_empty_folder(version: str, built: Path, tmp_path: Path) -> None:
-    """docs/start.md, to the letter, with the wheel alone."""
+def test_a_new_user_in_an_empty_folder(version: str, tmp_path: Path) -> None:
+    """docs/start.md, to the letter, with a clone alone."""
     python = interpreter(version)
     if python is None:
         pytest.skip(f"no Python {version} is installed")
-    (wheel,) = built.glob("*.whl")
-    shutil.copy(wheel, tmp_path)
-    shutil.copy(URDF, tmp_path / "my_robot.urdf")
+    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(tmp_path / "stiffgen")], check=True)
     (tmp_path / ".bin").mkdir()
     launcher = tmp_path / ".bin" / "python3"
     launcher.write_text(f'#!/bin/sh\nexec "{python}" "$@"\n')

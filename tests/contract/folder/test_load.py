@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -17,7 +18,7 @@ import pytest
 import stiffgen
 from stiffgen import cache
 from stiffgen.cli import main
-from support.project import URDF
+from support.project import ROOT, URDF
 
 SMALL = {"kernels": "hybrid.jacobian", "controller": False, "batches": False, "masses": False}
 LOAD = f"import stiffgen; print(stiffgen.load('arm.urdf', **{SMALL!r}).module.hybrid.jacobian([0.0] * 7).shape)"
@@ -89,6 +90,18 @@ def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
     monkeypatch.setattr(cache, "_generator", lambda: "another version")
     stiffgen.load("arm.urdf")
     assert len(set(made)) == len(made) - 1
+
+
+@pytest.mark.slow
+def test_the_readmes_first_lines(here, monkeypatch, capsys):
+    """Its block of Python, to the letter, prints the block behind it."""
+    code, printed = re.search(
+        r"```python\n(.*?)```.*?```text\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
+    ).groups()
+    assert len(list(filter(None, code.splitlines()))) == 5
+    monkeypatch.chdir(ROOT)
+    exec(compile(code, "README.md", "exec"), {})
+    assert capsys.readouterr().out == printed
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -162,3 +163,21 @@ def test_no_tool(robot: ModuleType, plate: ModuleType) -> None:
     assert robot.TOOL is None
     assert plate.TOOL["mass"] == 0.455
     assert "TOOL" in robot.__all__
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "optimised"),
+    [((), True), (("-DCMAKE_BUILD_TYPE=Debug",), False), (("-DCMAKE_C_FLAGS=-O1",), False)],
+)
+def test_a_project_without_a_build_type_gets_optimised_code(
+    folder: Path, tmp_path: Path, options: tuple[str, ...], optimised: bool
+) -> None:
+    """With add_subdirectory; a build type or a level of the user's own is kept."""
+    (tmp_path / "CMakeLists.txt").write_text(
+        f"cmake_minimum_required(VERSION 3.18)\nproject(app C)\nadd_subdirectory({folder} arm)\n"
+    )
+    run("cmake", "-S", ".", "-B", "build", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", *options, cwd=tmp_path)
+    commands = json.loads((tmp_path / "build" / "compile_commands.json").read_text())
+    kernels = [each["command"] for each in commands if each["file"].endswith("/iiwa14.c")]
+    assert [" -O2 " in command for command in kernels] == [optimised]
