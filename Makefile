@@ -11,7 +11,7 @@ WORKERS ?= 2
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
-.PHONY: help generate test test-slow lint check-generated docs bench bench-cuda campaign clean
+.PHONY: help generate test test-slow lint check-generated docs bench bench-cuda campaign compare clean
 .DELETE_ON_ERROR:
 
 help:  ## print this list
@@ -57,6 +57,9 @@ campaign: $(VENV)/installed-test $(patsubst %,$(VENV)/installed-%,$(filter fuzz 
 campaign: $(if $(filter rounding-errors targets,$(NAME)),generate)
 campaign:  ## run a long search: NAME=..., OPTIONS="..."; without a name, list them
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns $(NAME) $(OPTIONS)
+
+compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/compare.md
+	@PYTHONPATH=tests:. $(BIN)/python -m campaigns compare
 
 clean:  ## remove what the above made, but not generated/
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -79,6 +79,12 @@ CAMPAIGNS = {
     "soak": _campaign("soak", "run the controller for a million hostile steps", "--steps 12000 --pencils 20"),
     "settle": _campaign("settle", "let random situations come to rest", "--count 2"),
     "nuisance": _campaign("nuisance", "count faults in harmless episodes of four arms", "--episodes 3 --arms ur5"),
+    "compare": _campaign(
+        "compare",
+        "compare the controller with laws in use, into docs/compare.md",
+        "--arms ur5",
+        "--output docs/compare.md",
+    ),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
     "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 120000 --flips 2400"),
     "fri-fuzz": _campaign(

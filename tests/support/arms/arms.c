@@ -235,7 +235,8 @@ static void step_controller(const plant_t *p, controller_t *c, const sensors_t *
     row->status = c->output->status;
     row->reason = c->output->reason;
     row->faulted = c->output->fault != 0;
-    row->saturated = (c->output->status & (unsigned)JOIN(UPPER, _STATUS_SATURATED)) != 0u;
+    const unsigned cut = JOIN(UPPER, _STATUS_SATURATED) | JOIN(UPPER, _STATUS_RATE_LIMITED);
+    row->saturated = (c->output->status & cut) != 0u;
     if (p->reset_after > 0 && c->output->fault_time > p->reset_after * p->sample_time && row->faulted) {
         ROBOT_(impedance_reset)(c->state);
     }
@@ -258,8 +259,8 @@ static void step_textbook(const plant_t *p, const sensors_t *s, const inputs_t *
     for (int i = 0; i < N; ++i) {
         const double change = p->rate[i] * p->sample_time;
         const double near = fmin(fmax(wanted[i], -p->effort[i]), p->effort[i]);
-        row->saturated |= near != wanted[i];
         torque[i] = fmin(fmax(near, torque[i] - change), torque[i] + change);
+        row->saturated |= torque[i] != wanted[i];
     }
 }
 
