@@ -25,8 +25,6 @@ from stiffgen.lower.rounding import Ranges
 from stiffgen.lower.scalar import DOUBLE, SCALARS
 from stiffgen.opened import open_robot
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.symbolic.springs import KINDS
 from support.project import ROOT
 from support.quad import WIDTHS, Measured, can_run, climbed, kernels_with_bounds, with_eighty_digits
 
@@ -38,7 +36,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--robot", default="iiwa14", help="a folder in generated/")
     parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the robot is generated anew for it")
-    parser.add_argument("--spring", choices=KINDS[1:], action="append", default=[], help="further springs; repeatable")
     parser.add_argument("--states", type=int, default=1_000_000, help="of each function")
     parser.add_argument("--functions", nargs="*", help="default: all that have a bound")
     parser.add_argument("--width", choices=WIDTHS, help="vectors (default: each in turn, round by round)")
@@ -46,10 +43,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     doubles, scalar = ROOT / "generated" / options.robot, SCALARS[options.scalar]
-    chain, springs = open_robot(doubles).chain, SpringOptions(tuple(options.spring))
-    table = chain_kernels(chain, springs)
-    bounds = kernels_with_bounds(chain, Ranges(), table, scalar)
-    kernels = [kernel for kernel in table if kernel.qualified_name in (options.functions or bounds)]
+    chain = open_robot(doubles).chain
+    bounds = kernels_with_bounds(chain, Ranges(), chain_kernels(chain), scalar)
+    kernels = [kernel for kernel in chain_kernels(chain) if kernel.qualified_name in (options.functions or bounds)]
     widths = [options.width] if options.width else [width for width in WIDTHS if can_run(WIDTHS[width])]
     print(f"{options.robot}, vectors: {', '.join(widths)}")
     print(
@@ -58,12 +54,10 @@ def main() -> int:
     )
     wrong = 0
     with tempfile.TemporaryDirectory() as work:
-        measured, urdf, name = [], ROOT / "urdf" / f"{options.robot}.urdf", options.robot
-        if options.spring:
-            doubles = stiffgen.generate(urdf, output=Path(work) / "doubles", name=name, springs=springs, build=False)
-        folder = doubles
+        folder, measured = doubles, []
         if scalar != DOUBLE:
-            folder = stiffgen.generate(urdf, output=work, name=name, scalar=scalar.name, springs=springs, build=False)
+            urdf, name = ROOT / "urdf" / f"{options.robot}.urdf", options.robot
+            folder = stiffgen.generate(urdf, output=work, name=name, scalar=scalar.name, build=False)
         for index, width in enumerate(widths):
             place = Path(work) / str(index)
             place.mkdir()

@@ -224,8 +224,8 @@ class _Session:
             _fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
         symmetric = np.array(config.task_damping).reshape(6, 6)
         _fill(config.task_damping, (symmetric + symmetric.T) / 2 + 60.0 * np.eye(6) * (np.abs(symmetric).max() > 0))
-        if len(self.chain.tips) == 1 and random.random() < 0.2:
-            config.law = 2
+        if len(self.chain.tips) == 1 and random.random() < 0.25:
+            config.law, config.stiffness_formula = 2, int(random.integers(1, 3))
         config.tank_initial = min(config.tank_initial, config.tank_maximum)
 
     def _vary(self, field: Field) -> None:
@@ -314,6 +314,9 @@ class _Session:
                 each.call("reset", each.state)
         if random.random() < (0.004 if self.calm else 0.008):
             self._change_config()
+        if len(self.chain.tips) == 1 and random.random() < 0.001:
+            self.config.law = 3 - self.config.law
+            self._copy_config()
         if random.random() < 0.004 * rate:
             self.command = 3 - self.command
         if random.random() < 0.004:  # an obstacle holds the arm, perhaps far from the goal
@@ -342,8 +345,6 @@ class _Session:
             self.config.missed_limit = int(random.integers(1, 12))
         elif random.random() < 0.2:
             _set(self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.chain.dof)))
-        elif field.name == "law" and len(self.chain.tips) == 1:
-            self.config.law = 3 - self.config.law if random.random() < 0.5 else self.config.law
         elif field.name not in ("task_damping", "law"):
             self._vary(field)
         self._copy_config()
@@ -393,6 +394,8 @@ class _Session:
         if self.absent > 0:
             self.absent -= 1
             given.sample_valid = 0
+            if random.random() < 0.1:  # calls are left out, too
+                self.counter = (self.counter + int(random.integers(1, 6))) % 2**32
             return
         if event < 0.01:
             given.sample_valid = 0
@@ -410,6 +413,7 @@ class _Session:
         elif event < 0.06:
             fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium", "task_stiffness"]
             _put(random.choice(fields), given, int(random.integers(6)), bad)
+            given.task_stiffness[int(random.integers(36))] *= random.choice([1.0, -1.0, 1e3])
         elif event < 0.061:
             name = str(random.choice(["command", "sample_valid", "wrench_valid"]))
             setattr(given, name, int(random.choice([-1, 0, 2, 3])))
