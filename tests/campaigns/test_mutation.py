@@ -33,7 +33,7 @@ from support.cuda_host import HostCuda
 from support.exact_springs import Energies, exact, floats, moved, orthonormal, rotation
 from support.generated_c import merged
 from support.runtime import compile_c
-from support.spring_digits import axis, parameters, stiffness
+from support.spring_digits import LIMITS, axis, parameters, stiffness
 
 
 @pytest.fixture(scope="module")
@@ -315,7 +315,7 @@ def turned_states(library, chain, kind):
         K[:3] *= 0.1  # nothing of the turn is small beside the translation
         K[:, :3] *= 0.1
         R, R0 = ((exact if near else orthonormal)(each[:3, :3]) for each in (pose, H))
-        energies = Energies(*moved(exact(pose[:3, 3]), R), (exact(H[:3, 3]), R0), K)
+        energies = Energies(*moved(exact(pose[:3, 3]), R), (exact(H[:3, 3]), R0), K, LIMITS)
         U = energies(kind, Placement())
         energy, wrench, hessian = floats([U.value]), floats(U.first), floats(U.second)[None]
         torque, tangent = -wrench @ J, np.empty((1, chain.dof, chain.dof))

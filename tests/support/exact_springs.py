@@ -183,14 +183,17 @@ def _upper(matrix: np.ndarray) -> np.ndarray:
 class Energies:
     """Energies of all springs between one pose (jets) and one equilibrium (p0, R0), with one stiffness (6, 6).
 
-    The diagonal blocks are Kt and Ko of the springs that have two stiffnesses. Terms that springs, axes and centres
-    share are computed once. If R and R0 are rounded to doubles, they are not exact rotations. Displacements then enter
-    through R - R0, as in the definition of the energies.
+    The diagonal blocks are Kt and Ko of the springs that have two stiffnesses, ``limits`` the largest force and moment
+    of the bounded spring. Terms that springs, axes and centres share are computed once. If R and R0 are rounded to
+    doubles, they are no exact rotations. Displacements then enter through R - R0, as in the definition of the energies.
     """
 
-    def __init__(self, p: np.ndarray, R: np.ndarray, equilibrium: Any, stiffness: np.ndarray) -> None:
+    def __init__(
+        self, p: np.ndarray, R: np.ndarray, equilibrium: Any, stiffness: np.ndarray, limits: tuple[float, float]
+    ) -> None:
         self.p, self.R, (self.p0, self.R0) = p, R, equilibrium
         self.K = exact(_upper(stiffness))
+        self.limits = limits
         self.known: dict[Any, Any] = {}
 
     def __call__(self, kind: str, placement: Any) -> Jet:
@@ -198,6 +201,11 @@ class Energies:
         translation = placement.translation_axes or ("equilibrium" if kind == "coupled" else "base")
         where = translation, tuple(placement.centre)
         linear = self._shared(self._linear, *where)
+        if kind == "bounded":
+            turning = self._shared(self._turning, "trace", placement.rotation_axes)
+            return self._bounded(linear, self.K[:3, :3], self.limits[0]) + self._bounded(
+                turning, self.K[3:, 3:], self.limits[1]
+            )
         if kind != "coupled":
             return linear + self._shared(self._turning, kind, placement.rotation_axes)
         turning = self._shared(self._turning, "trace", placement.rotation_axes)
@@ -217,6 +225,12 @@ class Energies:
     def _linear(self, axes: str, centre: tuple[float, ...]) -> Jet:
         away = self._shared(self._away, axes, centre)
         return away @ (self.K[:3, :3] @ away) * arb(0.5)
+
+    def _bounded(self, V: Jet, K: np.ndarray, limit: float) -> Jet:
+        """Return E (sqrt(1 + 2 V/E) - 1), the pseudo-Huber form, with E = limit^2/kappa and kappa >= |K|."""
+        kappa = max((sum(abs(x) for x in row) for row in K), key=float)
+        scale = arb(limit) ** 2 / kappa
+        return ((V * (2 / scale) + 1).sqrt() - 1) * scale
 
     def _seen_from(self, axes: str) -> np.ndarray:
         """Return the axes of Ko relative to the equilibrium's axes, as columns."""

@@ -28,6 +28,8 @@ FEW = [Placement(), *(Placement(t, r, REMOTE) for t, r in zip(AXES, (AXES[2], AX
 """Default axes, and each choice of axes once with a shifted centre."""
 ROBOTS = ("iiwa14", "six axes", "slides and mimics")
 EPS = 2.0**-52
+LIMITS = 20.0, 5.0
+"""Largest force [N] and moment [N m] of the bounded spring."""
 RESULTS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness")
 Errors = dict[tuple[str, Placement], dict[str, float]]
 """Worst errors of a spring's results by kind and placement."""
@@ -57,13 +59,16 @@ def stiffness(random: np.random.Generator) -> np.ndarray:
 
 def parameters(kind: str, H: np.ndarray, K: np.ndarray) -> list[np.ndarray]:
     """Return the arguments of a spring's kernels after q; stacks."""
-    return [H, K] if kind == "coupled" else [H, K[:, :3, :3], K[:, 3:, 3:]]
+    if kind == "coupled":
+        return [H, K]
+    limits = [np.full(len(K), limit) for limit in LIMITS] if kind == "bounded" else []
+    return [H, K[:, :3, :3], K[:, 3:, 3:], *limits]
 
 
 def in_stacks(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """Evaluate a function of CasADi on stacks of arguments; results (count, rows, columns)."""
     count = len(arguments[0])
-    results = function.call([ca.DM(np.hstack(list(a.reshape(count, a.shape[1], -1)))) for a in arguments])
+    results = function.call([ca.DM(np.hstack(list(a.reshape(count, *a.shape[1:2] or (1,), -1)))) for a in arguments])
     return [np.stack(np.hsplit(np.array(result), count)) for result in results]
 
 
@@ -72,8 +77,8 @@ def _of_pose(kind: str, placement: Placement) -> ca.Function:
     chosen = spring(kind, placement)
     pose = ca.SX.sym("pose", 4, 4)
     given = [ca.SX.sym(a.name, *map(int, a.shape)) for a in chosen.parameters]
-    results = derivatives(chosen, pose[:3, 3], pose[:3, :3], given)
-    return ca.Function("f", [pose, *given], [ca.densify(r) for r in results], {"cse": True})
+    found = derivatives(chosen, pose[:3, 3], pose[:3, :3], given)
+    return ca.Function("f", [pose, *given], [ca.densify(r) for r in (found.V, found.F, found.K)], {"cse": True})
 
 
 def _springs(placements: Iterable[Placement]) -> list[tuple[str, Placement]]:
@@ -97,7 +102,7 @@ def pose_errors(placements: list[Placement], case: str, count: int, seed: int) -
         # Far from the equilibrium, the rotations that the doubles are roundings of; near it, the doubles.
         as_it_is = exact if case in ("near", "small") else orthonormal
         R, R0 = (as_it_is(each[c, :3, :3]) for each in (pose, H))
-        energies = Energies(*moved(exact(pose[c, :3, 3]), R), (exact(H[c, :3, 3]), R0), K[c])
+        energies = Energies(*moved(exact(pose[c, :3, 3]), R), (exact(H[c, :3, 3]), R0), K[c], LIMITS)
         for s, values in found.items():
             for name, value, reference in zip(RESULTS, values, _derivatives(energies(*s)), strict=False):
                 error = _relative_error(name, value[c].reshape(reference.shape), reference)
@@ -178,7 +183,7 @@ def robot_errors(
     allowed: Errors = {s: dict.fromkeys(RESULTS, 0.0) for s in found}
     for c in range(count):
         rest = exact(H[c, :3, 3]), orthonormal(H[c, :3, :3])
-        along, at_tip = Energies(*jets[c], rest, K[c]), Energies(*moved(*values[c]), rest, K[c])
+        along, at_tip = Energies(*jets[c], rest, K[c], LIMITS), Energies(*moved(*values[c]), rest, K[c], LIMITS)
         stiff = np.abs(K[c]).max()
         lever = 1 + np.abs(floats(values[c][0])).max() + np.abs(H[c, :3, 3]).max()
         for s, results in found.items():

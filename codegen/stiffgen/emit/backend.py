@@ -11,7 +11,13 @@ from typing import Any
 
 from stiffgen._version import __version__
 from stiffgen.emit.c import VariantCode, print_kernels
-from stiffgen.emit.controller import CONTROLLER_KERNELS, ControllerPage, controller_page, has_controller
+from stiffgen.emit.controller import (
+    BOUNDED_KERNELS,
+    CONTROLLER_KERNELS,
+    ControllerPage,
+    controller_page,
+    has_controller,
+)
 from stiffgen.emit.pages import (
     DifferentiablePage,
     Group,
@@ -64,7 +70,8 @@ class Request:
         """Springs and groups of functions; the controller's functions are among the groups where it is there."""
         springs, groups = self.options.springs or SpringOptions(), self.options.groups
         if groups and self.has_controller:
-            groups = tuple(dict.fromkeys((*groups, *CONTROLLER_KERNELS)))
+            bounded = BOUNDED_KERNELS if "bounded" in springs.kinds else ()
+            groups = tuple(dict.fromkeys((*groups, *CONTROLLER_KERNELS, *bounded)))
         return replace(springs, groups=groups, batches=self.options.batches)
 
     def print(self, variant: Variant) -> VariantCode:
@@ -122,7 +129,9 @@ class Request:
     @cached_property
     def controller(self) -> ControllerPage | None:
         """Tables of the impedance controller; None without one."""
-        return controller_page(self.name, self.chain, self.scalar) if self.has_controller else None
+        if not self.has_controller:
+            return None
+        return controller_page(self.name, self.chain, self.scalar, bounded="bounded" in self.springs.kinds)
 
     @cached_property
     def banner(self) -> str:

@@ -35,6 +35,8 @@ CONTROLLER_KERNELS = (
     "spring.wrench", "spring.torque", "spring.linearization", "posture.energy",
 )  # fmt: skip
 """Functions that the controller calls, besides the poses of the tips."""
+BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "torque", "linearization"))
+"""Functions that the controller calls in folders with the bounded spring."""
 _FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
 _STRUCTS = (
     (
@@ -89,6 +91,7 @@ class ControllerPage:
         interface: types and constants of the C library.
         library: functions of the C library, static.
         tool: whether the tool's pose is an argument.
+        bounded: whether the folder has the bounded spring.
         tips: number of tips.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
@@ -107,6 +110,7 @@ class ControllerPage:
     interface: str
     library: str
     tool: bool
+    bounded: bool
     tips: int
     scopes: list[str]
     status: tuple[tuple[str, str], ...]
@@ -124,7 +128,7 @@ class ControllerPage:
     joint_defaults: list[str]
 
 
-def controller_page(name: str, chain: Chain, scalar: Scalar) -> ControllerPage | None:
+def controller_page(name: str, chain: Chain, scalar: Scalar, *, bounded: bool) -> ControllerPage | None:
     """Return the template variables of a robot's controller; None without one."""
     if not has_controller(chain, scalar):
         return None
@@ -133,6 +137,7 @@ def controller_page(name: str, chain: Chain, scalar: Scalar) -> ControllerPage |
         interface=_interface(),
         library=_library(),
         tool=chain.runtime_tool,
+        bounded=bounded,
         tips=len(chain.tips),
         scopes=[f"{tip.name}_" if tip.name else "" for tip in chain.tips],
         status=STATUS,

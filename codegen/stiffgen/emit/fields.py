@@ -91,6 +91,15 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field("translation_stiffness_limit", _SCALAR, "N/m", "largest accepted entry (absolute value)", "5e3", 1.0, 1e6),
     Field("rotation_stiffness_limit", _SCALAR, "N m/rad", "largest accepted entry (absolute value)", "500.0", 0.1, 1e5),
+    _choice(
+        "spring",
+        "spring at the tips: trace (kernels of the group spring) or bounded (spring_bounded, needs a folder generated "
+        "with --spring bounded), whose energy grows linearly far away",
+        ("trace", "bounded"),
+        "trace",
+    ),
+    Field("spring_force_limit", _SCALAR, "N", "largest force of each bounded spring", "40.0", 1e-3, 1e6),
+    Field("spring_moment_limit", _SCALAR, "N m", "largest moment of each bounded spring", "10.0", 1e-3, 1e5),
     Field("stiffness_time", _SCALAR, "s", "time constant of a change of stiffness", "0.05", 1e-4, 100.0),
     _choice(
         "damping_design",
@@ -556,7 +565,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
         "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)",
     ),
     ("config", "configuration", "the configuration was refused (the return value names the field)"),
-    ("changed", "configuration", "law or tool pose changed while engaged (law, tool_pose)"),
+    ("changed", "configuration", "law, spring or tool pose changed while engaged (law, spring, tool_pose)"),
     ("state", "configuration", "the state's checksum is wrong: its memory was overwritten"),
 )
 """Reasons for faults, NAME_REASON_<NAME> from 0 on: class, meaning, and in brackets the fields to look at."""
@@ -584,5 +593,6 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("tank", "tank_initial: must not be above tank_maximum"),
     ("paper_tips", "law: the paper's law needs a robot with one tip"),
     ("state_period", "state_period: must not be above missed_limit times sample_time"),
+    ("bounded_spring", "spring: the folder has no bounded spring; generate it with --spring bounded"),
 )
 """Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""

@@ -166,10 +166,11 @@ class Output:
 
 @dataclass(frozen=True)
 class Group:
-    """Operations that the code shows under names of their own, below a comment."""
+    """Operations that the code shows under names of their own, below a comment; ``shared``: those used repeatedly."""
 
     comment: str
     members: tuple[tuple[str, int], ...]
+    shared: bool = False
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,7 @@ class Body:
 def make_body(
     inputs: Sequence[tuple[ca.SX, Access]],
     outputs: Sequence[tuple[tuple[Entry, ...], ca.SX]],
-    groups: Sequence[tuple[str, Sequence[tuple[str, ca.SX, Kind]]]] = (),
+    groups: Sequence[tuple[str, Sequence[tuple[str, ca.SX, Kind]], bool]] = (),
     kinds: Sequence[Kind] = (),
     *,
     poison: str = "poison",
@@ -227,7 +228,7 @@ def make_body(
     Args:
         inputs: symbols, and the entries behind them.
         outputs: places, and the expressions to be stored there.
-        groups: comments, and the named values below them, in order of computation.
+        groups: comments, the named values below them, in order of computation, and whether only shared ones count.
         kinds: kinds of the outputs, where something is known of them.
         poison: name of the local that makes NaN of what depends on choices.
         heading: see :class:`Body`, as the others.
@@ -237,18 +238,18 @@ def make_body(
 
     """
     symbols = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
-    values = [(name, value, kind) for _, members in groups for name, value, kind in members]
+    values = [(name, value, kind) for _, members, _ in groups for name, value, kind in members]
     everything = ca.densify(ca.vertcat(*(value for _, value in outputs), *(value for _, value, _ in values)))
     graph, numbers = build_graph(ca.Function("f", [symbols], [everything]))
     results, rest = numbers[: len(outputs)], iter(numbers[len(outputs) :])
-    named = [(title, [(name, next(rest), kind) for name, _, kind in members]) for title, members in groups]
-    known = [*zip(results, kinds, strict=False), *((n, kind) for _, members in named for _, n, kind in members)]
+    named = [(title, [(name, next(rest), kind) for name, _, kind in members], only) for title, members, only in groups]
+    known = [*zip(results, kinds, strict=False), *((n, kind) for _, members, _ in named for _, n, kind in members)]
     conditional = any(graph.keys[number][0] in CONDITIONAL for number in graph.uses(results))
     return Body(
         graph,
         tuple(access for _, access in inputs),
         tuple(Output(places, number) for (places, _), number in zip(outputs, results, strict=True)),
-        tuple(Group(title, tuple((name, number) for name, number, _ in members)) for title, members in named),
+        tuple(Group(title, tuple((name, n) for name, n, _ in members), only) for title, members, only in named),
         tuple((number, kind) for number, kind in known if kind is not Kind.NUMBER),
         heading,
         define,

@@ -11,7 +11,7 @@ import casadi as ca
 from stiffgen.lower.form import Access, Entry, Local, Place, Statements, Storage, make_body
 from stiffgen.lower.lowering import Lowering
 from stiffgen.names import c_comment
-from stiffgen.symbolic.kinematics import Expressions, Kind
+from stiffgen.symbolic.kinematics import Expressions, Kind, Section
 from stiffgen.symbolic.program import Operand, as_operand, entries_of
 from stiffgen.symbolic.steps import StraightLine
 
@@ -32,7 +32,7 @@ def statements(f: Lowering, step: StraightLine, storages: Sequence[Storage]) -> 
     body = make_body(
         inputs,
         outputs,
-        _groups(expressions),
+        named_groups(expressions.sections),
         kinds,
         poison=poison,
         heading=step.heading,
@@ -111,10 +111,10 @@ def _outputs(
     return outputs, stored_kinds
 
 
-def _groups(expressions: Expressions) -> list[tuple[str, list[tuple[str, ca.SX, Kind]]]]:
-    """Return the sections of expressions, entry by entry."""
+def named_groups(sections: Sequence[Section]) -> list[tuple[str, list[tuple[str, ca.SX, Kind]], bool]]:
+    """Return sections entry by entry: title, members, and whether only shared ones are named."""
     groups = []
-    for section in expressions.sections:
+    for section in sections:
         members = []
         for name, value in section.values.items():
             kind = section.kinds.get(name, Kind.NUMBER)
@@ -123,7 +123,7 @@ def _groups(expressions: Expressions) -> list[tuple[str, list[tuple[str, ca.SX, 
                 for c in range(columns):
                     row, column = str(r) if rows * columns > 1 else "", str(c) if columns > 1 else ""
                     members.append((name + row + column, value[r, c], kind))
-        groups.append((c_comment(section.title), members))
+        groups.append((c_comment(section.title), members, section.shared))
     return groups
 
 

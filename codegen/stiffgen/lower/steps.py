@@ -8,6 +8,7 @@ appends items. What differs between variants is read from the variant's record.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import replace
 
 import casadi as ca
@@ -36,9 +37,10 @@ from stiffgen.lower.form import (
 )
 from stiffgen.lower.graph import Operations
 from stiffgen.lower.lowering import LoweredKernels, Lowering, Rules
-from stiffgen.lower.statements import statements
+from stiffgen.lower.statements import named_groups, statements
 from stiffgen.lower.variant import Variant
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.kinematics import Section
 from stiffgen.symbolic.program import Array, Operand, Over, as_operand, entries_of
 from stiffgen.symbolic.steps import (
     Gather,
@@ -102,12 +104,18 @@ def _shared_statements(f: Lowering, step: StraightLine) -> Function:
     return f.kernels.shared[name]
 
 
-def _map(f: Lowering, step: Map) -> None:
+def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = lambda *_: ()) -> None:
+    named = list[Section]()
+
+    def expression(*values: ca.SX) -> ca.SX:
+        named.extend(sections(*values))
+        return step.expression(*values)
+
     lanes, over, out = f.variant.joint_lanes, step.over, step.output
     storage = f.storage(out.array)
     rows = lanes and over.is_pairs and over is not Over.ON_THE_WAY and out.count == 1
     vector = lanes and over.is_rows and len(out.array.shape) == 1
-    inputs, values = f.apply(step.operands, step.expression, rows=rows or over.is_rows)
+    inputs, values = f.apply(step.operands, expression, rows=rows or over.is_rows)
     if not (storage.is_result or storage.whole) and (out.at == "j" or (out.at == "" and not storage.by_joints)):
         # Entries, or rows of all joints, that are always zero are neither stored nor read.
         storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
@@ -122,7 +130,7 @@ def _map(f: Lowering, step: Map) -> None:
         for k, value in enumerate(values)
         if k not in storage.zeros
     ]
-    body = make_body(inputs, outputs, wide_outputs=rows or over.is_rows or not lanes)
+    body = make_body(inputs, outputs, named_groups(named), wide_outputs=rows or over.is_rows or not lanes)
     first, storage.filled = rows and not storage.filled, storage.filled or rows
     if not row:
         f.stored([out.array], f.function.inputs)
@@ -142,7 +150,9 @@ def _form(over: Over, *, rows: bool, vector: bool) -> LoopForm:
 def _sparse_sum(f: Lowering, step: SparseSum) -> None:
     start, output = f.storage(step.start) if step.start else None, f.storage(step.output)
     if start and start.zeros:
-        _map(f, step.whole())  # a loop would read entries that were never stored
+        _map(
+            f, step.whole(), lambda _, *values: step.sections(*values)
+        )  # a loop would read entries that were never stored
         return
     pairs = start is not None and start.layout is Layout.FLAT and not start.is_result
     in_place = start is not None and not pairs and not output.is_result
@@ -156,7 +166,8 @@ def _sparse_sum(f: Lowering, step: SparseSum) -> None:
         inputs += [(symbol, f.access(Operand(array, ""), k)) for k, symbol in enumerate(symbols)]
         values.append(as_operand(array.shape, symbols))
     n, operand = step.output.shape[0], Operand(step.output, "")
-    changed = entries_of(step.expression(*values[len(step.reads) - len(step.operands) :]))
+    of_change = values[len(step.reads) - len(step.operands) :]
+    changed = entries_of(step.expression(*of_change))
     changes = [k for k, value in enumerate(changed) if not value.is_zero()]
     whole = entries_of(step.whole().expression(*values))
     places: list[Entry] = [Access(output, operand, k) for k in range(n * n)]
@@ -173,7 +184,8 @@ def _sparse_sum(f: Lowering, step: SparseSum) -> None:
         if k < n * n:
             outputs.append(((places[k],), whole[k]))
     every = not f.variant.joint_lanes
-    body = make_body(inputs, outputs, define=len(changes) if in_place else 0, wide_outputs=every)
+    groups = named_groups(step.sections(*of_change))
+    body = make_body(inputs, outputs, groups, define=len(changes) if in_place else 0, wide_outputs=every)
     f.add(SparseChange(step.comment, output, start, body, copies=start is not None and not in_place))
 
 

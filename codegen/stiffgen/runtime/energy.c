@@ -1,13 +1,20 @@
 /* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
 #include "impedance.h"
 
+/* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
+const double *find_spring_limits(const memory_t *m)
+{
+    return m->spring == ID(SPRING_BOUNDED) ? m->spring_limits : NULL;
+}
+
 /* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
 double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
 {
     if (m->law == ID(LAW_PAPER)) {
         return 0.0;
     }
-    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness) +
+    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                               find_spring_limits(m)) +
            robot_posture_energy(q, posture, m->posture_stiffness);
 }
 

@@ -320,6 +320,11 @@ void settle_springs(step_t *s)
 {
     memory_t *const m = s->m;
     m->law = s->c->law;
+    m->spring = s->c->spring;
+    for (int t = 0; t < TIPS; ++t) {
+        m->spring_limits[t] = s->c->spring_force_limit;
+        m->spring_limits[TIPS + t] = s->c->spring_moment_limit;
+    }
     memcpy(m->posture, m->q, sizeof m->posture);
     memset(m->posture_velocity, 0, sizeof m->posture_velocity);
     memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);

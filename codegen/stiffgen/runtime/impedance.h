@@ -75,11 +75,15 @@ void robot_joint_stiffness(const double *q, const double *tool, const double *wr
 void robot_conventional_stiffness(const double *q, const double *tool, const double *wrench,
                                   const double *task_stiffness, double *joint_stiffness);
 double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
-                           const double *translation_stiffness, const double *rotation_stiffness);
+                           const double *translation_stiffness, const double *rotation_stiffness,
+                           const double *limits);
 void robot_spring_torque(const double *q, const double *tool, const double *equilibrium,
-                         const double *translation_stiffness, const double *rotation_stiffness, double *torque);
+                         const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
+                         double *torque);
 double robot_spring(const double *q, const double *tool, const double *equilibrium, const double *translation_stiffness,
-                    const double *rotation_stiffness, double *wrench, double *torque, double *joint_stiffness);
+                    const double *rotation_stiffness, const double *limits, double *wrench, double *torque,
+                    double *joint_stiffness);
+int robot_has_bounded_spring(void);
 double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
 void robot_mass_matrix(const double *q, double *mass_matrix);
 const double *robot_tool(const input_t *input);
@@ -123,6 +127,7 @@ int request_reset(state_t *state);
 void latch_fault(memory_t *m, int reason, int joint, double seen, double limit);
 
 /* energy.c */
+const double *find_spring_limits(const memory_t *m);
 double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture);
 double compute_stored_energy(const memory_t *m, const double *q);
 double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness);

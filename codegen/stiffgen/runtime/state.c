@@ -44,6 +44,9 @@ int validate(const config_t *c)
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
         return ID(E_STATE_PERIOD);
     }
+    if (c->spring == ID(SPRING_BOUNDED) && !robot_has_bounded_spring()) {
+        return ID(E_BOUNDED_SPRING);
+    }
     return c->tank_initial <= c->tank_maximum ? ID(OK) : ID(E_TANK);
 }
 

@@ -47,7 +47,7 @@ static void check_limits(step_t *s)
     }
     const int other_tool = s->commanded && robot_tool(in) != NULL &&
                            memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
-    if (m->engaged && (c->law != m->law || other_tool)) {
+    if (m->engaged && (c->law != m->law || c->spring != m->spring || other_tool)) {
         latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
     }
 }

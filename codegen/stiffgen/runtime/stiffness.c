@@ -25,6 +25,28 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
     return changed;
 }
 
+/* Adopt the configured limits of the bounded springs at once, where the tank can pay; else the old ones stay. */
+static void adopt_spring_limits(step_t *s)
+{
+    memory_t *const m = s->m;
+    double old[2 * TIPS];
+    memcpy(old, m->spring_limits, sizeof old);
+    for (int t = 0; t < TIPS; ++t) {
+        m->spring_limits[t] = s->c->spring_force_limit;
+        m->spring_limits[TIPS + t] = s->c->spring_moment_limit;
+    }
+    if (m->spring != ID(SPRING_BOUNDED) || memcmp(old, m->spring_limits, sizeof old) == 0) {
+        return;
+    }
+    const double v = compute_stored_energy(m, m->q) - m->elastic_energy;
+    if (v <= fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0)) {
+        book_stiffness(s, &m->elastic_energy, v);
+    } else {
+        memcpy(m->spring_limits, old, sizeof old);
+        s->status |= ID(STATUS_TANK_LIMITED);
+    }
+}
+
 /* Change the stiffness towards the wanted one, as far as the tank can pay. */
 void vary_stiffness(step_t *s)
 {
@@ -34,24 +56,29 @@ void vary_stiffness(step_t *s)
         memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof posture);
         return;
     }
+    adopt_spring_limits(s);
     if (!release_stiffness(s, translation, rotation, posture)) {
         return;
     }
+    /* a softer bounded spring can store more, as its limit comes later: the tank pays, its budget falls */
     const double released = compute_stored_energy(m, m->q);
     book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
-    double step = 1.0, cost = 0.0;
-    for (int attempt = 0; attempt < 2; ++attempt) {
-        /* the energy is linear in the stiffness: first the whole change, then the share that can be paid */
+    const int last = m->spring == ID(SPRING_BOUNDED) ? 2 : 1;
+    double step = 1.0, share = 0.0, cost = 0.0;
+    for (int attempt = 0; attempt <= last; ++attempt) {
+        /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of the
+         * bounded spring is not: if its share costs more, there is no change */
         add_scaled(9 * TIPS, step, translation, m->translation_stiffness);
         add_scaled(9 * TIPS, step, rotation, m->rotation_stiffness);
         add_scaled(N, step, posture, m->posture_stiffness);
+        share += step;
         cost = compute_stored_energy(m, m->q) - released;
         /* stiffer than covered would be paid in vain: the scale would fall */
         const double budget = fmax(fmin(s->budget, available_energy(m) - m->reserve / COVERED), 0.0);
         if (cost <= budget) {
             break;
         }
-        step = (1.0 - 1e-9) * budget / cost - 1.0;
+        step = attempt == 0 ? (1.0 - 1e-9) * budget / cost - 1.0 : -share;
         s->status |= ID(STATUS_TANK_LIMITED);
     }
     book_stiffness(s, &m->elastic_energy, cost);

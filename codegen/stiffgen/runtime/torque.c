@@ -100,12 +100,12 @@ static double pull_springs(step_t *s, const double *slip, int by_pose, double *p
         multiply_vector(out->joint_stiffness, slip, pull);
     } else {
         energy = robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                              out->spring_wrench, pull, out->joint_stiffness);
+                              find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
     if (by_pose) {
         robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                            follow);
+                            find_spring_limits(m), follow);
     }
     for (int i = 0; i < N; ++i) {
         const double rate = (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i];

@@ -39,12 +39,14 @@ class Kind(Enum):
 class Section:
     """Titled group of named intermediate matrices of a pose recursion, in order of computation.
 
-    ``kinds`` holds the kinds of those values whose kind is known, under the same names.
+    ``kinds`` holds the kinds of those values whose kind is known, under the same names. A ``shared`` section names its
+    values only where several formulas use them.
     """
 
     title: str
     values: dict[str, ca.SX] = field(default_factory=dict)
     kinds: dict[str, Kind] = field(default_factory=dict)
+    shared: bool = False
 
 
 @dataclass(frozen=True)

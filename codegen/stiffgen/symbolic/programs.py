@@ -192,6 +192,7 @@ def _tangent(
             task_stiffness,
             (wrench,),
             partial(stiffness.gamma_F, representation),
+            stiffness.halves_of_wrench,
         ),
         Map(
             "u_j = A J_j" + " + gradient of (dJ_i/dq_j) . F with respect to J_i" * (representation == "hybrid"),
@@ -295,6 +296,7 @@ def connection_correction(chain: Chain, representation: Representation, result: 
             None,
             (wrench.array(chain),),
             partial(stiffness.gamma_F, representation),
+            stiffness.halves_of_wrench,
         ),
     )
 

@@ -11,7 +11,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import Representation
-from stiffgen.symbolic.kinematics import Expressions
+from stiffgen.symbolic.kinematics import Expressions, Section
 from stiffgen.symbolic.program import Array, Operand, Over, Program, Step, Unrolling, as_operand, entries_of, evaluate
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
@@ -146,6 +146,8 @@ class SparseSum(Step):
     start: Array | None
     operands: tuple[Array, ...]
     expression: Callable[..., ca.SX]
+    sections: Callable[..., tuple[Section, ...]] = lambda *_: ()
+    """Sections of the expression's computation, from the same operands."""
 
     @property
     def reads(self) -> tuple[Array, ...]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import casadi as ca
 
 from stiffgen.symbolic.connection import COEFFICIENTS, Representation
-from stiffgen.symbolic.kinematics import jacobian_column_derivative
+from stiffgen.symbolic.kinematics import Section, jacobian_column_derivative
 
 
 def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
@@ -20,6 +20,12 @@ def gamma_F(representation: Representation, wrench: ca.SX) -> ca.SX:
     for i, j, k, coefficient in COEFFICIENTS[representation]:
         result[i, j] += coefficient * wrench[k]
     return result
+
+
+def halves_of_wrench(wrench: ca.SX) -> tuple[Section, ...]:
+    """Return the section of what several entries of Gamma F share."""
+    halves = {"half_f": 0.5 * wrench[:3], "half_m": 0.5 * wrench[3:]}
+    return (Section("halves of force and moment", halves, shared=True),)
 
 
 def base_connection(generalised_force: ca.SX) -> ca.SX:

@@ -38,6 +38,8 @@ class Samples:
     velocity: Array
     gravity: Array
     base_pose: Array
+    force_limit: Array
+    moment_limit: Array
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -76,6 +78,8 @@ class Samples:
             velocity=joints.normal(size=(count, chain.dof)),
             gravity=joints.normal(size=(count, 3)) * 6.0,
             base_pose=_random_poses(np.random.default_rng([seed, 2]), count),
+            force_limit=np.random.default_rng([seed, 3]).uniform(20.0, 100.0, count),
+            moment_limit=np.random.default_rng([seed, 4]).uniform(5.0, 20.0, count),
         )
 
     def of(self, argument: Argument, seed: int) -> Array:

@@ -117,6 +117,12 @@ def differences(
     return faults
 
 
+_CHOSEN_APART = (
+    "sample_time", "delay_samples", "lower_limit", "upper_limit", "task_damping", "law", "spring",
+)  # fmt: skip
+"""Fields of the configuration that a session chooses by rules of their own."""
+
+
 def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
     """Return the names of functions whose results differ: defaults, checks, start, reset, texts; not step."""
     both, faults = (reference, library), []
@@ -209,7 +215,15 @@ class _Session:
         config.delay_samples = int(random.integers(0, 3))
         _fill(config.motor_inertia, random.uniform(0.1, 0.6, len(effort)))
         for field in CONFIG:
-            if field.name in ("sample_time", "delay_samples", "lower_limit", "upper_limit", "task_damping", "law"):
+            if field.name in (
+                "sample_time",
+                "delay_samples",
+                "lower_limit",
+                "upper_limit",
+                "task_damping",
+                "law",
+                "spring",
+            ):
                 continue
             if random.random() < (0.15 if self.calm else 0.35):
                 self._vary(field)
@@ -227,6 +241,9 @@ class _Session:
         if len(self.chain.tips) == 1 and random.random() < 0.25:
             config.law, config.stiffness_formula = 2, int(random.integers(1, 3))
         config.tank_initial = min(config.tank_initial, config.tank_maximum)
+        config.spring = 2
+        if both[0].call("validate", config) != 0 or random.random() < 0.5:
+            config.spring = 1  # the folder has no other, or by chance
 
     def _vary(self, field: Field) -> None:
         """Change a field of the configuration within its rule."""

@@ -62,6 +62,12 @@ def _quaternion(E: ca.SX) -> tuple[ca.SX, ca.SX]:
     return sign * q[0], sign * q[1:]
 
 
+def _pseudo_huber(V: ca.SX, K: ca.SX, limit: ca.SX) -> ca.SX:
+    """Return E (sqrt(1 + 2 V/E) - 1), E = limit^2/kappa, kappa the largest sum of absolute values in a row of K."""
+    E = limit**2 / ca.mmax(ca.sum2(ca.fabs(_symmetric(K))))
+    return E * (ca.sqrt(1 + 2 * V / E) - 1)
+
+
 def textbook(name: str, placement: Placement) -> Energy:
     """Return the textbook energy of one of stiffgen's springs, by the group of its kernels."""
     kind = name.removeprefix("spring").removeprefix("_") or "trace"
@@ -70,6 +76,10 @@ def textbook(name: str, placement: Placement) -> Energy:
     def energy(p: ca.SX, R: ca.SX, H: ca.SX, *stiffnesses: ca.SX) -> ca.SX:
         R0, p0, centre = H[:3, :3], H[:3, 3], ca.DM(placement.centre)
         away = _in(translation, R, R0).T @ (p + R @ centre - p0 - R0 @ centre)
+        if kind == "bounded":
+            Kt, Ko, force, moment = stiffnesses
+            turned = _rotation(R, R0, Ko, "trace", placement.rotation_axes)
+            return _pseudo_huber(away.T @ _symmetric(Kt) @ away / 2, Kt, force) + _pseudo_huber(turned, Ko, moment)
         if kind != "coupled":
             Kt, Ko = stiffnesses
             return away.T @ _symmetric(Kt) @ away / 2 + _rotation(R, R0, Ko, kind, placement.rotation_axes)

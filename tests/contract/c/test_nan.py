@@ -80,7 +80,7 @@ def test_an_infinite_slide_is_nan(tmp_path):
     assert slide.forward_kinematics([2.0, 0])[0, 3] == 2.0
 
 
-OTHERS = ("rotation_vector", "quaternion", "coupled")
+OTHERS = ("rotation_vector", "quaternion", "coupled", "bounded")
 
 
 @pytest.mark.usefixtures("unoptimised")

@@ -48,7 +48,7 @@ def test_no_work_round_closed_orbits():
     work = table(count=3, seed=4)
     springs = {name: largest for name, (_, largest) in work.items() if name.endswith("spring")}
     others = {name: median for name, (median, _) in work.items() if name not in springs}
-    assert len(springs) == 4
+    assert len(springs) == 5
     assert max(springs.values()) <= 1e-10
     assert len(others) == 5
     assert min(others.values()) > 1e-3

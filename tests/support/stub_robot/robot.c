@@ -42,9 +42,11 @@ void robot_conventional_stiffness(const double *q, const double *tool, const dou
 }
 
 double robot_spring(const double *q, const double *tool, const double *equilibrium, const double *translation_stiffness,
-                    const double *rotation_stiffness, double *wrench, double *torque, double *joint_stiffness)
+                    const double *rotation_stiffness, const double *limits, double *wrench, double *torque,
+                    double *joint_stiffness)
 {
     double energy = 0.0;
+    (void)limits; /* this robot has no bounded spring */
     (void)tool;
     (void)rotation_stiffness; /* no joint turns the tip */
     memset(wrench, 0, 6 * sizeof(double));
@@ -63,17 +65,24 @@ double robot_spring(const double *q, const double *tool, const double *equilibri
 }
 
 double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
-                           const double *translation_stiffness, const double *rotation_stiffness)
+                           const double *translation_stiffness, const double *rotation_stiffness,
+                           const double *limits)
 {
     double wrench[6], torque[N], tangent[NN];
-    return robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, wrench, torque, tangent);
+    return robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque, tangent);
 }
 
 void robot_spring_torque(const double *q, const double *tool, const double *equilibrium,
-                         const double *translation_stiffness, const double *rotation_stiffness, double *torque)
+                         const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
+                         double *torque)
 {
     double wrench[6], tangent[NN];
-    robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, wrench, torque, tangent);
+    robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque, tangent);
+}
+
+int robot_has_bounded_spring(void)
+{
+    return 0;
 }
 
 double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness)

@@ -20,7 +20,7 @@ from stiffgen.lower.steps import lowered
 from stiffgen.lower.variant import SINGLE
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.kinematics import Kind, Section
+from stiffgen.symbolic.kinematics import Kind
 
 FLOAT = PRECISIONS["float"]
 OPERATIONS: dict[str, Callable] = {
@@ -147,17 +147,17 @@ def bounds_of(chain) -> dict[str, dict[str, list[float]]]:
 def test_bounds_do_not_depend_on_names(chain, monkeypatch):
     """Every local of every section gets a random name, which may begin with any letter."""
     before = bounds_of(chain)
-    rng, groups = random.Random(0), statements._groups
+    rng, groups = random.Random(0), statements.named_groups
 
-    def renamed(expressions):
-        sections = []
-        for section in expressions.sections:
+    def renamed(sections):
+        changed = []
+        for section in sections:
             names = {name: f"{rng.choice('RpqsMKx')}{rng.randrange(10**9)}_" for name in section.values}
             kinds = {names[name]: kind for name, kind in section.kinds.items()}
-            sections.append(Section(section.title, {names[n]: v for n, v in section.values.items()}, kinds))
-        return groups(replace(expressions, sections=tuple(sections)))
+            changed.append(replace(section, values={names[n]: v for n, v in section.values.items()}, kinds=kinds))
+        return groups(changed)
 
-    monkeypatch.setattr(statements, "_groups", renamed)
+    monkeypatch.setattr(statements, "named_groups", renamed)
     assert bounds_of(chain) == before
     assert "hybrid_joint_stiffness" in before
 
