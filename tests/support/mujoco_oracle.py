@@ -24,6 +24,21 @@ def _model(file: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(file)
 
 
+def _index(model: mujoco.MjModel, kind: str, name: str) -> int:
+    """Return the number of a body, site or joint; -1 if there is none.
+
+    An element without a name is called by kind and number, and a site with the name of a body has "_site" behind it.
+    """
+    type_ = {"body": mujoco.mjtObj.mjOBJ_BODY, "site": mujoco.mjtObj.mjOBJ_SITE, "joint": mujoco.mjtObj.mjOBJ_JOINT}
+    found = mujoco.mj_name2id(model, type_[kind], name)
+    if found < 0 and kind == "site" and name.endswith("_site"):
+        found = mujoco.mj_name2id(model, type_[kind], name.removesuffix("_site"))
+    number = name.removeprefix(kind)
+    if found < 0 and number.isdigit() and mujoco.mj_id2name(model, type_[kind], int(number)) in (None, ""):
+        found = int(number)
+    return found
+
+
 class MujocoChain:
     """Chain between two bodies (or from a body to a site) of a model; ``coordinates`` are names of joints."""
 
@@ -35,12 +50,13 @@ class MujocoChain:
         self.armature = m.dof_armature.copy()
         m.dof_armature[:] = 0
         m.tendon_armature[:] = 0
-        body = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, tip)
-        self.site = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_SITE, tip) if body < 0 else -1
+        body = _index(m, "body", tip)
+        self.site = _index(m, "site", tip) if body < 0 else -1
+        assert body >= 0 or self.site >= 0, tip
         self.body = m.site_bodyid[self.site] if body < 0 else body
-        self.base = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, base)
-        assert self.body >= 0 and self.base >= 0, (tip, base)
-        self.joints = [mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_JOINT, name) for name in coordinates]
+        self.base = _index(m, "body", base)
+        assert self.base >= 0, base
+        self.joints = [_index(m, "joint", name) for name in coordinates]
         assert min(self.joints) >= 0, coordinates
         self.relations = self._constraints()
         self.offsets = self._positions(np.zeros(len(coordinates)))
