@@ -30,9 +30,9 @@ def _index(model: mujoco.MjModel, kind: str, name: str) -> int:
     An element without a name is called by kind and number, and a site with the name of a body has "_site" behind it.
     """
     type_ = {"body": mujoco.mjtObj.mjOBJ_BODY, "site": mujoco.mjtObj.mjOBJ_SITE, "joint": mujoco.mjtObj.mjOBJ_JOINT}
-    found = mujoco.mj_name2id(model, type_[kind], name)
+    found = int(mujoco.mj_name2id(model, type_[kind], name))
     if found < 0 and kind == "site" and name.endswith("_site"):
-        found = mujoco.mj_name2id(model, type_[kind], name.removesuffix("_site"))
+        found = int(mujoco.mj_name2id(model, type_[kind], name.removesuffix("_site")))
     number = name.removeprefix(kind)
     if found < 0 and number.isdigit() and mujoco.mj_id2name(model, type_[kind], int(number)) in (None, ""):
         found = int(number)
