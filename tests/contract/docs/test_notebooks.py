@@ -20,15 +20,13 @@ def test_there_are_four() -> None:
     assert {notebook.stem for notebook in NOTEBOOKS} == FIGURES.keys()
 
 
-def shown(book: nbformat.NotebookNode) -> list[list[str]]:
-    """Outputs of every cell: printed text without its numbers, or the kinds of what is displayed."""
+def shown(book: nbformat.NotebookNode) -> list[tuple[str, list[str]]]:
+    """Outputs of every cell: printed text without its numbers, and the kinds of what is displayed."""
+    cells = [cell.outputs for cell in book.cells if cell.cell_type == "code"]
+    texts = ["".join(output.get("text", "") for output in outputs) for outputs in cells]
+    kinds = [sorted(kind for output in outputs for kind in output.get("data", ())) for outputs in cells]
     return [
-        [
-            re.sub(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?\s*", "#", output["text"]) if "text" in output else str([*output.data])
-            for output in cell.outputs
-        ]
-        for cell in book.cells
-        if cell.cell_type == "code"
+        (re.sub(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?\s*", "#", text), kind) for text, kind in zip(texts, kinds, strict=True)
     ]
 
 
