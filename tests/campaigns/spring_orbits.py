@@ -88,7 +88,7 @@ def laws(model: stiffgen.StiffnessModel, orbit: Orbit) -> dict[str, Law]:
         torque = getattr(model, spring(kind).name).torque
         given: tuple[object, ...] = (H, orbit.K) if kind == "coupled" else (H, orbit.Kt, orbit.Ko)
         if kind == "bounded":
-            given += 40.0, 10.0  # force_limit, moment_limit
+            given += 200.0, 50.0  # force_limit, moment_limit
         return lambda q: np.array(torque(q, *given)).ravel()
 
     def common(moment: Callable[[Array, float], Array]) -> Law:
@@ -121,7 +121,7 @@ def laws(model: stiffgen.StiffnessModel, orbit: Orbit) -> dict[str, Law]:
     }
 
 
-_NODES = {"bounded spring": 512}  # 256 leave 7e-7 J: its force turns within 0.1 m
+_NODES = {"bounded spring": 512}  # its force turns within a few decimetres
 
 
 def table(count: int = 100, seed: int = 0) -> dict[str, tuple[float, float]]:
