@@ -123,7 +123,7 @@ FAULTS = [
     Fault("reset does nothing", CONTROLLER, r"memory\.reset = 1", "memory.reset = 0", "static int request_reset("),
     Fault("springs on in a fault", CONTROLLER, r"fmax\(m->scale - fastest_fall, 0\.0\)", "m->scale + 0.0 * fastest_fall"),
     Fault("missed samples forgotten", CONTROLLER, r"periods > 0 \? 2 \* periods : -1", "periods > 0 ? -1 : -1"),
-    Fault("overspeed allowed", CONTROLLER, r"> c->velocity_limit\[i\]\) \{\s*latch", "< 0.0) {\n            latch"),
+    Fault("overspeed allowed", CONTROLLER, r"m->fast \* c->sample_time > c->overspeed_time", "0.0 > c->overspeed_time"),
     Fault("beyond the upper limit allowed", CONTROLLER, r"fmax\(c->lower_limit\[i\] - in->q\[i\], in->q\[i\] - c->upper_limit\[i\]\)", "c->lower_limit[i] - in->q[i]"),
     Fault("governor's energy limit dropped", CONTROLLER, r"\*rise <= allowed", "1", "static double find_share("),
     Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),

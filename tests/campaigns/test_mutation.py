@@ -45,6 +45,7 @@ SIGN = re.compile(r" [-+] |(?<== )-|(?<=, )-|(?<=\()-")  # between two terms, or
 FUNCTION = re.compile(r"(?:static |DEVICE )?void (\w+)\(")
 FIRST = r"(?<=[\]\w] = )(?![-({&]|.*\{|0\.0;|same\(0\.0\))|(?<= \+= )(?!-)"  # before the first term, of sums, too
 SIGN_OR_FIRST = re.compile(f"{SIGN.pattern}|{FIRST}")
+LOWER = re.compile(r"task_stiffness\[(?:6|1[23]|18|19|20|2[4-7]|3[0-4])\] =")  # CUDA writes the upper triangle out
 SPRING_KERNELS = ("energy", "wrench", "task_stiffness", "torque", "joint_stiffness", "linearization")
 SPRING_BOUND = 5e-14
 WRITTEN_BY_HAND = ("load", "store", "store_upper", "sine_cosine")
@@ -226,7 +227,7 @@ def test_no_sign_in_the_generated_code_can_be_wrong(vehicle, mutated, tmp_path):
         flip[k] = -1.0
         caught = next((number for number, each in enumerate(calls) if not agrees(*each)), None)
         if caught is None:
-            missed.append(place)
+            missed += [place] if vehicle == "C" or not LOWER.search(place) else []
         else:  # it is likely to catch the next sign as well
             calls.insert(0, calls.pop(caught))
         flip[k] = 1.0
@@ -252,7 +253,7 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
     library = compiled_with_switches(texts, tmp_path)
     flip = switches(library, len(places))
     arguments, (expected,) = expected_values(References(chain, count=4, seed=11))["bias_forces"]
-    scale, found = np.abs(expected).max(axis=0), np.empty_like(expected)
+    scale, found = np.abs(expected).max(axis=0), np.empty(expected.shape)
     calls = single_call(library.robot_bias_forces), batch_call(library.robot_bias_forces_batch)
 
     def error():
@@ -287,7 +288,7 @@ def test_no_sign_in_the_bias_forces_can_be_wrong(types, chain, tmp_path):
     for k in range(len(places)) if types == "rrrrrr" else missed:
         if single[k]:
             changed = exactly([-1 if number == k else 1 for number in range(len(places))])
-            difference = max(abs(a - b) / mp.mpf(scale.max()) for a, b in zip(right, changed, strict=True))
+            difference = max(abs(a - b) / mp.mpf(float(scale.max())) for a, b in zip(right, changed, strict=True))
             assert (difference < 1e-55) == (k in missed), places[k]
             assert difference < 1e-55 or difference > 1e-14
 

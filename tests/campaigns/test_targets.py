@@ -117,6 +117,8 @@ OTHER_LOOPS = {
     # condition of the loop: why it ends
     "": "QL iterations: at most MAX_ITERATIONS, then MATRIX_NOT_CONVERGED",
     "m < n - 1 && fabs(e[m]) > negligible": "m grows up to n - 1",
+    "words[k] != '\\0' && *length + 1u < size": "length grows up to size",
+    "place < 7 || millionths > 0": "millionths, at most 1e15, loses a digit each time",
 }
 
 

@@ -40,6 +40,7 @@ def _atan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 COMPLEX: Operations = {
     **ARITHMETIC, ca.OP_SIN: np.sin, ca.OP_COS: np.cos, ca.OP_SQRT: np.sqrt, ca.OP_ATAN2: _atan2,
     ca.OP_ATAN: lambda a: np.arctan(a.real) + 1j * a.imag / (1 + a.real**2),
+    ca.OP_FMAX: lambda a, b: np.where(a.real >= b.real, a, b), ca.OP_FABS: lambda a: np.where(a.real >= 0, a, -a),
     ca.OP_LT: lambda a, b: _truth(a.real < b.real), ca.OP_LE: lambda a, b: _truth(a.real <= b.real),
     ca.OP_AND: lambda a, b: _truth((a.real != 0) & (b.real != 0)),
     ca.OP_OR: lambda a, b: _truth((a.real != 0) | (b.real != 0)),
