@@ -36,7 +36,7 @@ struct EventText {
 
 const EventText EVENT_TEXTS[] = {
     {EVENT_LOST_CYCLES, "lost cycles", "messages of the robot never came, or came too late",
-     "missed samples: the torque is held, three are a fault of the controller"},
+     "missed samples: the torque is held; three in a row are a fault of the controller"},
     {EVENT_MISSING_FIELD, "missing field", "the message lacks a value that is needed",
      "a missed sample"},
     {EVENT_BAD_TIMESTAMP, "bad time stamp", "the robot's clock was left out, or set",

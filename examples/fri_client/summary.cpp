@@ -128,6 +128,7 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
         {"tip_velocity_limit", number(config.tip_velocity_limit)},
         {"tip_rotation_limit", number(config.tip_rotation_limit)},
         {"energy_limit", number(config.energy_limit)},
+        {"loss_limit", number(config.loss_limit)},
         {"damping_ratio", number(options.settings.damping_ratio)},
         {"joint_damping", number(config.joint_damping)},
         {"effort_limit", list(config.effort_limit, JOINTS)},

@@ -98,6 +98,9 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     config_.ramp_time = 0.05;
     config_.tip_velocity_limit = 2.0; /* [m/s] */
     config_.tip_rotation_limit = 6.0; /* [rad/s] */
+    /* A message that is lost is also a call that is left out: the robot keeps the last torque until the next answer, so
+     * that the controller's fall of the torque does not reach it. */
+    config_.loss_limit = config_.missed_limit;
     config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : config_.energy_limit;
     for (int i = 0; i < JOINTS; ++i) {
         config_.posture_stiffness[i] = settings.posture_stiffness;
@@ -274,12 +277,12 @@ void WipingClient::begin_commanding()
 void WipingClient::missed_and_advance()
 {
     const int lost = std::max(clock_.lost(), 0);
-    /* Beyond the watchdog's limit the length of the silence makes no difference. */
-    for (int k = 0; k < std::min(lost, config_.missed_limit); ++k) {
+    /* So many missed samples are a fault; from then on the length of the silence makes no difference. */
+    for (int k = 0; k < std::min(lost, config_.loss_limit); ++k) {
         step_controller(false);
         record_step(clock_.time() - (lost - k) * sample_time_);
     }
-    double seconds = (lost < config_.missed_limit ? clock_.periods() : 1) * sample_time_;
+    double seconds = (lost < config_.loss_limit ? clock_.periods() : 1) * sample_time_;
     if (!settings_.simulated_time) {
         /* Last check, should both counter and time stamps of the robot be wrong. */
         seconds = std::min(seconds, allowance_);
@@ -345,7 +348,7 @@ void WipingClient::watch_controller()
 {
     record_.reset = 0;
     /* Messages lost in between are no good samples. */
-    const bool good = faulted_ && valid_ && clock_.lost() < config_.missed_limit;
+    const bool good = faulted_ && valid_ && clock_.lost() < config_.loss_limit;
     good_time_ = good ? good_time_ + sample_time_ : 0.0;
     if (!faulted_ || let_go_ != LET_GO_NONE) {
         return;

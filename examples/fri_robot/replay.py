@@ -51,7 +51,7 @@ def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     told = summary["controller"]
     names = ("sample_time", "law", "stiffness_formula", "posture_stiffness", "motor_inertia", "damping_ratio",
              "joint_damping", "effort_limit", "torque_rate_limit", "reference_velocity_limit", "ramp_time",
-             "tip_velocity_limit", "tip_rotation_limit", "energy_limit")  # fmt: skip
+             "tip_velocity_limit", "tip_rotation_limit", "energy_limit", "loss_limit")  # fmt: skip
     return robot.Impedance({name: told[name] for name in names})
 
 
