@@ -102,7 +102,18 @@ def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATI
     """Run the controller with a simulated arm, from rest at Q0."""
     steps = round(duration / T)
     controller = robot.Impedance(
-        motor_inertia=MOTOR, posture_stiffness=POSTURE_STIFFNESS, tank_initial=tank, tank_maximum=tank, record=steps
+        motor_inertia=MOTOR,
+        posture_stiffness=POSTURE_STIFFNESS,
+        tank_initial=tank,
+        tank_maximum=tank,
+        engagement_limit=20.0,
+        energy_limit=5.0,
+        stiffness_time=0.05,
+        reference_velocity_limit=0.5 * robot.VELOCITY,
+        tip_velocity_limit=0.5,
+        tip_rotation_limit=1.5,
+        ramp_time=0.2,
+        record=steps,
     )
     q, dq, stiffness = Q0.copy(), np.zeros(7), np.full(3, USUAL)
     asked, loads = np.empty(steps), np.empty(steps)

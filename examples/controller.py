@@ -31,6 +31,7 @@ T = 0.001  # s
 JUMP = np.array([0.0, 0.6, 0.0, 0.6, 0.0, 0.0, 0.0])  # rad, of q0 at JUMP_TIME
 JUMP_TIME, LOAD_TIME = 0.2, 0.2  # s
 LOAD = np.array([0.0, 0.0, -40.0, 0.0, 0.0, 0.0])  # N, N m that the environment applies to the robot
+SLOW = {"tip_velocity_limit": 0.5, "tip_rotation_limit": 1.5}  # m/s, rad/s: a governor that the figure can show
 ZERO = np.zeros(3)
 
 
@@ -38,7 +39,8 @@ def simulate(
     robot: ModuleType, duration: float, law: str, wanted: Callable[[float], Array], load: Callable[[float], Array]
 ) -> dict[str, Array]:
     """Run the controller with a simulated arm from rest at Q0; arrays with a leading time axis."""
-    controller = robot.Impedance(law=law, motor_inertia=MOTOR, record=round(duration / T))
+    slow = {"ramp_time": 0.2, "reference_velocity_limit": 0.5 * robot.VELOCITY} | SLOW
+    controller = robot.Impedance(law=law, motor_inertia=MOTOR, record=round(duration / T), **slow)
     if law == "potential":
         gains: dict[str, Any] = {"translation_stiffness": TRANSLATION, "rotation_stiffness": ROTATION}
     else:

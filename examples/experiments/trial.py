@@ -100,6 +100,12 @@ def controller(robot: ModuleType, law: str, sample_time: float, steps: int) -> A
         torque_rate_limit=robot.EFFORT / sample_time,
         tank_initial=100.0,
         tank_maximum=100.0,
+        engagement_limit=20.0,
+        energy_limit=5.0,
+        tip_velocity_limit=0.5,
+        tip_rotation_limit=1.5,
+        stiffness_time=0.05,
+        stiffness_cap="accept",
         record=steps,
     )
 

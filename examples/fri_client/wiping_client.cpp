@@ -101,7 +101,12 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
     /* A message that is lost is also a call that is left out: the robot keeps the last torque until the next answer, so
      * that the controller's fall of the torque does not reach it. */
     config_.loss_limit = config_.missed_limit;
-    config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : config_.energy_limit;
+    /* [J] small, whatever the robot could do: the pace of the trajectory looks at the energy, too */
+    config_.energy_limit = settings.pace.energy > 0.0 ? settings.pace.energy : 5.0;
+    config_.engagement_limit = 20.0;
+    config_.tank_initial = config_.tank_maximum = 10.0;
+    config_.stiffness_time = 0.05;
+    config_.stiffness_cap = robot::STIFFNESS_CAP_ACCEPT; /* slow send periods soften light joints; the status says so */
     for (int i = 0; i < JOINTS; ++i) {
         config_.posture_stiffness[i] = settings.posture_stiffness;
         config_.motor_inertia[i] = settings.motor_inertia;

@@ -52,7 +52,8 @@ def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
     names = ("sample_time", "law", "stiffness_formula", "posture_stiffness", "motor_inertia", "damping_ratio",
              "joint_damping", "effort_limit", "torque_rate_limit", "reference_velocity_limit", "ramp_time",
              "tip_velocity_limit", "tip_rotation_limit", "energy_limit", "loss_limit")  # fmt: skip
-    return robot.Impedance({name: told[name] for name in names})
+    client = {"engagement_limit": 20.0, "tank_initial": 10.0, "tank_maximum": 10.0, "stiffness_time": 0.05}
+    return robot.Impedance({name: told[name] for name in names} | client, stiffness_cap="accept")
 
 
 def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ typedef iiwa14_impedance_output output_t;
  *   l            scale; the torque is the gradient of l U
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  */
-enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, POSTURES = 32 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -46,6 +46,10 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
+static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
+static const double HALF_TURN = 3.14159265358979324;
+static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 /* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
 
@@ -61,10 +65,12 @@ typedef struct {
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
+    int held;      /* a fault is latched, and the springs hold the arm */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
     double seen, limit; /* of the finding */
     double budget; /* [J] the tank's share for what costs energy */
+    double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
@@ -162,6 +168,27 @@ static const double *robot_tool(const input_t *input)
     return NULL;
 }
 
+/* Axes of a tip's stiffnesses, a pose with their rotation or NULL for the base's; centre of stiffness in the tip. */
+static const double *robot_translation_axes(const double *pose, const double *equilibrium)
+{
+    (void)pose;
+    (void)equilibrium;
+    return NULL;
+}
+
+static const double *robot_rotation_axes(const double *pose, const double *equilibrium)
+{
+    (void)pose;
+    (void)equilibrium;
+    return equilibrium;
+}
+
+static const double *robot_centre(void)
+{
+    static const double centre[3] = {0.0, 0.0, 0.0};
+    return centre;
+}
+
 /* ---- tables of the fields ---- */
 
 static int doubles_within(const double *x, size_t count, double least, double most);
@@ -199,6 +226,9 @@ static int check_fields(const config_t *c)
     }
     if (!doubles_within(&c->spring_moment_limit, 1, 0.001, 100000.0)) {
         return ID(E_CONFIG_SPRING_MOMENT_LIMIT);
+    }
+    if (!integers_within(&c->stiffness_cap, 1, 1, 2)) {
+        return ID(E_CONFIG_STIFFNESS_CAP);
     }
     if (!doubles_within(&c->stiffness_time, 1, 0.0001, 100.0)) {
         return ID(E_CONFIG_STIFFNESS_TIME);
@@ -248,10 +278,13 @@ static int check_fields(const config_t *c)
     if (!doubles_within(&c->ramp_time, 1, 0.0001, 100.0)) {
         return ID(E_CONFIG_RAMP_TIME);
     }
-    if (!doubles_within(&c->energy_limit, 1, 1e-06, 10000.0)) {
+    if (!doubles_within(c->heaviest_wrench, sizeof c->heaviest_wrench / sizeof c->heaviest_wrench[0], 0.001, 100000.0)) {
+        return ID(E_CONFIG_HEAVIEST_WRENCH);
+    }
+    if (!doubles_within(&c->energy_limit, 1, 0.0, 10000.0)) {
         return ID(E_CONFIG_ENERGY_LIMIT);
     }
-    if (!doubles_within(&c->engagement_limit, 1, 1e-06, 100000.0)) {
+    if (!doubles_within(&c->engagement_limit, 1, 0.0, 100000.0)) {
         return ID(E_CONFIG_ENGAGEMENT_LIMIT);
     }
     if (!doubles_within(c->effort_limit, sizeof c->effort_limit / sizeof c->effort_limit[0], 1e-06, 100000.0)) {
@@ -275,11 +308,17 @@ static int check_fields(const config_t *c)
     if (!doubles_within(&c->state_period, 1, 0.0, 1.0)) {
         return ID(E_CONFIG_STATE_PERIOD);
     }
+    if (!integers_within(&c->call_gap_limit, 1, 1, 1000)) {
+        return ID(E_CONFIG_CALL_GAP_LIMIT);
+    }
     if (!doubles_within(&c->position_quantum, 1, 0.0, 0.1)) {
         return ID(E_CONFIG_POSITION_QUANTUM);
     }
     if (!doubles_within(&c->velocity_noise, 1, 0.0, 100.0)) {
         return ID(E_CONFIG_VELOCITY_NOISE);
+    }
+    if (!doubles_within(&c->velocity_filter_time, 1, 0.0, 0.1)) {
+        return ID(E_CONFIG_VELOCITY_FILTER_TIME);
     }
     if (!integers_within(&c->frozen_window, 1, 2, 1000000)) {
         return ID(E_CONFIG_FROZEN_WINDOW);
@@ -289,6 +328,12 @@ static int check_fields(const config_t *c)
     }
     if (!doubles_within(&c->automatic_reset_time, 1, 0.0, 10000.0)) {
         return ID(E_CONFIG_AUTOMATIC_RESET_TIME);
+    }
+    if (!doubles_within(&c->communication_reset_time, 1, 0.0, 10000.0)) {
+        return ID(E_CONFIG_COMMUNICATION_RESET_TIME);
+    }
+    if (!integers_within(&c->communication_reaction, 1, 1, 2)) {
+        return ID(E_CONFIG_COMMUNICATION_REACTION);
     }
     if (!doubles_within(&c->tank_initial, 1, 0.0, 10000.0)) {
         return ID(E_CONFIG_TANK_INITIAL);
@@ -339,7 +384,7 @@ static const char *meaning_of_reason(int reason)
     case IIWA14_REASON_CONFIG:
         return "the configuration was refused (the return value names the field)";
     case IIWA14_REASON_CHANGED:
-        return "law, spring or tool pose changed while engaged (law, spring, tool_pose)";
+        return "law or spring changed while engaged (law, spring)";
     case IIWA14_REASON_STATE:
         return "the state's checksum is wrong: its memory was overwritten";
     default:
@@ -799,162 +844,6 @@ static int is_positive_semidefinite(int n, const double *A, double tolerance)
     return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
 }
 
-/* Configuration and state: checks, checksum, start, reset, faults. */
-
-/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
-static int doubles_within(const double *x, size_t count, double least, double most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (!(x[i] >= least && x[i] <= most)) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-/* Return whether all entries lie between the bounds (both allowed). */
-static int integers_within(const int *x, size_t count, int least, int most)
-{
-    for (size_t i = 0; i < count; ++i) {
-        if (x[i] < least || x[i] > most) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-/* Check a configuration: OK, or the error of the first field that is refused. */
-static int validate(const config_t *c)
-{
-    const int error = check_fields(c);
-    if (error != ID(OK)) {
-        return error;
-    }
-    for (int i = 0; i < N; ++i) {
-        if (!(c->upper_limit[i] - c->lower_limit[i] > 2.0 * c->limit_zone)) {
-            return ID(E_POSITION_LIMITS);
-        }
-    }
-    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
-        return ID(E_TASK_DAMPING_SIGN);
-    }
-    if (c->law == ID(LAW_PAPER) && TIPS > 1) {
-        return ID(E_PAPER_TIPS);
-    }
-    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
-        return ID(E_STATE_PERIOD);
-    }
-    if (c->spring == ID(SPRING_BOUNDED) && !robot_has_bounded_spring()) {
-        return ID(E_BOUNDED_SPRING);
-    }
-    return c->tank_initial <= c->tank_maximum ? ID(OK) : ID(E_TANK);
-}
-
-/* Compute the checksum of the memory; any single changed word changes it. */
-static uint64_t compute_checksum(const state_t *state)
-{
-    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
-    for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
-        memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
-        sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
-    }
-    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3];
-}
-
-/* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
-static void vote(const double *copies, double *result)
-{
-    for (int i = 0; i < N; ++i) {
-        uint64_t a, b, c;
-        memcpy(&a, copies + i, sizeof a);
-        memcpy(&b, copies + N + i, sizeof b);
-        memcpy(&c, copies + 2 * N + i, sizeof c);
-        a = (a & b) | (b & c) | (a & c);
-        memcpy(result + i, &a, sizeof a);
-        result[i] = fabs(result[i]) <= DBL_MAX ? result[i] : 0.0;
-    }
-}
-
-/* Store values three times. */
-static void store_copies(double *copies, const double *values)
-{
-    for (int copy = 0; copy < 3; ++copy) {
-        memcpy(copies + copy * N, values, N * sizeof(double));
-    }
-}
-
-/* Start the memory anew: no sample seen, a tank with its initial energy. */
-static void start_memory(const config_t *c, state_t *state)
-{
-    memory_t *const m = &state->memory;
-    memset(m, 0, sizeof *m);
-    for (int i = 0; i < N; ++i) {
-        m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
-    }
-    store_copies(state->rate, m->rate);
-    memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
-    m->tank = c->tank_initial;
-    m->calls = m->hold = c->missed_limit;
-    m->fault_joint = NO_JOINT;
-    m->ready = READY;
-}
-
-/* Prepare a state; torque is the one in force, or NULL for zero. */
-static int initialise(const config_t *c, state_t *state, const double *torque)
-{
-    if (c == NULL || state == NULL) {
-        return ID(E_NULL);
-    }
-    memset(state, 0, sizeof *state);
-    const int error = validate(c);
-    if (error != ID(OK)) {
-        return error;
-    }
-    for (int i = 0; torque != NULL && i < N; ++i) {
-        if (!(fabs(torque[i]) <= c->effort_limit[i])) {
-            return ID(E_TORQUE);
-        }
-    }
-    start_memory(c, state);
-    if (torque != NULL) {
-        store_copies(state->torque, torque);
-    }
-    state->checksum = compute_checksum(state);
-    return ID(OK);
-}
-
-/* Ask for the end of a fault; the next steps with good samples grant it. */
-static int request_reset(state_t *state)
-{
-    if (state == NULL) {
-        return ID(E_NULL);
-    }
-    if (state->checksum != compute_checksum(state) || state->memory.ready != READY) {
-        return ID(E_NOT_INITIALISED);
-    }
-    state->memory.reset = 1;
-    state->checksum = compute_checksum(state);
-    return ID(OK);
-}
-
-/*
- * Latch a fault; the first one stays. joint: where, or NO_JOINT; seen, limit: the number that was seen, and what it may
- * be.
- */
-static void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
-{
-    if (m->fault == ID(FAULT_NONE)) {
-        m->fault = fault_of_reason(reason);
-        m->reason = reason;
-        m->fault_joint = joint;
-        m->fault_seen = seen;
-        m->fault_limit = limit;
-        m->fault_time = 0.0;
-        m->reset = 0;
-    }
-    m->good_time = 0.0;
-}
-
 /* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
 
 /* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
@@ -1024,12 +913,12 @@ static double evaluate_limits(step_t *s, const double *q)
 static void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = fmax(s->c->tank_maximum, m->reserve);
+    const double most = fmax(s->tank_maximum, m->reserve);
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
         m->tank = most;
-        m->engagement = fmin(m->engagement + lost, s->c->engagement_limit);
+        m->engagement = fmin(m->engagement + lost, s->engagement_limit);
     }
 }
 
@@ -1086,6 +975,12 @@ static double worst_feed_work(const memory_t *m, const double *feed, int interva
         sum += farthest_motion(m, i) * size;
     }
     return sum;
+}
+
+/* Return the most sample times from one call to the next; a longer gap than missed_limit is a fault anyway. */
+static int limit_call_gap(const config_t *c, int missed)
+{
+    return c->call_gap_limit < missed ? c->call_gap_limit : missed;
 }
 
 /*
@@ -1160,16 +1055,18 @@ static void adopt_limits(step_t *s, const double *q)
 }
 
 /*
- * Adopt the configured missed_limit. A larger one lets the torque act for longer: it waits until the available energy
- * covers that, and never comes into force in a fault.
+ * Adopt the configured missed_limit and call_gap_limit. Larger ones let the torque act for longer: they wait until the
+ * available energy covers that, and never come into force in a fault.
  */
 static void adopt_missed_limit(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     double parts[3];
-    const int covered = compute_reserve(s, s->c->missed_limit, s->c->missed_limit, last, parts) <= available_energy(m);
-    if (s->c->missed_limit <= m->calls || (m->fault == ID(FAULT_NONE) && covered)) {
-        m->calls = s->c->missed_limit;
+    const int calls = s->c->missed_limit, gap = limit_call_gap(s->c, calls);
+    const int covered = compute_reserve(s, calls, gap, last, parts) <= available_energy(m);
+    if ((calls <= m->calls && gap <= m->call_gap) || (m->fault == ID(FAULT_NONE) && covered)) {
+        m->calls = calls;
+        m->call_gap = gap;
     }
 }
 
@@ -1234,7 +1131,7 @@ static void bridge_missing_calls(step_t *s, const double *last, int missing)
         return;
     }
     note_untimed_call(s, last);
-    const double each = fmin(1.0 + missing, m->calls), all = (double)m->gap_calls + missing;
+    const double each = fmin(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
     double most = m->gap_base;
     for (int i = 0; i < N; ++i) {
         most += farthest_motion(m, i) * (m->gap_transit[i] + fmin(each * m->gap_sum[i], all * m->gap_largest[i]));
@@ -1279,6 +1176,496 @@ static void book_interval(step_t *s, const double *q)
     m->sampling_total += rise + work - feed;
     pay_into_tank(s, feed - work - rise);
     book_reference(s, feed);
+}
+
+/* Strength: the tank that a wrench at the tip needs, and the wrench that the tank allows. */
+
+/* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
+static void place_posture(const config_t *c, int k, double *q)
+{
+    for (int i = 0; i < N; ++i) {
+        const double low = fmax(c->lower_limit[i], fmin(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
+        const double high = fmin(c->upper_limit[i], low + 2.0 * HALF_TURN);
+        const double x = (k + 1) * (i + 1) * GOLDEN;
+        q[i] = low + (high - low) * (x - (int)x);
+    }
+}
+
+/*
+ * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions: l times such
+ * a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort limit;
+ * with `clipped`, a joint that would exceed its limit counts with the limit.
+ */
+static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
+{
+    double held[36] = {0.0}, falling[36] = {0.0}, d[6] = {0.0}, vectors[36], sum = 0.0;
+    const int gap = limit_call_gap(c, c->missed_limit);
+    parts[2] = HUGE_VAL;
+    for (int i = 0; i < N; ++i) {
+        const double v = c->velocity_limit[i], fall = 0.5 * v * gap / c->torque_rate_limit[i];
+        const double hold = v * c->sample_time * (gap * c->missed_limit + c->delay_samples);
+        double row[6] = {0.0};
+        for (int k = 0; k < rows; ++k) {
+            row[k] = size[k] * J[k * N + i];
+        }
+        const double torque = norm(rows, row);
+        const double kept = torque > 0.0 ? c->effort_limit[i] / torque : HUGE_VAL;
+        const double share = clipped ? fmin(kept, 1.0) : 1.0;
+        parts[2] = fmin(parts[2], kept);
+        sum += hold;
+        for (int k = 0; k < rows * rows; ++k) {
+            const double x = share * row[k / rows] * share * row[k % rows];
+            held[k] += hold * x;
+            falling[k] += fall * x;
+        }
+    }
+    (void)diagonalise_symmetric(rows, held, d, vectors);
+    parts[0] = sqrt(sum * fmax(d[rows - 1], 0.0));
+    (void)diagonalise_symmetric(rows, falling, d, vectors);
+    parts[1] = fmax(d[rows - 1], 0.0);
+}
+
+/* Return the largest l for which l a + l^2 b is at most `most`. */
+static double solve_share(double a, double b, double most)
+{
+    return most > 0.0 ? 2.0 * most / (a + sqrt(a * a + 4.0 * b * most)) : 0.0;
+}
+
+/*
+ * Compute the tank that covers heaviest_wrench at every tip in all of POSTURES postures, as far as the effort limits of
+ * the joints allow it there. A tool that is given at run time is not known yet: the lever arms are those of the tip.
+ */
+static double size_tank(const config_t *c)
+{
+    double size[6], tool[16 * TIPS] = {0.0}, most = 0.0;
+    for (int k = 0; k < 4 * TIPS; ++k) {
+        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
+    }
+    for (int k = 0; k < 6; ++k) {
+        size[k] = c->heaviest_wrench[k / 3];
+    }
+    for (int k = 0; k < POSTURES; ++k) {
+        double q[N], J[6 * N * TIPS], sum = 0.0;
+        place_posture(c, k, q);
+        robot_jacobians(q, tool, J);
+        for (int t = 0; t < TIPS; ++t) {
+            double parts[3];
+            bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
+            sum += parts[0] + parts[1];
+        }
+        most = fmax(most, sum);
+    }
+    return most / COVERED;
+}
+
+/* Find tank, engagement limit and energy limit in force, from the configuration or from heaviest_wrench. */
+static void find_energies(step_t *s)
+{
+    const config_t *const c = s->c;
+    const memory_t *const m = s->m;
+    const double force = c->heaviest_wrench[0], moment = c->heaviest_wrench[1];
+    const double powers[2] = {force * c->tip_velocity_limit, moment * c->tip_rotation_limit};
+    s->tank_initial = c->tank_initial > 0.0 ? c->tank_initial : m->sized_tank;
+    s->tank_maximum = c->tank_maximum > 0.0 ? c->tank_maximum : s->tank_initial;
+    s->engagement_limit = c->engagement_limit > 0.0 ? c->engagement_limit : GOVERNOR * norm(2, powers) * TRAVEL_TIME;
+    s->energy_limit = c->energy_limit;
+    if (!(c->energy_limit > 0.0)) {
+        const double Kt = largest_entry(9 * TIPS, m->translation_stiffness);
+        const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
+        /* whatever the direction, the springs store this much before they exert the wrench */
+        const double least = 0.5 * fmin(force * force / fmax(Kt, 1e-9), moment * moment / fmax(Ko, 1e-9));
+        const double most = m->load > 1e-3 ? fmax(least, m->load_energy / (m->load * m->load)) : least;
+        s->energy_limit = fmin(most, LARGEST_ENERGY);
+    }
+}
+
+/*
+ * Note the wrench that the springs exert, relative to heaviest_wrench, with the energy stored at it: along the present
+ * deflection the springs exert heaviest_wrench at that energy over the square of the load.
+ */
+static void note_load(step_t *s, double energy)
+{
+    memory_t *const m = s->m;
+    m->load = 0.0;
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const w = s->out->spring_wrench + 6 * t;
+        const double parts[2] = {norm(3, w) / s->c->heaviest_wrench[0], norm(3, w + 3) / s->c->heaviest_wrench[1]};
+        m->load = fmax(m->load, norm(2, parts));
+    }
+    m->load_energy = energy;
+}
+
+/* Compute the force that effort limits and available energy cover at every tip, whatever its direction. */
+static void report_force(step_t *s)
+{
+    const memory_t *const m = s->m;
+    const double unit[3] = {1.0, 1.0, 1.0};
+    double J[6 * N * TIPS], parts[3];
+    robot_jacobians(m->q, m->tool_pose, J);
+    s->out->force_available = HUGE_VAL;
+    for (int t = 0; t < TIPS; ++t) {
+        bound_wrench(s->c, 3, J + 6 * N * t, unit, 0, parts);
+        const double covered = solve_share(parts[0], parts[1], COVERED * available_energy(m));
+        s->out->force_available = fmin(s->out->force_available, fmin(covered, parts[2]));
+    }
+}
+
+/* Caps: springs that are too stiff for the sample time are softened in the directions that are, and only there. */
+
+/* Return the largest eigenvalue of M^-1 K that sample time and delay allow [1/s^2]. */
+static double largest_eigenvalue(const config_t *c)
+{
+    return LARGEST_STIFFNESS / (c->sample_time * c->sample_time * (1.0 + 2.0 * c->delay_samples));
+}
+
+/* Turn a vector in the base's axes into those of a pose; NULL: the base's. */
+static void turn_to_axes(const double *pose, const double *v, double *turned)
+{
+    for (int i = 0; i < 3; ++i) {
+        turned[i] = pose == NULL ? v[i] : pose[i] * v[0] + pose[4 + i] * v[1] + pose[8 + i] * v[2];
+    }
+}
+
+/*
+ * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3, in the axes of their stiffnesses; J: from the
+ * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
+ * positive definite.
+ */
+static int measure_mobilities(const config_t *c, const double *q, const double *tool, const double *equilibrium,
+                              double *work, double *mobilities)
+{
+    double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
+    robot_mass_matrix(q, M);
+    for (int i = 0; i < N; ++i) {
+        M[i * (N + 1)] += c->motor_inertia[i];
+    }
+    const double mass = largest_entry(NN, M);
+    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
+        return 0;
+    }
+    robot_jacobians(q, tool, J);
+    robot_poses(q, tool, pose);
+    memset(mobilities, 0, 18 * TIPS * sizeof(double));
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
+        const double *const G = robot_centre();
+        double *const rows = J + 6 * N * t, centre[3];
+        for (int i = 0; i < 3; ++i) {
+            centre[i] = dot(3, P + 4 * i, G);
+        }
+        for (int k = 0; k < N; ++k) {
+            double v[3], w[3], turned[3];
+            for (int i = 0; i < 3; ++i) {
+                w[i] = rows[(3 + i) * N + k];
+            }
+            for (int i = 0; i < 3; ++i) {
+                const int a = (i + 1) % 3, b = (i + 2) % 3;
+                v[i] = rows[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
+            }
+            turn_to_axes(robot_translation_axes(P, E), v, turned);
+            for (int i = 0; i < 3; ++i) {
+                rows[i * N + k] = turned[i];
+            }
+            turn_to_axes(robot_rotation_axes(P, E), w, turned);
+            for (int i = 0; i < 3; ++i) {
+                rows[(3 + i) * N + k] = turned[i];
+            }
+        }
+        for (int i = 0; i < 6; ++i) {
+            solve_lower(N, 1, L, rows + i * N);
+        }
+        for (int k = 0; k < 18; ++k) {
+            const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;
+            mobilities[18 * t + k] = dot(N, rows + i * N, rows + j * N) / mass;
+        }
+    }
+    return 1;
+}
+
+/*
+ * Cap a stiffness K (3 x 3): no eigenvalue of K times the mobility A stays above `most`, and directions below it stay
+ * as they are. Return the largest eigenvalue before.
+ */
+static double cap_spring(const double *A, double most, double *K)
+{
+    double D[9], d[3], Q[9], C[9], mu[3] = {0.0}, W[9], root[9];
+    memcpy(D, A, sizeof D);
+    if (diagonalise_symmetric(3, D, d, Q) != 0 || !(d[2] > 0.0)) {
+        return 0.0;
+    }
+    for (int k = 0; k < 9; ++k) {
+        root[k] = sqrt(fmax(d[k / 3], 1e-9 * d[2])) * Q[k];
+    }
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            double sum = 0.0;
+            for (int k = 0; k < 9; ++k) {
+                sum += root[3 * i + k / 3] * K[k] * root[3 * j + k % 3];
+            }
+            C[3 * i + j] = sum;
+        }
+    }
+    if (diagonalise_symmetric(3, C, mu, W) != 0) {
+        return 0.0;
+    }
+    for (int r = 0; r < 3; ++r) {
+        double u[3] = {0.0};
+        for (int k = 0; k < 9; ++k) {
+            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(fmax(d[k / 3], 1e-9 * d[2]));
+        }
+        for (int k = 0; mu[r] > most && k < 9; ++k) {
+            K[k] -= (mu[r] - most) * u[k / 3] * u[k % 3];
+        }
+    }
+    return mu[2];
+}
+
+/* Share a sum among values: return the level above which each is cut so that the rest sums up to `most`. */
+static double find_level(int count, const double *values, double most)
+{
+    double level = most / count;
+    for (int round = 0; round < count; ++round) {
+        double rest = most;
+        int above = 0;
+        for (int k = 0; k < count; ++k) {
+            above += values[k] > level;
+            rest -= values[k] > level ? 0.0 : values[k];
+        }
+        level = above > 0 ? rest / above : HUGE_VAL;
+    }
+    return level;
+}
+
+/*
+ * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of those
+ * of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after the next
+ * tangent that is too stiff.
+ */
+static void cap_springs(step_t *s)
+{
+    memory_t *const m = s->m;
+    double A[18 * TIPS], largest[2 * TIPS], most = 0.95 * largest_eigenvalue(s->c), sum = 0.0;
+    m->stiffness_share = 1.0;
+    if (!m->capped || !measure_mobilities(s->c, m->q, m->tool_pose, m->equilibrium, s->scratch, A)) {
+        return;
+    }
+    if (!s->commanded) {
+        memcpy(s->translation, m->translation_stiffness, sizeof s->translation);
+        memcpy(s->rotation, m->rotation_stiffness, sizeof s->rotation);
+    }
+    for (int i = 0; i < N; ++i) {
+        most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
+    }
+    most = fmax(most, 0.25 * largest_eigenvalue(s->c));
+    for (int k = 0; k < 2 * TIPS; ++k) {
+        largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
+        sum += largest[k];
+    }
+    m->capped = sum > most;
+    if (!m->capped) {
+        return;
+    }
+    const double level = find_level(2 * TIPS, largest, most);
+    for (int k = 0; k < 2 * TIPS; ++k) {
+        (void)cap_spring(A + 9 * k, level, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
+        m->stiffness_share = fmin(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
+    }
+    s->status |= ID(STATUS_STIFFNESS_CAPPED);
+}
+
+/*
+ * Return whether a stiffness at the limits of the configuration would be halved somewhere: in one of POSTURES postures
+ * the sample time allows less than half of it.
+ */
+static int halves_stiffness(const config_t *c, double *work)
+{
+    double tool[16 * TIPS] = {0.0};
+    int halved = 0;
+    for (int k = 0; k < 4 * TIPS; ++k) {
+        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
+    }
+    for (int k = 0; k < POSTURES; ++k) {
+        double q[N], A[18 * TIPS], d[3], Q[9];
+        place_posture(c, k, q);
+        if (!measure_mobilities(c, q, tool, NULL, work, A)) {
+            continue;
+        }
+        for (int j = 0; j < 2 * TIPS; ++j) {
+            const double K = j % 2 == 0 ? c->translation_stiffness_limit : c->rotation_stiffness_limit;
+            halved |= diagonalise_symmetric(3, A + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
+        }
+    }
+    return halved;
+}
+
+/* Configuration and state: checks, checksum, start, reset, faults. */
+
+/* Return whether all entries lie between the bounds (both allowed); NaN does not. */
+static int doubles_within(const double *x, size_t count, double least, double most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (!(x[i] >= least && x[i] <= most)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Return whether all entries lie between the bounds (both allowed). */
+static int integers_within(const int *x, size_t count, int least, int most)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (x[i] < least || x[i] > most) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Check a configuration: OK, or the error of the first field that is refused. */
+static int validate(const config_t *c)
+{
+    const int error = check_fields(c);
+    if (error != ID(OK)) {
+        return error;
+    }
+    for (int i = 0; i < N; ++i) {
+        if (!(c->upper_limit[i] - c->lower_limit[i] > 2.0 * c->limit_zone)) {
+            return ID(E_POSITION_LIMITS);
+        }
+    }
+    if (c->damping_design == ID(DAMPING_DESIGN_TASK) && !is_positive_semidefinite(6, c->task_damping, SYMMETRY)) {
+        return ID(E_TASK_DAMPING_SIGN);
+    }
+    if (c->law == ID(LAW_PAPER) && TIPS > 1) {
+        return ID(E_PAPER_TIPS);
+    }
+    if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
+        return ID(E_STATE_PERIOD);
+    }
+    if (c->spring == ID(SPRING_BOUNDED) && !robot_has_bounded_spring()) {
+        return ID(E_BOUNDED_SPRING);
+    }
+    return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
+}
+
+/* Compute the checksum of the memory; any single changed word changes it. */
+static uint64_t compute_checksum(const state_t *state)
+{
+    uint64_t sums[4] = {0x9e3779b97f4a7c15u, 0xc2b2ae3d27d4eb4fu, 0x165667b19e3779f9u, 0x27d4eb2f165667c5u}, word;
+    for (size_t k = 0; k < sizeof state->memory / sizeof word; ++k) {
+        memcpy(&word, (const char *)&state->memory + k * sizeof word, sizeof word);
+        sums[k % 4] = (sums[k % 4] ^ word) * 0x100000001b3u;
+    }
+    return sums[0] + 3u * sums[1] + 5u * sums[2] + 7u * sums[3];
+}
+
+/* Vote on three copies, bit by bit: two of three decide. A number that is not finite becomes 0. */
+static void vote(const double *copies, double *result)
+{
+    for (int i = 0; i < N; ++i) {
+        uint64_t a, b, c;
+        memcpy(&a, copies + i, sizeof a);
+        memcpy(&b, copies + N + i, sizeof b);
+        memcpy(&c, copies + 2 * N + i, sizeof c);
+        a = (a & b) | (b & c) | (a & c);
+        memcpy(result + i, &a, sizeof a);
+        result[i] = fabs(result[i]) <= DBL_MAX ? result[i] : 0.0;
+    }
+}
+
+/* Store values three times. */
+static void store_copies(double *copies, const double *values)
+{
+    for (int copy = 0; copy < 3; ++copy) {
+        memcpy(copies + copy * N, values, N * sizeof(double));
+    }
+}
+
+/* Start the memory anew: no sample seen, a tank with its initial energy. */
+static void start_memory(const config_t *c, state_t *state)
+{
+    memory_t *const m = &state->memory;
+    memset(m, 0, sizeof *m);
+    for (int i = 0; i < N; ++i) {
+        m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
+    }
+    store_copies(state->rate, m->rate);
+    memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
+    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c);
+    m->tank = fmax(c->tank_initial, m->sized_tank);
+    m->calls = m->hold = c->missed_limit;
+    m->fault_joint = NO_JOINT;
+    m->stiffness_share = 1.0;
+    m->call_gap = limit_call_gap(c, c->missed_limit);
+    m->ready = READY;
+}
+
+/* Prepare a state; torque is the one in force, or NULL for zero. */
+static int initialise(const config_t *c, state_t *state, const double *torque)
+{
+    if (c == NULL || state == NULL) {
+        return ID(E_NULL);
+    }
+    memset(state, 0, sizeof *state);
+    const int error = validate(c);
+    if (error != ID(OK)) {
+        return error;
+    }
+    for (int i = 0; torque != NULL && i < N; ++i) {
+        if (!(fabs(torque[i]) <= c->effort_limit[i])) {
+            return ID(E_TORQUE);
+        }
+    }
+    if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && c->law == ID(LAW_POTENTIAL) &&
+        halves_stiffness(c, state->scratch)) {
+        return ID(E_STIFFNESS);
+    }
+    start_memory(c, state);
+    if (torque != NULL) {
+        store_copies(state->torque, torque);
+    }
+    state->checksum = compute_checksum(state);
+    return ID(OK);
+}
+
+/* Ask for the end of a fault; the next steps with good samples grant it. */
+static int request_reset(state_t *state)
+{
+    if (state == NULL) {
+        return ID(E_NULL);
+    }
+    if (state->checksum != compute_checksum(state) || state->memory.ready != READY) {
+        return ID(E_NOT_INITIALISED);
+    }
+    state->memory.reset = 1;
+    state->checksum = compute_checksum(state);
+    return ID(OK);
+}
+
+/*
+ * Latch a fault; the first one stays. joint: where, or NO_JOINT; seen, limit: the number that was seen, and what it may
+ * be.
+ */
+static void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
+{
+    if (m->fault == ID(FAULT_NONE)) {
+        m->fault = fault_of_reason(reason);
+        m->reason = reason;
+        m->fault_joint = joint;
+        m->fault_seen = seen;
+        m->fault_limit = limit;
+        m->fault_time = 0.0;
+        m->reset = 0;
+    }
+    m->good_time = 0.0;
+}
+
+/* Return whether a latched communication fault is to be held: the springs stay, and the equilibrium stands still. */
+static int holds_in_fault(const step_t *s)
+{
+    return s->m->fault == ID(FAULT_COMMUNICATION) && s->m->law == ID(LAW_POTENTIAL) &&
+           s->c->communication_reaction == ID(COMMUNICATION_REACTION_HOLD);
 }
 
 /* Samples: whether a measurement and a command are believed. */
@@ -1640,14 +2027,15 @@ static void apply_task_damping(step_t *s)
 /*
  * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
  * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay +
- * 1/2) T: the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b
- * h))) is solved for b.
+ * 1/2) T, the damping by the velocity filter's time more, g = h + filter: the stiffness takes l h of damping away, the
+ * damping b g of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b g))) is solved for b.
  */
 static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
 {
     for (int k = 0; k < N; ++k) {
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], p = l * late * (2.0 * zeta * zeta - 1.0);
+        const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
+        const double p = l * (2.0 * zeta * zeta * later - late);
         b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
 }
@@ -1677,7 +2065,7 @@ static double design_damping(step_t *s, double *follow)
     double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
     double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
+    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / (T + c->velocity_filter_time);
     /* only the symmetric part of the conventional formula has a say in the damping */
     if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
         return damp_joints_only(s, follow);
@@ -1687,6 +2075,7 @@ static double design_damping(step_t *s, double *follow)
     if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         s->status |= ID(STATUS_STIFFNESS_CAPPED);
+        s->m->capped = 1;
     }
     const double trace = reduce_inertia(L, mass, s->brake);
     if (d * trace > 0.5 * most) {
@@ -1724,11 +2113,12 @@ static double design_damping(step_t *s, double *follow)
 /*
  * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of B
  * quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then
- * the mean of the last few samples.
+ * the mean of the last few samples. The velocity filter comes behind, a low pass whose delay the design knows.
  */
 static void smooth_velocity(step_t *s)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
+    const double T = s->c->sample_time, passed = T / (T + s->c->velocity_filter_time);
     double most = 1.0;
     for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
@@ -1747,6 +2137,11 @@ static void smooth_velocity(step_t *s)
             }
             s->velocity[i] = sum / count;
         }
+    }
+    for (int i = 0; i < N; ++i) {
+        const double behind = m->recent_count > 1 ? (1.0 - passed) * (m->filtered[i] - s->velocity[i]) : 0.0;
+        s->velocity[i] += behind;
+        m->filtered[i] = s->velocity[i];
     }
 }
 
@@ -1976,9 +2371,9 @@ static void pay_for_travel(step_t *s)
     const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
     m->travel = fmin(m->travel + moved, away);
     const double paid = fmin(m->travel, c->sample_time);
-    const double work = m->engagement + c->engagement_limit * (paid / TRAVEL_TIME);
+    const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
     m->travel -= paid;
-    m->engagement = fmax(m->engagement, fmin(work, c->engagement_limit));
+    m->engagement = fmax(m->engagement, fmin(work, s->engagement_limit));
     m->by_pose = by_pose;
 }
 
@@ -1992,8 +2387,8 @@ static double find_share(step_t *s, int by_posture, double *posture, double *equ
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->calls), 0.0);
-    const double allowed = fmin(fmax(c->energy_limit - m->elastic_energy, 0.0), left);
+    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+    const double allowed = fmin(fmax(s->energy_limit - m->elastic_energy, 0.0), left);
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -2069,7 +2464,6 @@ static void adopt_command(step_t *s)
 /* Start an engagement. Its energy first makes up for what the tank lacks. */
 static void start_engagement(step_t *s)
 {
-    const config_t *const c = s->c;
     memory_t *const m = s->m;
     m->engaged = 1;
     m->scale = 1.0;
@@ -2079,9 +2473,9 @@ static void start_engagement(step_t *s)
         m->unaccounted += 1u;
         m->tank -= available_energy(m);
     }
-    const double lack = clamp(c->tank_initial - m->tank, 0.0, c->engagement_limit);
+    const double lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
     m->tank += lack;
-    m->engagement = c->engagement_limit - lack;
+    m->engagement = s->engagement_limit - lack;
 }
 
 /* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */
@@ -2109,6 +2503,66 @@ static void settle_springs(step_t *s)
     }
 }
 
+/* Changes from outside: another tool, and torques that the caller adds. */
+
+/*
+ * Adopt another tool while engaged. The equilibrium goes with the tip, so that the springs keep their deflection; what
+ * this costs is a move of the equilibrium. If the engagement cannot pay it, a smaller deflection stays.
+ */
+static void adopt_tool(step_t *s)
+{
+    memory_t *const m = s->m;
+    const double *const tool = robot_tool(s->input);
+    if (tool == NULL || memcmp(tool, m->tool_pose, sizeof m->tool_pose) == 0) {
+        return;
+    }
+    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+    double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
+    memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
+    robot_poses(m->q, m->tool_pose, before);
+    memcpy(m->tool_pose, tool, sizeof m->tool_pose);
+    robot_poses(m->q, m->tool_pose, after);
+    for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
+        for (int t = 0; t < TIPS; ++t) {
+            double away[6], twist[6] = {0.0};
+            pose_difference(before + 16 * t, m->equilibrium + 16 * t, away);
+            add_scaled(6, share, away, twist);
+            move_pose(after + 16 * t, twist, equilibrium + 16 * t);
+        }
+        rise = m->scale * compute_spring_energy(m, m->q, equilibrium, m->posture) - m->elastic_energy;
+        share = attempt < 2 ? 0.5 * share : 0.0;
+    }
+    memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
+    memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
+    m->joined = 0;
+    m->elastic_energy += rise;
+    book_reference(s, rise);
+}
+
+/*
+ * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve counts
+ * on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's stays, and it
+ * goes to zero with a configuration that is refused.
+ */
+static void add_torque_offset(step_t *s, const double *last, int refused)
+{
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double own = s->out->torque[i], change = own - last[i], before = last[i] + m->offset[i];
+        double wanted = refused ? 0.0 : m->offset[i];
+        if (!refused && (s->believed || s->located) && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+            wanted = s->input->torque_offset[i];
+        }
+        const double moved = clamp(wanted - m->offset[i], -m->rate[i] - change, m->rate[i] - change);
+        const double most = refused ? HUGE_VAL : fmax(s->c->effort_limit[i], fabs(before) - m->rate[i]);
+        const double total = clamp(own + m->offset[i] + moved, -most, most);
+        m->offset[i] = total - own;
+        s->out->offset_torque[i] = m->offset[i];
+        s->out->torque[i] = total;
+        s->status |= m->offset[i] == wanted ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
+    }
+}
+
 /* Stiffness and scale: what releases energy is done, what costs energy waits for the tank. */
 
 /*
@@ -2129,8 +2583,8 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
     }
     for (int t = 0; t < TIPS; ++t) {
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(s->commanded ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(s->commanded ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(s->commanded || m->capped ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(s->commanded || m->capped ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     return changed;
 }
@@ -2167,6 +2621,7 @@ static void vary_stiffness(step_t *s)
         return;
     }
     adopt_spring_limits(s);
+    cap_springs(s);
     if (!release_stiffness(s, translation, rotation, posture)) {
         return;
     }
@@ -2208,25 +2663,26 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
         const double size = fabs(pull[i]);
         if (size > 1e-9) {
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
-            target = fmin(target, fmax((c->effort_limit[i] - limit) / size, 0.0));
+            const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
+            target = fmin(target, fmax((c->effort_limit[i] - limit - offset) / size, 0.0));
             fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    compute_reserve(s, m->calls, m->calls, pull, parts);
+    compute_reserve(s, m->calls, m->call_gap, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
         s->status |= ID(STATUS_RESERVE);
     }
-    if (m->fault != ID(FAULT_NONE)) {
+    if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
         target = fmax(m->scale - fastest_fall, 0.0);
         if (m->law == ID(LAW_PAPER)) {
             target = 0.0; /* no energy to scale: its torque falls at the rate limit */
         }
     }
     const double rise = target - m->scale;
-    double step = fmin(rise, c->sample_time / c->stiffness_time);
+    double step = fmin(rise, c->sample_time / fmax(c->stiffness_time, SCALE_TIME));
     if (step > 0.0 && step * energy > fmax(s->budget, 0.0)) {
         step = (1.0 - 1e-9) * fmax(s->budget, 0.0) / energy;
         s->status |= ID(STATUS_TANK_LIMITED);
@@ -2254,10 +2710,11 @@ static void step_towards_zero(const double *last, const double *rate, double *to
 static void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
-        const double rate = s->m->rate[i];
-        const double effort = fmax(s->c->effort_limit[i], fabs(last[i]) - rate);
+        const double rate = s->m->rate[i], limit = s->c->effort_limit[i], offset = s->m->offset[i];
+        const double least = fmin(fmin(-limit - offset, 0.0), last[i] + rate);
+        const double most = fmax(fmax(limit - offset, 0.0), last[i] - rate);
         const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
-        const double possible = clamp(wanted, -effort, effort);
+        const double possible = clamp(wanted, least, most);
         const double reached = clamp(possible, last[i] - rate, last[i] + rate);
         s->status |= possible != wanted ? (uint32_t)ID(STATUS_SATURATED) : 0u;
         s->status |= reached != possible ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
@@ -2284,7 +2741,7 @@ static int try_torque(step_t *s, const double *last, double share)
         }
     }
     limit_torque(s, last);
-    s->m->reserve = compute_reserve(s, s->m->hold, s->m->calls, out->torque, parts);
+    s->m->reserve = compute_reserve(s, s->m->hold, s->m->call_gap, out->torque, parts);
     return s->m->reserve <= available_energy(s->m);
 }
 
@@ -2308,7 +2765,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         try_torque(s, last, share);
     }
     s->status |= ID(STATUS_RESERVE);
-    if (share < 1.0 && m->tank < TANK_FLOOR * s->c->tank_maximum) {
+    if (share < 1.0 && m->tank < TANK_FLOOR * s->tank_maximum) {
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
@@ -2415,8 +2872,9 @@ static void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
+    note_load(s, m->elastic_energy);
     multiply_vector(out->damping, out->reference_velocity, feed);
-    if (worst_feed_work(m, feed, m->calls) > m->engagement) {
+    if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
         add_scaled(N, -1.0, feed, out->damping_torque);
@@ -2427,6 +2885,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
+    report_force(s);
 }
 
 /* Texts: a fault in words and numbers. */
@@ -2506,7 +2965,7 @@ static void remember_sample(step_t *s)
     m->gap = m->missed = 0;
 }
 
-/* Check speed and position against their limits, law and tool against those in force. */
+/* Check speed and position against their limits, and the law against the one in force. */
 static void check_limits(step_t *s)
 {
     const config_t *const c = s->c;
@@ -2534,21 +2993,30 @@ static void check_limits(step_t *s)
     if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + 1e-9)) {
         latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
-    const int other_tool = s->commanded && robot_tool(in) != NULL &&
-                           memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
-    if (m->engaged && (c->law != m->law || c->spring != m->spring || other_tool)) {
+    if (m->engaged && (c->law != m->law || c->spring != m->spring)) {
         latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
     }
 }
 
-/* End a fault that is to be reset, after two good samples without engagement. */
-static void end_fault(step_t *s)
+/*
+ * End a fault that is to be reset, after two good samples. A fault that is held ends once the available energy covers
+ * the torque over missing samples again.
+ */
+static void end_fault(step_t *s, const double *last)
 {
+    const config_t *const c = s->c;
     memory_t *const m = s->m;
     m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
-    const int automatic = s->c->automatic_reset_time > 0.0 && m->good_time >= s->c->automatic_reset_time;
-    if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > s->c->sample_time) {
+    const int communication = m->fault == ID(FAULT_COMMUNICATION) && c->communication_reset_time > 0.0;
+    const double wait = communication ? c->communication_reset_time : c->automatic_reset_time;
+    const int automatic = wait > 0.0 && m->good_time >= wait, fault = m->fault;
+    if (fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
+        double parts[3];
         m->fault = ID(FAULT_NONE);
+        if (m->engaged && compute_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
+            m->fault = fault;
+            return;
+        }
         m->reason = ID(REASON_NONE);
         m->fault_joint = NO_JOINT;
         m->fault_seen = m->fault_limit = 0.0;
@@ -2570,18 +3038,25 @@ static void step_with_sample(step_t *s, const double *last)
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     check_limits(s);
-    s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;
+    s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
     adopt_missed_limit(s, last);
     if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(s, s->input->q);
-    } else if (m->engaged && m->scale == 0.0) {
+    } else if (m->engaged && m->scale == 0.0 && !holds_in_fault(s)) {
         m->engaged = 0;
     }
     if (!m->engaged) {
-        end_fault(s);
+        end_fault(s, last);
         settle_springs(s);
+    } else if (holds_in_fault(s)) {
+        memset(m->posture_velocity, 0, sizeof m->posture_velocity);
+        memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
+        end_fault(s, last);
     } else if (m->fault == ID(FAULT_NONE)) {
         m->reset = 0;
+        if (s->commanded) {
+            adopt_tool(s);
+        }
         memcpy(s->old_equilibrium, m->equilibrium, sizeof s->old_equilibrium);
         move_equilibrium(s);
         vary_stiffness(s);
@@ -2629,6 +3104,7 @@ static void start_step(step_t *s, state_t *state, const double *last)
     m->delay = s->c->delay_samples;
     m->sample_time = s->c->sample_time;
     m->fault_time += s->c->sample_time;
+    find_energies(s);
     observe_sample(s, last);
 }
 
@@ -2640,8 +3116,13 @@ static void report_step(const step_t *s)
     report_memory(m, out);
     memcpy(out->velocity, s->velocity, sizeof out->velocity);
     out->status = s->status;
+    out->stiffness_share = m->stiffness_share * m->scale;
+    out->tank_initial = s->tank_initial;
+    out->engagement_limit = s->engagement_limit;
+    out->energy_limit = s->energy_limit;
     if (m->fault != ID(FAULT_NONE)) {
         out->mode = m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW);
+        out->mode = m->engaged && s->held ? ID(MODE_HOLD) : out->mode;
         out->status |= ID(STATUS_FAULT);
     } else {
         out->mode = m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
@@ -2677,7 +3158,6 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     vote(state->torque, last);
     vote(state->rate, rate);
-    memcpy(s.transit, last, sizeof last);
     if (state->checksum != compute_checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
             step_towards_zero(last, rate, output->torque);
@@ -2689,6 +3169,9 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         m->unaccounted = 1;
         latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }
+    /* the energy account is about the controller's own torque */
+    add_scaled(N, -1.0, m->offset, last);
+    memcpy(s.transit, last, sizeof last);
     if (error == ID(OK)) {
         start_step(&s, state, last);
     } else {
@@ -2700,13 +3183,20 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     } else {
         step_without_sample(&s, last);
     }
+    add_torque_offset(&s, last, error != ID(OK));
     store_copies(state->torque, output->torque);
+    s.held = error == ID(OK) && holds_in_fault(&s);
     report_step(&s);
     state->checksum = compute_checksum(state);
     return error;
 }
 
 /* ---- functions of iiwa14_impedance.h ---- */
+
+/* estimate: 0.005 s effort / velocity, the maker's is unknown */
+static const double iiwa14_motor_inertia[N] = {1.079, 1.079, 0.5042, 0.6723, 0.2424, 0.08488, 0.08488};
+/* estimate: effort / 0.1 s, the maker's is unknown */
+static const double iiwa14_torque_rate[N] = {3200.0, 3200.0, 1760.0, 1760.0, 1100.0, 400.0, 400.0};
 
 void iiwa14_impedance_default_config(config_t *config)
 {
@@ -2720,39 +3210,46 @@ void iiwa14_impedance_default_config(config_t *config)
     config->spring = IIWA14_SPRING_TRACE;
     config->spring_force_limit = 40.0;
     config->spring_moment_limit = 10.0;
-    config->stiffness_time = 0.05;
+    config->stiffness_cap = IIWA14_STIFFNESS_CAP_REFUSE;
+    config->stiffness_time = 0.002;
     config->damping_design = IIWA14_DAMPING_DESIGN_MODAL;
     config->joint_damping = 0.1;
     config->position_tolerance = 0.1;
     config->limit_zone = 0.1;
-    config->tip_velocity_limit = 0.5;
-    config->tip_rotation_limit = 1.5;
-    config->ramp_time = 0.2;
-    config->energy_limit = 5.0;
-    config->engagement_limit = 20.0;
+    config->tip_velocity_limit = 1.0;
+    config->tip_rotation_limit = 2.5;
+    config->ramp_time = 0.05;
+    config->heaviest_wrench[0] = 100.0;
+    config->heaviest_wrench[1] = 20.0;
+    config->energy_limit = 0.0;
+    config->engagement_limit = 0.0;
     config->force_limit = 500.0;
     config->moment_limit = 100.0;
     config->missed_limit = 3;
     config->loss_limit = 10;
     config->state_period = 0.0;
+    config->call_gap_limit = 3;
     config->position_quantum = 0.0;
     config->velocity_noise = 0.0;
+    config->velocity_filter_time = 0.0;
     config->frozen_window = 20;
     config->overspeed_time = 0.2;
     config->automatic_reset_time = 0.0;
-    config->tank_initial = 10.0;
-    config->tank_maximum = 10.0;
+    config->communication_reset_time = 0.0;
+    config->communication_reaction = IIWA14_COMMUNICATION_REACTION_RELEASE;
+    config->tank_initial = 0.0;
+    config->tank_maximum = 0.0;
     for (int i = 0; i < N; ++i) {
         config->posture_stiffness[i] = 1.0;
         config->damping_ratio[i] = 0.7;
-        config->motor_inertia[i] = 0.0;
+        config->motor_inertia[i] = iiwa14_motor_inertia[i];
         config->lower_limit[i] = iiwa14_lower[i];
         config->upper_limit[i] = iiwa14_upper[i];
         config->limit_stiffness[i] = iiwa14_effort[i];
         config->velocity_limit[i] = iiwa14_velocity[i];
-        config->reference_velocity_limit[i] = 0.5 * iiwa14_velocity[i];
+        config->reference_velocity_limit[i] = 0.9 * iiwa14_velocity[i];
         config->effort_limit[i] = iiwa14_effort[i];
-        config->torque_rate_limit[i] = 10.0 * iiwa14_effort[i];
+        config->torque_rate_limit[i] = iiwa14_torque_rate[i];
     }
 }
 
@@ -2808,6 +3305,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "state_period: must not be above missed_limit times sample_time";
     case IIWA14_E_BOUNDED_SPRING:
         return "spring: the folder has no bounded spring; generate it with --spring bounded";
+    case IIWA14_E_STIFFNESS:
+        return "translation_stiffness_limit, rotation_stiffness_limit: sample_time, delay_samples and motor_inertia allow less than half of this stiffness; lower the limits, correct motor_inertia, or set stiffness_cap to accept";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
@@ -2828,6 +3327,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "spring_force_limit: must lie between 0.001 and 1e+06";
     case IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT:
         return "spring_moment_limit: must lie between 0.001 and 100000";
+    case IIWA14_E_CONFIG_STIFFNESS_CAP:
+        return "stiffness_cap: must be refuse or accept";
     case IIWA14_E_CONFIG_STIFFNESS_TIME:
         return "stiffness_time: must lie between 0.0001 and 100";
     case IIWA14_E_CONFIG_DAMPING_DESIGN:
@@ -2860,10 +3361,12 @@ const char *iiwa14_impedance_error_text(int code)
         return "tip_rotation_limit: must lie between 1e-06 and 100";
     case IIWA14_E_CONFIG_RAMP_TIME:
         return "ramp_time: must lie between 0.0001 and 100";
+    case IIWA14_E_CONFIG_HEAVIEST_WRENCH:
+        return "heaviest_wrench: every entry must lie between 0.001 and 100000";
     case IIWA14_E_CONFIG_ENERGY_LIMIT:
-        return "energy_limit: must lie between 1e-06 and 10000";
+        return "energy_limit: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_ENGAGEMENT_LIMIT:
-        return "engagement_limit: must lie between 1e-06 and 100000";
+        return "engagement_limit: must lie between 0 and 100000";
     case IIWA14_E_CONFIG_EFFORT_LIMIT:
         return "effort_limit: every entry must lie between 1e-06 and 100000";
     case IIWA14_E_CONFIG_TORQUE_RATE_LIMIT:
@@ -2878,16 +3381,24 @@ const char *iiwa14_impedance_error_text(int code)
         return "loss_limit: must lie between 1 and 1e+06";
     case IIWA14_E_CONFIG_STATE_PERIOD:
         return "state_period: must lie between 0 and 1";
+    case IIWA14_E_CONFIG_CALL_GAP_LIMIT:
+        return "call_gap_limit: must lie between 1 and 1000";
     case IIWA14_E_CONFIG_POSITION_QUANTUM:
         return "position_quantum: must lie between 0 and 0.1";
     case IIWA14_E_CONFIG_VELOCITY_NOISE:
         return "velocity_noise: must lie between 0 and 100";
+    case IIWA14_E_CONFIG_VELOCITY_FILTER_TIME:
+        return "velocity_filter_time: must lie between 0 and 0.1";
     case IIWA14_E_CONFIG_FROZEN_WINDOW:
         return "frozen_window: must lie between 2 and 1e+06";
     case IIWA14_E_CONFIG_OVERSPEED_TIME:
         return "overspeed_time: must lie between 0 and 10";
     case IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME:
         return "automatic_reset_time: must lie between 0 and 10000";
+    case IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME:
+        return "communication_reset_time: must lie between 0 and 10000";
+    case IIWA14_E_CONFIG_COMMUNICATION_REACTION:
+        return "communication_reaction: must be release or hold";
     case IIWA14_E_CONFIG_TANK_INITIAL:
         return "tank_initial: must lie between 0 and 10000";
     case IIWA14_E_CONFIG_TANK_MAXIMUM:

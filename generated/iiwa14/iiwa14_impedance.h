@@ -43,6 +43,7 @@ enum {
     IIWA14_E_PAPER_TIPS = -7,
     IIWA14_E_STATE_PERIOD = -8,
     IIWA14_E_BOUNDED_SPRING = -9,
+    IIWA14_E_STIFFNESS = -10,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
     IIWA14_E_CONFIG_LAW = -22,
@@ -53,45 +54,53 @@ enum {
     IIWA14_E_CONFIG_SPRING = -27,
     IIWA14_E_CONFIG_SPRING_FORCE_LIMIT = -28,
     IIWA14_E_CONFIG_SPRING_MOMENT_LIMIT = -29,
-    IIWA14_E_CONFIG_STIFFNESS_TIME = -30,
-    IIWA14_E_CONFIG_DAMPING_DESIGN = -31,
-    IIWA14_E_CONFIG_DAMPING_RATIO = -32,
-    IIWA14_E_CONFIG_TASK_DAMPING = -33,
-    IIWA14_E_CONFIG_JOINT_DAMPING = -34,
-    IIWA14_E_CONFIG_MOTOR_INERTIA = -35,
-    IIWA14_E_CONFIG_LOWER_LIMIT = -36,
-    IIWA14_E_CONFIG_UPPER_LIMIT = -37,
-    IIWA14_E_CONFIG_POSITION_TOLERANCE = -38,
-    IIWA14_E_CONFIG_LIMIT_ZONE = -39,
-    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -40,
-    IIWA14_E_CONFIG_VELOCITY_LIMIT = -41,
-    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -42,
-    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -43,
-    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -44,
-    IIWA14_E_CONFIG_RAMP_TIME = -45,
-    IIWA14_E_CONFIG_ENERGY_LIMIT = -46,
-    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -47,
-    IIWA14_E_CONFIG_EFFORT_LIMIT = -48,
-    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -49,
-    IIWA14_E_CONFIG_FORCE_LIMIT = -50,
-    IIWA14_E_CONFIG_MOMENT_LIMIT = -51,
-    IIWA14_E_CONFIG_MISSED_LIMIT = -52,
-    IIWA14_E_CONFIG_LOSS_LIMIT = -53,
-    IIWA14_E_CONFIG_STATE_PERIOD = -54,
-    IIWA14_E_CONFIG_POSITION_QUANTUM = -55,
-    IIWA14_E_CONFIG_VELOCITY_NOISE = -56,
-    IIWA14_E_CONFIG_FROZEN_WINDOW = -57,
-    IIWA14_E_CONFIG_OVERSPEED_TIME = -58,
-    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -59,
-    IIWA14_E_CONFIG_TANK_INITIAL = -60,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -61
+    IIWA14_E_CONFIG_STIFFNESS_CAP = -30,
+    IIWA14_E_CONFIG_STIFFNESS_TIME = -31,
+    IIWA14_E_CONFIG_DAMPING_DESIGN = -32,
+    IIWA14_E_CONFIG_DAMPING_RATIO = -33,
+    IIWA14_E_CONFIG_TASK_DAMPING = -34,
+    IIWA14_E_CONFIG_JOINT_DAMPING = -35,
+    IIWA14_E_CONFIG_MOTOR_INERTIA = -36,
+    IIWA14_E_CONFIG_LOWER_LIMIT = -37,
+    IIWA14_E_CONFIG_UPPER_LIMIT = -38,
+    IIWA14_E_CONFIG_POSITION_TOLERANCE = -39,
+    IIWA14_E_CONFIG_LIMIT_ZONE = -40,
+    IIWA14_E_CONFIG_LIMIT_STIFFNESS = -41,
+    IIWA14_E_CONFIG_VELOCITY_LIMIT = -42,
+    IIWA14_E_CONFIG_REFERENCE_VELOCITY_LIMIT = -43,
+    IIWA14_E_CONFIG_TIP_VELOCITY_LIMIT = -44,
+    IIWA14_E_CONFIG_TIP_ROTATION_LIMIT = -45,
+    IIWA14_E_CONFIG_RAMP_TIME = -46,
+    IIWA14_E_CONFIG_HEAVIEST_WRENCH = -47,
+    IIWA14_E_CONFIG_ENERGY_LIMIT = -48,
+    IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -49,
+    IIWA14_E_CONFIG_EFFORT_LIMIT = -50,
+    IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -51,
+    IIWA14_E_CONFIG_FORCE_LIMIT = -52,
+    IIWA14_E_CONFIG_MOMENT_LIMIT = -53,
+    IIWA14_E_CONFIG_MISSED_LIMIT = -54,
+    IIWA14_E_CONFIG_LOSS_LIMIT = -55,
+    IIWA14_E_CONFIG_STATE_PERIOD = -56,
+    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -57,
+    IIWA14_E_CONFIG_POSITION_QUANTUM = -58,
+    IIWA14_E_CONFIG_VELOCITY_NOISE = -59,
+    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -60,
+    IIWA14_E_CONFIG_FROZEN_WINDOW = -61,
+    IIWA14_E_CONFIG_OVERSPEED_TIME = -62,
+    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -63,
+    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -64,
+    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -65,
+    IIWA14_E_CONFIG_TANK_INITIAL = -66,
+    IIWA14_E_CONFIG_TANK_MAXIMUM = -67
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
 enum { IIWA14_LAW_POTENTIAL = 1, IIWA14_LAW_PAPER };
 enum { IIWA14_STIFFNESS_FORMULA_CORRECTED = 1, IIWA14_STIFFNESS_FORMULA_CONVENTIONAL };
 enum { IIWA14_SPRING_TRACE = 1, IIWA14_SPRING_BOUNDED };
+enum { IIWA14_STIFFNESS_CAP_REFUSE = 1, IIWA14_STIFFNESS_CAP_ACCEPT };
 enum { IIWA14_DAMPING_DESIGN_MODAL = 1, IIWA14_DAMPING_DESIGN_TASK };
+enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD };
 enum { IIWA14_COMMAND_POSITION = 1, IIWA14_COMMAND_EQUILIBRIUM };
 
 /* Status bits. */
@@ -111,13 +120,14 @@ enum {
     IIWA14_STATUS_SATURATED = 1 << 12, /* the torque would exceed its effort limit: the scale falls, or the torque was cut */
     IIWA14_STATUS_RATE_LIMITED = 1 << 13, /* a torque was cut to its rate limit */
     IIWA14_STATUS_DAMPING_CAPPED = 1 << 14, /* the damping is capped: M^-1 B T would be too large for the sample time */
-    IIWA14_STATUS_STIFFNESS_CAPPED = 1 << 15, /* the scale is lowered: M^-1 K T^2 would be too large for the sample time */
+    IIWA14_STATUS_STIFFNESS_CAPPED = 1 << 15, /* springs are softened: M^-1 K T^2 would be too large for the sample time (stiffness_share) */
     IIWA14_STATUS_INDEFINITE = 1 << 16, /* the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable */
     IIWA14_STATUS_MASS_MATRIX = 1 << 17, /* the mass matrix is not positive definite: damping is joint_damping only */
     IIWA14_STATUS_LIMITS_KEPT = 1 << 18, /* a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay */
     IIWA14_STATUS_CONFIG = 1 << 19, /* the configuration is refused or the state is not initialised; the return value says why */
     IIWA14_STATUS_REPEATED = 1 << 20, /* the sample repeats the last state, as state_period allows: the torque is held */
-    IIWA14_STATUS_OVERSPEED = 1 << 21 /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
+    IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
+    IIWA14_STATUS_OFFSET_LIMITED = 1 << 22 /* torque_offset is held back by the effort or the rate limit */
 };
 
 /* Modes of a step. */
@@ -125,7 +135,8 @@ enum {
     IIWA14_MODE_START = 1, /* no sample with a command seen yet */
     IIWA14_MODE_ACTIVE = 2, /* the arm is under control */
     IIWA14_MODE_RELEASE = 3, /* a fault is latched: the elastic energy is scaled to zero */
-    IIWA14_MODE_FOLLOW = 4 /* a fault is latched: damping and limit avoidance, the equilibrium follows the arm */
+    IIWA14_MODE_FOLLOW = 4, /* a fault is latched: damping and limit avoidance, the equilibrium follows the arm */
+    IIWA14_MODE_HOLD = 5 /* a communication fault is latched: the springs hold the arm, the equilibrium stands still */
 };
 
 /* Classes of faults. */
@@ -135,7 +146,7 @@ enum {
     IIWA14_FAULT_COMMUNICATION = 2, /* samples or calls are missing */
     IIWA14_FAULT_LIMIT = 3, /* the arm is beyond a limit */
     IIWA14_FAULT_ENERGY = 4, /* tank and stored energy do not cover the torque */
-    IIWA14_FAULT_CONFIGURATION = 5 /* configuration, law, tool or state changed in a way that needs a reset */
+    IIWA14_FAULT_CONFIGURATION = 5 /* configuration, law or state changed in a way that needs a reset */
 };
 
 /* Reasons for faults: [class], meaning, (fields to look at). */
@@ -154,7 +165,7 @@ enum {
     IIWA14_REASON_PAPER_BOUND = 11, /* [limit] paper's law: load or deflection beyond the bound where the law is a spring (law) */
     IIWA14_REASON_RESERVE = 12, /* [energy] the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit) */
     IIWA14_REASON_CONFIG = 13, /* [configuration] the configuration was refused (the return value names the field) */
-    IIWA14_REASON_CHANGED = 14, /* [configuration] law, spring or tool pose changed while engaged (law, spring, tool_pose) */
+    IIWA14_REASON_CHANGED = 14, /* [configuration] law or spring changed while engaged (law, spring) */
     IIWA14_REASON_STATE = 15 /* [configuration] the state's checksum is wrong: its memory was overwritten */
 };
 
@@ -186,7 +197,11 @@ typedef struct {
     double spring_force_limit;
     /* [N m] largest moment of each bounded spring. Must lie between 0.001 and 100000. Default: 10.0. */
     double spring_moment_limit;
-    /* [s] time constant of a change of stiffness. Must lie between 0.0001 and 100. Default: 0.05. */
+    /* what init does if the sample time allows less than half of the stiffness limits in some posture: refuse
+     * the configuration, or accept it; the springs are then softened where they must be (output
+     * stiffness_share). Must be refuse or accept. Default: refuse. */
+    int stiffness_cap;
+    /* [s] time constant of a change of stiffness. Must lie between 0.0001 and 100. Default: 0.002. */
     double stiffness_time;
     /* design of the damping: modal (tangent and mass matrix diagonalised together) or task (J^T task_damping
      * J); joint_damping I is added to both. Must be modal or task. Default: modal. */
@@ -200,7 +215,7 @@ typedef struct {
     /* [N m s/rad] damping d of every joint, added as d I. Must lie between 0 and 10000. Default: 0.1. */
     double joint_damping;
     /* [kg m^2] inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are
-     * damped wrongly. Every entry must lie between 0 and 10000. Default: 0.0. */
+     * damped wrongly. Every entry must lie between 0 and 10000. Default: motor_inertia[i]. */
     double motor_inertia[7];
     /* [rad or m] lower limit of the position; may be -infinity. Must be a number, or infinite. Default:
      * lower[i]. */
@@ -222,25 +237,30 @@ typedef struct {
      * must lie between 1e-06 and 1000. Default: velocity[i]. */
     double velocity_limit[7];
     /* [rad/s or m/s] velocity limit of the equilibrium, which uses 0.8 of it; from 0.9 of it on the arm's joint
-     * is braked. Every entry must lie between 1e-06 and 1000. Default: 0.5 * velocity[i]. */
+     * is braked. Every entry must lie between 1e-06 and 1000. Default: 0.9 * velocity[i]. */
     double reference_velocity_limit[7];
-    /* [m/s] velocity limit of the equilibrium's translation. Must lie between 1e-06 and 100. Default: 0.5. */
+    /* [m/s] velocity limit of the equilibrium's translation. Must lie between 1e-06 and 100. Default: 1.0. */
     double tip_velocity_limit;
-    /* [rad/s] velocity limit of the equilibrium's rotation. Must lie between 1e-06 and 100. Default: 1.5. */
+    /* [rad/s] velocity limit of the equilibrium's rotation. Must lie between 1e-06 and 100. Default: 2.5. */
     double tip_rotation_limit;
     /* [s] time in which the equilibrium reaches its largest velocity. Must lie between 0.0001 and 100. Default:
-     * 0.2. */
+     * 0.05. */
     double ramp_time;
-    /* [J] largest elastic energy that a move of the equilibrium may store. Must lie between 1e-06 and 10000.
-     * Default: 5.0. */
+    /* [N, N m] heaviest force and moment that the springs are to exert at a tip; energy_limit, engagement_limit
+     * and the tank follow from it where they are 0. Every entry must lie between 0.001 and 100000. Default:
+     * 100.0, 20.0. */
+    double heaviest_wrench[2];
+    /* [J] largest elastic energy that a move of the equilibrium may store; 0: the energy at which the springs
+     * exert heaviest_wrench. Must lie between 0 and 10000. Default: 0.0. */
     double energy_limit;
     /* [J] work that moves of the equilibrium may cost after a start or a reset, and per second of a command's
-     * travel at the governor's velocity limits. Must lie between 1e-06 and 100000. Default: 20.0. */
+     * travel at the governor's velocity limits; 0: work against heaviest_wrench in a second at the tip's
+     * velocity limits. Must lie between 0 and 100000. Default: 0.0. */
     double engagement_limit;
     /* [N m or N] largest torque. Every entry must lie between 1e-06 and 100000. Default: effort[i]. */
     double effort_limit[7];
     /* [N m/s or N/s] largest change of the torque per second. Every entry must lie between 1e-06 and 1e+08.
-     * Default: 10.0 * effort[i]. */
+     * Default: torque_rate[i]. */
     double torque_rate_limit[7];
     /* [N] largest measured force (norm) that is believed. Must lie between 0.001 and 1e+06. Default: 500.0. */
     double force_limit;
@@ -257,6 +277,10 @@ typedef struct {
      * new sample, and none that is missing; at most missed_limit sample times; 0: each sample is new. Must lie
      * between 0 and 1. Default: 0.0. */
     double state_period;
+    /* [samples] most sample times from one call to the next, with a sample or without; 1 if no call is ever
+     * left out, which lets the tank cover larger torques; no larger than missed_limit counts. Must lie between
+     * 1 and 1000. Default: 3. */
+    int call_gap_limit;
     /* [rad or m] resolution of the positions that velocities are computed from; the damping then uses the mean
      * velocity of as many samples (up to 8) as the torque's rate limit needs. Must lie between 0 and 0.1.
      * Default: 0.0. */
@@ -264,6 +288,9 @@ typedef struct {
     /* [rad/s or m/s] standard deviation or resolution of dq, the larger one; what the checks of samples and
      * speed allow for. Must lie between 0 and 100. Default: 0.0. */
     double velocity_noise;
+    /* [s] time constant of a low pass on the velocity that the damping uses, for noisy velocities; the damping
+     * is designed for its delay. Must lie between 0 and 0.1. Default: 0.0. */
+    double velocity_filter_time;
     /* [samples] number of samples for which a value may stand still while the other signal moves, before it is
      * judged. Must lie between 2 and 1e+06. Default: 20. */
     int frozen_window;
@@ -273,11 +300,18 @@ typedef struct {
     /* [s] time of good samples after which a fault resets itself; 0: never. Must lie between 0 and 10000.
      * Default: 0.0. */
     double automatic_reset_time;
+    /* [s] time of good samples after which a communication fault resets itself; 0: as automatic_reset_time.
+     * Must lie between 0 and 10000. Default: 0.0. */
+    double communication_reset_time;
+    /* reaction to a communication fault, once samples are back: release the springs, or hold: the springs keep
+     * the arm where the equilibrium stands until the reset. Must be release or hold. Default: release. */
+    int communication_reaction;
     /* [J] tank energy at the start; with the stored energy it covers the torques, so it bounds what the arm can
-     * hold (status RESERVE; table in docs/controller.md). Must lie between 0 and 10000. Default: 10.0. */
+     * hold (status RESERVE; table in docs/controller.md); 0: what heaviest_wrench needs, computed by init. Must
+     * lie between 0 and 10000. Default: 0.0. */
     double tank_initial;
-    /* [J] tank energy above which income goes to the engagement or is lost, unless the reserve is larger. Must
-     * lie between 0 and 10000. Default: 10.0. */
+    /* [J] tank energy above which income goes to the engagement or is lost, unless the reserve is larger; 0: as
+     * tank_initial. Must lie between 0 and 10000. Default: 0.0. */
     double tank_maximum;
 } iiwa14_impedance_config;
 
@@ -300,6 +334,9 @@ typedef struct {
     double q0[7];
     /* [m] (4 x 4) pose [R p; 0 1] of the tip where its spring is to be at rest; command equilibrium only. */
     double equilibrium[16];
+    /* [N m or N] torque that the caller adds (gravity, Coriolis, feed-forward), inside the effort and rate
+     * limits; its work is the caller's, outside the energy account. */
+    double torque_offset[7];
     /* [N/m] (3 x 3) wanted stiffness Kt, in the axes of the spring kernels (default: base); symmetric, positive
      * semidefinite. */
     double translation_stiffness[9];
@@ -315,7 +352,7 @@ typedef struct {
 
 /* Result of a step, complete enough to draw a log from it. */
 typedef struct {
-    /* [N m or N] command without gravity: elastic + damping + limit torque, within all limits. */
+    /* [N m or N] command: elastic + damping + limit torque, and the caller's torque_offset, within all limits. */
     double torque[7];
     /* bits IIWA14_STATUS_.... */
     uint32_t status;
@@ -351,16 +388,21 @@ typedef struct {
     double reference_velocity[7];
     /* [m] (4 x 4) pose where the spring is at rest now. */
     double equilibrium[16];
-    /* [N/m] (3 x 3) stiffness Kt in force, before the scale. */
+    /* [N/m] (3 x 3) stiffness Kt in force, with its caps, before the scale. */
     double translation_stiffness[9];
-    /* [N m/rad] (3 x 3) stiffness Ko in force, before the scale. */
+    /* [N m/rad] (3 x 3) stiffness Ko in force, with its caps, before the scale. */
     double rotation_stiffness[9];
+    /* [1] share of the wanted stiffness that is in force, in the direction of the smallest share: caps and
+     * scale. */
+    double stiffness_share;
     /* [1] scale l of the elastic energy: 1 in normal operation, 0 after a fault. */
     double scale;
     /* [N m or N] torque of the springs, -l dU/dq; paper: l Kq (r - q). */
     double elastic_torque[7];
     /* [N m or N] B (dr - velocity), and the brake of joints beyond 0.9 of reference_velocity_limit. */
     double damping_torque[7];
+    /* [N m or N] torque_offset in force. */
+    double offset_torque[7];
     /* [N m or N] torque of the joint limit avoidance. */
     double limit_torque[7];
     /* [N, N m] wrench l dU that the environment applies at rest, hybrid axes. */
@@ -385,6 +427,15 @@ typedef struct {
     double tank_reserve;
     /* [J] work left for moves of the equilibrium. */
     double engagement;
+    /* [J] tank_initial in force. */
+    double tank_initial;
+    /* [J] engagement_limit in force. */
+    double engagement_limit;
+    /* [J] energy_limit in force, at the present stiffness and deflection. */
+    double energy_limit;
+    /* [N] force that effort limits, tank and stored energy cover at the tip now, in the direction of the least
+     * force. */
+    double force_available;
     /* [J] work put out at the robot's port, the sum of torque . change of q. */
     double port_total;
     /* [J] energy s put in by holding and cutting the torque; damping counts against it. */
@@ -409,6 +460,8 @@ typedef struct {
     double velocity_limit[7];
     double avoidance[28];
     double inertia[7];
+    double offset[7];
+    double filtered[7];
     double recent[56];
     double q[7];
     double dq[7];
@@ -440,6 +493,10 @@ typedef struct {
     double gap_base;
     double travel;
     double sample_time;
+    double stiffness_share;
+    double sized_tank;
+    double load;
+    double load_energy;
     double port_total;
     double sampling_total;
     double reference_total;
@@ -475,6 +532,8 @@ typedef struct {
     int32_t state_age;
     int32_t fast;
     int32_t fault_joint;
+    int32_t call_gap;
+    int32_t capped;
     int32_t by_pose;
 } iiwa14_impedance_memory;
 
@@ -486,7 +545,13 @@ typedef struct {
     double scratch[147];
 } iiwa14_impedance_state;
 
-/* Set every field to its default, with the limits of the URDF. */
+/*
+ * Set every field to its default, with the limits of the URDF.
+ * motor_inertia = 1.079, 1.079, 0.5042, 0.6723, 0.2424, 0.08488, 0.08488
+ *   (estimate: 0.005 s effort / velocity, the maker's is unknown)
+ * torque_rate = 3200.0, 3200.0, 1760.0, 1760.0, 1100.0, 400.0, 400.0
+ *   (estimate: effort / 0.1 s, the maker's is unknown)
+ */
 void iiwa14_impedance_default_config(iiwa14_impedance_config *config);
 
 /* Check a configuration. Return IIWA14_OK, or the code of the first invalid field. */

@@ -46,6 +46,7 @@ LIVE = 20
 CLIMBED = (
     "damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit",
     "torque_rate_limit", "limit_zone", "limit_stiffness", "delay_samples", "missed_limit",
+    "call_gap_limit",
 )  # fmt: skip
 """Fields of the configuration that a climb changes; tank and engagement limit stay."""
 
@@ -169,6 +170,9 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "ramp_time": float(10 ** random.uniform(-3, -0.5)),
             "position_quantum": 1e-4 if sensors else 0.0,
             "missed_limit": int(random.integers(1, 7)),
+            "call_gap_limit": int(random.integers(1, 7)),
+            "communication_reaction": int(random.integers(1, 3)),
+            "communication_reset_time": float(random.choice([0.0, 0.05])),
             "torque_rate_limit": 10 * loop.effort * 10 ** random.uniform(-1.5, 1.5),
             "limit_zone": float(10 ** random.uniform(-2, -0.1)),
             "limit_stiffness": loop.effort * 10 ** random.uniform(-1.5, 1),
@@ -347,7 +351,7 @@ def _change_config(random: Random, new: Schedule) -> None:
     name = CLIMBED[random.integers(len(CLIMBED))]
     if name == "delay_samples":
         new.config[name] = new.episode["delay"] = int(random.integers(0, 3))
-    elif name == "missed_limit":
+    elif name in ("missed_limit", "call_gap_limit"):
         new.config[name] = int(random.integers(1, 7))
     else:
         new.config[name] = new.config[name] * float(np.exp(random.normal() * 0.5))
@@ -366,8 +370,9 @@ def _shake(random: Random, one: dict[str, Any]) -> None:
 
 
 def measure(loop: Loop, chosen: Schedule) -> Measured:
-    """Run a schedule. Calls come at least every missed_limit sample times, and the arm keeps its velocity limits."""
-    parts = [{**one, "skip": min(one.get("skip", 0), chosen.config.get("missed_limit", 3) - 1)} for one in chosen.parts]
+    """Run a schedule. Calls come as often as call_gap_limit and missed_limit say; the arm keeps its velocity limits."""
+    most = min(chosen.config.get(name, 3) for name in ("missed_limit", "call_gap_limit")) - 1
+    parts = [{**one, "skip": min(one.get("skip", 0), most)} for one in chosen.parts]
     constant = not any("wanted" in one for one in parts[1:]) and not any(
         np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate")
     )

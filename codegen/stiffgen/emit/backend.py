@@ -131,7 +131,9 @@ class Request:
         """Tables of the impedance controller; None without one."""
         if not self.has_controller:
             return None
-        return controller_page(self.name, self.chain, self.scalar, bounded="bounded" in self.springs.kinds)
+        return controller_page(
+            self.name, self.chain, self.scalar, self.springs.placement, bounded="bounded" in self.springs.kinds
+        )
 
     @cached_property
     def banner(self) -> str:

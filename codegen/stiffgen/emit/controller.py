@@ -21,13 +21,18 @@ from stiffgen.emit.fields import (
     STATUS,
     Field,
 )
+from stiffgen.emit.presets import motor_tables
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.springs import Placement
 
 RUNTIME = Path(__file__).parent.parent / "runtime"
 """Folder of the C library that every NAME_impedance.c contains."""
 INTERFACE = "impedance.h"
-_PARTS = ("matrix", "state", "energy", "sample", "damping", "governor", "stiffness", "torque", "text", "step")
+_PARTS = (
+    "matrix", "energy", "strength", "cap", "state", "sample", "damping", "governor", "change", "stiffness", "torque",
+    "text", "step",
+)  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
 CONTROLLER_KERNELS = (
@@ -104,6 +109,9 @@ class ControllerPage:
         remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
         choice_fields: name and words of the fields that are choices.
         defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
+        motors: tables of the motors, per coordinate: name, source and C initialiser.
+        axes: axes of the translational and of the rotational stiffness.
+        centre: centre of stiffness in the tip's frame, as a C initialiser.
 
     """
 
@@ -126,9 +134,14 @@ class ControllerPage:
     choice_fields: list[tuple[str, tuple[str, ...]]]
     defaults: list[str]
     joint_defaults: list[str]
+    motors: list[tuple[str, str, str]]
+    axes: tuple[str, str]
+    centre: str
 
 
-def controller_page(name: str, chain: Chain, scalar: Scalar, *, bounded: bool) -> ControllerPage | None:
+def controller_page(
+    name: str, chain: Chain, scalar: Scalar, placement: Placement, *, bounded: bool
+) -> ControllerPage | None:
     """Return the template variables of a robot's controller; None without one."""
     if not has_controller(chain, scalar):
         return None
@@ -151,8 +164,11 @@ def controller_page(name: str, chain: Chain, scalar: Scalar, *, bounded: bool) -
         structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
         remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
-        defaults=[f"config->{f.name} = {_default(f, prefix)};" for f in CONFIG if not f.shape],
+        defaults=[line for f in CONFIG for line in _defaults(f, prefix)],
         joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)],
+        motors=_motors(chain),
+        axes=(placement.translation_axes or "base", placement.rotation_axes),
+        centre=", ".join(map(repr, placement.centre)),
     )
 
 
@@ -177,8 +193,24 @@ def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Fi
     return Struct(name, summary, members)
 
 
-def _default(field: Field, prefix: str) -> str:
-    return f"{prefix}_{field.name.upper()}_{field.default.upper()}" if field.choices else field.default
+def _defaults(field: Field, prefix: str) -> list[str]:
+    """Return the C statements that set a number or a short array; nothing for an array over joints or of zeros."""
+    if field.choices:
+        return [f"config->{field.name} = {prefix}_{field.name.upper()}_{field.default.upper()};"]
+    if not field.shape:
+        return [f"config->{field.name} = {field.default};"]
+    entries = field.default.split(", ") if len(field.shape) == 1 and field.shape != ("n",) else []
+    return [f"config->{field.name}[{k}] = {entry};" for k, entry in enumerate(entries)]
+
+
+def _motors(chain: Chain) -> list[tuple[str, str, str]]:
+    """Return name, source and C initialiser of the tables of motors."""
+    motors = motor_tables(chain)
+    rows = (
+        ("motor_inertia", motors.inertia_source, motors.motor_inertia),
+        ("torque_rate", motors.rate_source, motors.torque_rate),
+    )
+    return [(name, source, ", ".join(map(_bound, values))) for name, source, values in rows]
 
 
 def _errors(name: str) -> list[tuple[str, int, str]]:

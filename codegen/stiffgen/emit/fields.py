@@ -100,7 +100,14 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field("spring_force_limit", _SCALAR, "N", "largest force of each bounded spring", "40.0", 1e-3, 1e6),
     Field("spring_moment_limit", _SCALAR, "N m", "largest moment of each bounded spring", "10.0", 1e-3, 1e5),
-    Field("stiffness_time", _SCALAR, "s", "time constant of a change of stiffness", "0.05", 1e-4, 100.0),
+    _choice(
+        "stiffness_cap",
+        "what init does if the sample time allows less than half of the stiffness limits in some posture: refuse the "
+        "configuration, or accept it; the springs are then softened where they must be (output stiffness_share)",
+        ("refuse", "accept"),
+        "refuse",
+    ),
+    Field("stiffness_time", _SCALAR, "s", "time constant of a change of stiffness", "0.002", 1e-4, 100.0),
     _choice(
         "damping_design",
         "design of the damping: modal (tangent and mass matrix diagonalised together) or task (J^T task_damping J); "
@@ -124,7 +131,7 @@ CONFIG: tuple[Field, ...] = (
         _N,
         "kg m^2",
         "inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are damped wrongly",
-        "0.0",
+        "{name}_motor_inertia[i]",
         0.0,
         1e4,
     ),
@@ -188,20 +195,31 @@ CONFIG: tuple[Field, ...] = (
         _N,
         "rad/s or m/s",
         "velocity limit of the equilibrium, which uses 0.8 of it; from 0.9 of it on the arm's joint is braked",
-        "0.5 * {name}_velocity[i]",
+        "0.9 * {name}_velocity[i]",
         1e-6,
         1e3,
     ),
-    Field("tip_velocity_limit", _SCALAR, "m/s", "velocity limit of the equilibrium's translation", "0.5", 1e-6, 100.0),
-    Field("tip_rotation_limit", _SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "1.5", 1e-6, 100.0),
-    Field("ramp_time", _SCALAR, "s", "time in which the equilibrium reaches its largest velocity", "0.2", 1e-4, 100.0),
+    Field("tip_velocity_limit", _SCALAR, "m/s", "velocity limit of the equilibrium's translation", "1.0", 1e-6, 100.0),
+    Field("tip_rotation_limit", _SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "2.5", 1e-6, 100.0),
+    Field("ramp_time", _SCALAR, "s", "time in which the equilibrium reaches its largest velocity", "0.05", 1e-4, 100.0),
+    Field(
+        "heaviest_wrench",
+        (2,),
+        "N, N m",
+        "heaviest force and moment that the springs are to exert at a tip; energy_limit, engagement_limit and the tank "
+        "follow from it where they are 0",
+        "100.0, 20.0",
+        1e-3,
+        1e5,
+    ),
     Field(
         "energy_limit",
         _SCALAR,
         "J",
-        "largest elastic energy that a move of the equilibrium may store",
-        "5.0",
-        1e-6,
+        "largest elastic energy that a move of the equilibrium may store; 0: the energy at which the springs exert "
+        "heaviest_wrench",
+        "0.0",
+        0.0,
         1e4,
     ),
     Field(
@@ -209,9 +227,9 @@ CONFIG: tuple[Field, ...] = (
         _SCALAR,
         "J",
         "work that moves of the equilibrium may cost after a start or a reset, and per second of a command's travel at "
-        "the governor's velocity limits",
-        "20.0",
-        1e-6,
+        "the governor's velocity limits; 0: work against heaviest_wrench in a second at the tip's velocity limits",
+        "0.0",
+        0.0,
         1e5,
     ),
     Field("effort_limit", _N, "N m or N", "largest torque", "{name}_effort[i]", 1e-6, 1e5),
@@ -220,7 +238,7 @@ CONFIG: tuple[Field, ...] = (
         _N,
         "N m/s or N/s",
         "largest change of the torque per second",
-        "10.0 * {name}_effort[i]",
+        "{name}_torque_rate[i]",
         1e-6,
         1e8,
     ),
@@ -259,6 +277,17 @@ CONFIG: tuple[Field, ...] = (
         1.0,
     ),
     Field(
+        "call_gap_limit",
+        _SCALAR,
+        "samples",
+        "most sample times from one call to the next, with a sample or without; 1 if no call is ever left out, which "
+        "lets the tank cover larger torques; no larger than missed_limit counts",
+        "3",
+        1,
+        1000,
+        "int",
+    ),
+    Field(
         "position_quantum",
         _SCALAR,
         "rad or m",
@@ -276,6 +305,16 @@ CONFIG: tuple[Field, ...] = (
         "0.0",
         0.0,
         100.0,
+    ),
+    Field(
+        "velocity_filter_time",
+        _SCALAR,
+        "s",
+        "time constant of a low pass on the velocity that the damping uses, for noisy velocities; the damping is "
+        "designed for its delay",
+        "0.0",
+        0.0,
+        0.1,
     ),
     Field(
         "frozen_window",
@@ -306,12 +345,28 @@ CONFIG: tuple[Field, ...] = (
         1e4,
     ),
     Field(
+        "communication_reset_time",
+        _SCALAR,
+        "s",
+        "time of good samples after which a communication fault resets itself; 0: as automatic_reset_time",
+        "0.0",
+        0.0,
+        1e4,
+    ),
+    _choice(
+        "communication_reaction",
+        "reaction to a communication fault, once samples are back: release the springs, or hold: the springs keep the "
+        "arm where the equilibrium stands until the reset",
+        ("release", "hold"),
+        "release",
+    ),
+    Field(
         "tank_initial",
         _SCALAR,
         "J",
         "tank energy at the start; with the stored energy it covers the torques, so it bounds what the arm can hold "
-        "(status RESERVE; table in docs/controller.md)",
-        "10.0",
+        "(status RESERVE; table in docs/controller.md); 0: what heaviest_wrench needs, computed by init",
+        "0.0",
         0.0,
         1e4,
     ),
@@ -319,8 +374,9 @@ CONFIG: tuple[Field, ...] = (
         "tank_maximum",
         _SCALAR,
         "J",
-        "tank energy above which income goes to the engagement or is lost, unless the reserve is larger",
-        "10.0",
+        "tank energy above which income goes to the engagement or is lost, unless the reserve is larger; 0: as "
+        "tank_initial",
+        "0.0",
         0.0,
         1e4,
     ),
@@ -366,7 +422,20 @@ INPUT: tuple[Field, ...] = (
         "m",
         "pose [R p; 0 1] of the tip where its spring is to be at rest; command equilibrium only",
     ),
-    Field("tool_pose", _POSE, "m", "pose of the tool in the tip's frame; constant while engaged", when="tool"),
+    Field(
+        "torque_offset",
+        _N,
+        "N m or N",
+        "torque that the caller adds (gravity, Coriolis, feed-forward), inside the effort and rate limits; its work is "
+        "the caller's, outside the energy account",
+    ),
+    Field(
+        "tool_pose",
+        _POSE,
+        "m",
+        "pose of the tool in the tip's frame; a change takes the equilibrium along, as far as the engagement pays",
+        when="tool",
+    ),
     Field(
         "translation_stiffness",
         _SPRING,
@@ -396,7 +465,12 @@ INPUT: tuple[Field, ...] = (
 )
 
 OUTPUT: tuple[Field, ...] = (
-    Field("torque", _N, "N m or N", "command without gravity: elastic + damping + limit torque, within all limits"),
+    Field(
+        "torque",
+        _N,
+        "N m or N",
+        "command: elastic + damping + limit torque, and the caller's torque_offset, within all limits",
+    ),
     Field("status", _SCALAR, "", "bits NAME_STATUS_...", type="uint32_t"),
     Field("mode", _SCALAR, "", "mode of the step, NAME_MODE_...", type="int"),
     Field("fault", _SCALAR, "", "class of the latched fault, NAME_FAULT_...", type="int", memory="="),
@@ -427,8 +501,18 @@ OUTPUT: tuple[Field, ...] = (
     Field("reference", _N, "rad or m", "posture r that the springs pull to", memory="posture"),
     Field("reference_velocity", _N, "rad/s or m/s", "velocity dr of the reference; the damping acts on dr - velocity"),
     Field("equilibrium", _POSE, "m", "pose where the spring is at rest now", memory="="),
-    Field("translation_stiffness", _SPRING, "N/m", "stiffness Kt in force, before the scale", memory="="),
-    Field("rotation_stiffness", _SPRING, "N m/rad", "stiffness Ko in force, before the scale", memory="="),
+    Field(
+        "translation_stiffness", _SPRING, "N/m", "stiffness Kt in force, with its caps, before the scale", memory="="
+    ),
+    Field(
+        "rotation_stiffness", _SPRING, "N m/rad", "stiffness Ko in force, with its caps, before the scale", memory="="
+    ),
+    Field(
+        "stiffness_share",
+        _SCALAR,
+        "1",
+        "share of the wanted stiffness that is in force, in the direction of the smallest share: caps and scale",
+    ),
     Field(
         "scale",
         _SCALAR,
@@ -443,6 +527,7 @@ OUTPUT: tuple[Field, ...] = (
         "N m or N",
         "B (dr - velocity), and the brake of joints beyond 0.9 of reference_velocity_limit",
     ),
+    Field("offset_torque", _N, "N m or N", "torque_offset in force"),
     Field("limit_torque", _N, "N m or N", "torque of the joint limit avoidance"),
     Field("spring_wrench", _WRENCH, "N, N m", "wrench l dU that the environment applies at rest, hybrid axes"),
     Field("wrench", _WRENCH, "N, N m", "measured wrench that was believed; 0 without"),
@@ -463,6 +548,15 @@ OUTPUT: tuple[Field, ...] = (
         memory="reserve",
     ),
     Field("engagement", _SCALAR, "J", "work left for moves of the equilibrium", memory="="),
+    Field("tank_initial", _SCALAR, "J", "tank_initial in force"),
+    Field("engagement_limit", _SCALAR, "J", "engagement_limit in force"),
+    Field("energy_limit", _SCALAR, "J", "energy_limit in force, at the present stiffness and deflection"),
+    Field(
+        "force_available",
+        _SCALAR,
+        "N",
+        "force that effort limits, tank and stored energy cover at the tip now, in the direction of the least force",
+    ),
     Field("port_total", _SCALAR, "J", "work put out at the robot's port, the sum of torque . change of q", memory="="),
     Field(
         "sampling_total",
@@ -492,7 +586,7 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("saturated", "the torque would exceed its effort limit: the scale falls, or the torque was cut"),
     ("rate_limited", "a torque was cut to its rate limit"),
     ("damping_capped", "the damping is capped: M^-1 B T would be too large for the sample time"),
-    ("stiffness_capped", "the scale is lowered: M^-1 K T^2 would be too large for the sample time"),
+    ("stiffness_capped", "springs are softened: M^-1 K T^2 would be too large for the sample time (stiffness_share)"),
     (
         "indefinite",
         "the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable",
@@ -505,6 +599,7 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("config", "the configuration is refused or the state is not initialised; the return value says why"),
     ("repeated", "the sample repeats the last state, as state_period allows: the torque is held"),
     ("overspeed", "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"),
+    ("offset_limited", "torque_offset is held back by the effort or the rate limit"),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
 
@@ -513,6 +608,7 @@ MODES: tuple[tuple[str, str], ...] = (
     ("active", "the arm is under control"),
     ("release", "a fault is latched: the elastic energy is scaled to zero"),
     ("follow", "a fault is latched: damping and limit avoidance, the equilibrium follows the arm"),
+    ("hold", "a communication fault is latched: the springs hold the arm, the equilibrium stands still"),
 )
 """Modes of a step, NAME_MODE_<NAME>, with their meaning."""
 
@@ -522,7 +618,7 @@ FAULTS: tuple[tuple[str, str], ...] = (
     ("communication", "samples or calls are missing"),
     ("limit", "the arm is beyond a limit"),
     ("energy", "tank and stored energy do not cover the torque"),
-    ("configuration", "configuration, law, tool or state changed in a way that needs a reset"),
+    ("configuration", "configuration, law or state changed in a way that needs a reset"),
 )
 """Classes of faults, NAME_FAULT_<NAME>, from 0 on."""
 
@@ -565,7 +661,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
         "the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit)",
     ),
     ("config", "configuration", "the configuration was refused (the return value names the field)"),
-    ("changed", "configuration", "law, spring or tool pose changed while engaged (law, spring, tool_pose)"),
+    ("changed", "configuration", "law or spring changed while engaged (law, spring)"),
     ("state", "configuration", "the state's checksum is wrong: its memory was overwritten"),
 )
 """Reasons for faults, NAME_REASON_<NAME> from 0 on: class, meaning, and in brackets the fields to look at."""
@@ -594,5 +690,10 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ("paper_tips", "law: the paper's law needs a robot with one tip"),
     ("state_period", "state_period: must not be above missed_limit times sample_time"),
     ("bounded_spring", "spring: the folder has no bounded spring; generate it with --spring bounded"),
+    (
+        "stiffness",
+        "translation_stiffness_limit, rotation_stiffness_limit: sample_time, delay_samples and motor_inertia allow "
+        "less than half of this stiffness; lower the limits, correct motor_inertia, or set stiffness_cap to accept",
+    ),
 )
 """Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""

@@ -76,14 +76,15 @@ static void apply_task_damping(step_t *s)
 /*
  * Compute the damping b of each mode with stiffness lambda. b is 2 zeta sqrt(l), l = |lambda| (a mode with negative
  * stiffness, which falls, then falls slowly), where nothing is late. Held torque and delay act late by h = (delay +
- * 1/2) T: the stiffness takes l h of damping away, the damping b h of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b
- * h))) is solved for b.
+ * 1/2) T, the damping by the velocity filter's time more, g = h + filter: the stiffness takes l h of damping away, the
+ * damping b g of inertia, so zeta = (b - l h) / (2 sqrt(l (1 - b g))) is solved for b.
  */
 static void damp_modes(const config_t *c, const double *eigenvalues, double scale, double *b)
 {
     for (int k = 0; k < N; ++k) {
         const double l = fabs(eigenvalues[k]) * scale, late = (c->delay_samples + 0.5) * c->sample_time;
-        const double zeta = c->damping_ratio[k], p = l * late * (2.0 * zeta * zeta - 1.0);
+        const double zeta = c->damping_ratio[k], later = late + c->velocity_filter_time;
+        const double p = l * (2.0 * zeta * zeta * later - late);
         b[k] = fmax(sqrt(fmax(p * p + 4.0 * zeta * zeta * l - l * l * late * late, 0.0)) - p, l * late);
     }
 }
@@ -113,7 +114,7 @@ double design_damping(step_t *s, double *follow)
     double *const L = s->scratch, *const C = L + NN, *const rows = L + 2 * NN;
     double b[N], mass, scale = 1.0, largest_b = 0.0, d = c->joint_damping;
     const int paper = s->m->law == ID(LAW_PAPER), by_task = c->damping_design == ID(DAMPING_DESIGN_TASK);
-    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / T;
+    const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / (T + c->velocity_filter_time);
     /* only the symmetric part of the conventional formula has a say in the damping */
     if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
         return damp_joints_only(s, follow);
@@ -123,6 +124,7 @@ double design_damping(step_t *s, double *follow)
     if (stiffest * delayed > LARGEST_STIFFNESS && !paper) {
         scale = LARGEST_STIFFNESS / (stiffest * delayed);
         s->status |= ID(STATUS_STIFFNESS_CAPPED);
+        s->m->capped = 1;
     }
     const double trace = reduce_inertia(L, mass, s->brake);
     if (d * trace > 0.5 * most) {
@@ -160,11 +162,12 @@ double design_damping(step_t *s, double *follow)
 /*
  * Smooth the velocity that the damping uses. One quantum of position in a differenced velocity is a torque of B
  * quantum / T. Where that exceeds what the rate limit lets through, the damping would be lost; the velocity is then
- * the mean of the last few samples.
+ * the mean of the last few samples. The velocity filter comes behind, a low pass whose delay the design knows.
  */
 void smooth_velocity(step_t *s)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
+    const double T = s->c->sample_time, passed = T / (T + s->c->velocity_filter_time);
     double most = 1.0;
     for (int i = 0; s->c->position_quantum > 0.0 && i < N; ++i) {
         double torque = 0.0;
@@ -183,6 +186,11 @@ void smooth_velocity(step_t *s)
             }
             s->velocity[i] = sum / count;
         }
+    }
+    for (int i = 0; i < N; ++i) {
+        const double behind = m->recent_count > 1 ? (1.0 - passed) * (m->filtered[i] - s->velocity[i]) : 0.0;
+        s->velocity[i] += behind;
+        m->filtered[i] = s->velocity[i];
     }
 }
 

@@ -68,12 +68,12 @@ double evaluate_limits(step_t *s, const double *q)
 void pay_into_tank(step_t *s, double income)
 {
     memory_t *const m = s->m;
-    const double most = fmax(s->c->tank_maximum, m->reserve);
+    const double most = fmax(s->tank_maximum, m->reserve);
     const double lost = m->tank + income - most;
     m->tank += income;
     if (lost > 0.0) {
         m->tank = most;
-        m->engagement = fmin(m->engagement + lost, s->c->engagement_limit);
+        m->engagement = fmin(m->engagement + lost, s->engagement_limit);
     }
 }
 
@@ -130,6 +130,12 @@ double worst_feed_work(const memory_t *m, const double *feed, int intervals)
         sum += farthest_motion(m, i) * size;
     }
     return sum;
+}
+
+/* Return the most sample times from one call to the next; a longer gap than missed_limit is a fault anyway. */
+int limit_call_gap(const config_t *c, int missed)
+{
+    return c->call_gap_limit < missed ? c->call_gap_limit : missed;
 }
 
 /*
@@ -204,16 +210,18 @@ void adopt_limits(step_t *s, const double *q)
 }
 
 /*
- * Adopt the configured missed_limit. A larger one lets the torque act for longer: it waits until the available energy
- * covers that, and never comes into force in a fault.
+ * Adopt the configured missed_limit and call_gap_limit. Larger ones let the torque act for longer: they wait until the
+ * available energy covers that, and never come into force in a fault.
  */
 void adopt_missed_limit(step_t *s, const double *last)
 {
     memory_t *const m = s->m;
     double parts[3];
-    const int covered = compute_reserve(s, s->c->missed_limit, s->c->missed_limit, last, parts) <= available_energy(m);
-    if (s->c->missed_limit <= m->calls || (m->fault == ID(FAULT_NONE) && covered)) {
-        m->calls = s->c->missed_limit;
+    const int calls = s->c->missed_limit, gap = limit_call_gap(s->c, calls);
+    const int covered = compute_reserve(s, calls, gap, last, parts) <= available_energy(m);
+    if ((calls <= m->calls && gap <= m->call_gap) || (m->fault == ID(FAULT_NONE) && covered)) {
+        m->calls = calls;
+        m->call_gap = gap;
     }
 }
 
@@ -278,7 +286,7 @@ void bridge_missing_calls(step_t *s, const double *last, int missing)
         return;
     }
     note_untimed_call(s, last);
-    const double each = fmin(1.0 + missing, m->calls), all = (double)m->gap_calls + missing;
+    const double each = fmin(1.0 + missing, m->call_gap), all = (double)m->gap_calls + missing;
     double most = m->gap_base;
     for (int i = 0; i < N; ++i) {
         most += farthest_motion(m, i) * (m->gap_transit[i] + fmin(each * m->gap_sum[i], all * m->gap_largest[i]));

@@ -207,9 +207,9 @@ static void pay_for_travel(step_t *s)
     const double away = travel_between(c, m->posture, q0, m->equilibrium, away_pose);
     m->travel = fmin(m->travel + moved, away);
     const double paid = fmin(m->travel, c->sample_time);
-    const double work = m->engagement + c->engagement_limit * (paid / TRAVEL_TIME);
+    const double work = m->engagement + s->engagement_limit * (paid / TRAVEL_TIME);
     m->travel -= paid;
-    m->engagement = fmax(m->engagement, fmin(work, c->engagement_limit));
+    m->engagement = fmax(m->engagement, fmin(work, s->engagement_limit));
     m->by_pose = by_pose;
 }
 
@@ -223,8 +223,8 @@ static double find_share(step_t *s, int by_posture, double *posture, double *equ
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->calls), 0.0);
-    const double allowed = fmin(fmax(c->energy_limit - m->elastic_energy, 0.0), left);
+    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+    const double allowed = fmin(fmax(s->energy_limit - m->elastic_energy, 0.0), left);
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -300,7 +300,6 @@ static void adopt_command(step_t *s)
 /* Start an engagement. Its energy first makes up for what the tank lacks. */
 static void start_engagement(step_t *s)
 {
-    const config_t *const c = s->c;
     memory_t *const m = s->m;
     m->engaged = 1;
     m->scale = 1.0;
@@ -310,9 +309,9 @@ static void start_engagement(step_t *s)
         m->unaccounted += 1u;
         m->tank -= available_energy(m);
     }
-    const double lack = clamp(c->tank_initial - m->tank, 0.0, c->engagement_limit);
+    const double lack = clamp(s->tank_initial - m->tank, 0.0, s->engagement_limit);
     m->tank += lack;
-    m->engagement = c->engagement_limit - lack;
+    m->engagement = s->engagement_limit - lack;
 }
 
 /* Settle the springs at the arm, where they store nothing: equilibrium, stiffness, tool and law are free to change. */

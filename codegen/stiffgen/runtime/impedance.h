@@ -18,7 +18,7 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8 };
+enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, POSTURES = 32 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -37,6 +37,10 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
+static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
+static const double HALF_TURN = 3.14159265358979324;
+static const double GOLDEN = 0.61803398874989485; /* golden ratio less 1: its multiples fill [0, 1) evenly */
 /* Paper's law [rad]: the law takes a sine for its angle, which is up to 10 % off here. */
 static const double PAPER_DEFLECTION = 0.7853981633974483;
 
@@ -52,10 +56,12 @@ typedef struct {
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
+    int held;      /* a fault is latched, and the springs hold the arm */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
     double seen, limit; /* of the finding */
     double budget; /* [J] the tank's share for what costs energy */
+    double tank_initial, tank_maximum, engagement_limit, energy_limit; /* [J] in force */
     double goal[16 * TIPS]; /* equilibrium of an accepted command by pose */
     double translation[9 * TIPS], rotation[9 * TIPS]; /* stiffness of an accepted command */
     double old_equilibrium[16 * TIPS];
@@ -87,6 +93,9 @@ int robot_has_bounded_spring(void);
 double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
 void robot_mass_matrix(const double *q, double *mass_matrix);
 const double *robot_tool(const input_t *input);
+const double *robot_translation_axes(const double *pose, const double *equilibrium);
+const double *robot_rotation_axes(const double *pose, const double *equilibrium);
+const double *robot_centre(void);
 int check_fields(const config_t *c);
 int fault_of_reason(int reason);
 const char *meaning_of_reason(int reason);
@@ -114,6 +123,17 @@ void multiply_lower(int n, const double *L, double *rows);
 int soften(const double *wanted, double share, double *K, double *cost);
 int is_positive_semidefinite(int n, const double *A, double tolerance);
 
+/* strength.c */
+void place_posture(const config_t *c, int k, double *q);
+double size_tank(const config_t *c);
+void find_energies(step_t *s);
+void note_load(step_t *s, double energy);
+void report_force(step_t *s);
+
+/* cap.c */
+void cap_springs(step_t *s);
+int halves_stiffness(const config_t *c, double *work);
+
 /* state.c */
 int doubles_within(const double *x, size_t count, double least, double most);
 int integers_within(const int *x, size_t count, int least, int most);
@@ -125,6 +145,7 @@ void start_memory(const config_t *c, state_t *state);
 int initialise(const config_t *c, state_t *state, const double *torque);
 int request_reset(state_t *state);
 void latch_fault(memory_t *m, int reason, int joint, double seen, double limit);
+int holds_in_fault(const step_t *s);
 
 /* energy.c */
 const double *find_spring_limits(const memory_t *m);
@@ -138,6 +159,7 @@ void book_reference(step_t *s, double p);
 void shift_history(memory_t *m, const double *last, const double *feed);
 double farthest_motion(const memory_t *m, int i);
 double worst_feed_work(const memory_t *m, const double *feed, int intervals);
+int limit_call_gap(const config_t *c, int missed);
 double compute_reserve(const step_t *s, int calls, int gap, const double *torque, double *parts);
 double available_energy(const memory_t *m);
 void adopt_limits(step_t *s, const double *q);
@@ -146,6 +168,10 @@ void bridge_gap(step_t *s, int periods);
 void note_untimed_call(step_t *s, const double *last);
 void bridge_missing_calls(step_t *s, const double *last, int missing);
 void book_interval(step_t *s, const double *q);
+
+/* change.c */
+void adopt_tool(step_t *s);
+void add_torque_offset(step_t *s, const double *last, int refused);
 
 /* sample.c */
 void observe_sample(step_t *s, const double *last);

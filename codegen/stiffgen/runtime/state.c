@@ -47,7 +47,7 @@ int validate(const config_t *c)
     if (c->spring == ID(SPRING_BOUNDED) && !robot_has_bounded_spring()) {
         return ID(E_BOUNDED_SPRING);
     }
-    return c->tank_initial <= c->tank_maximum ? ID(OK) : ID(E_TANK);
+    return c->tank_initial <= c->tank_maximum || c->tank_maximum == 0.0 ? ID(OK) : ID(E_TANK);
 }
 
 /* Compute the checksum of the memory; any single changed word changes it. */
@@ -93,9 +93,12 @@ void start_memory(const config_t *c, state_t *state)
     }
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
-    m->tank = c->tank_initial;
+    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c);
+    m->tank = fmax(c->tank_initial, m->sized_tank);
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
+    m->stiffness_share = 1.0;
+    m->call_gap = limit_call_gap(c, c->missed_limit);
     m->ready = READY;
 }
 
@@ -114,6 +117,10 @@ int initialise(const config_t *c, state_t *state, const double *torque)
         if (!(fabs(torque[i]) <= c->effort_limit[i])) {
             return ID(E_TORQUE);
         }
+    }
+    if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && c->law == ID(LAW_POTENTIAL) &&
+        halves_stiffness(c, state->scratch)) {
+        return ID(E_STIFFNESS);
     }
     start_memory(c, state);
     if (torque != NULL) {
@@ -153,4 +160,11 @@ void latch_fault(memory_t *m, int reason, int joint, double seen, double limit)
         m->reset = 0;
     }
     m->good_time = 0.0;
+}
+
+/* Return whether a latched communication fault is to be held: the springs stay, and the equilibrium stands still. */
+int holds_in_fault(const step_t *s)
+{
+    return s->m->fault == ID(FAULT_COMMUNICATION) && s->m->law == ID(LAW_POTENTIAL) &&
+           s->c->communication_reaction == ID(COMMUNICATION_REACTION_HOLD);
 }

@@ -17,7 +17,7 @@ static void remember_sample(step_t *s)
     m->gap = m->missed = 0;
 }
 
-/* Check speed and position against their limits, law and tool against those in force. */
+/* Check speed and position against their limits, and the law against the one in force. */
 static void check_limits(step_t *s)
 {
     const config_t *const c = s->c;
@@ -45,21 +45,30 @@ static void check_limits(step_t *s)
     if (fast != NO_JOINT && m->fast * c->sample_time > c->overspeed_time * (1.0 + 1e-9)) {
         latch_fault(m, ID(REASON_OVERSPEED), fast, fabs(s->velocity[fast]), c->velocity_limit[fast]);
     }
-    const int other_tool = s->commanded && robot_tool(in) != NULL &&
-                           memcmp(robot_tool(in), m->tool_pose, sizeof m->tool_pose) != 0;
-    if (m->engaged && (c->law != m->law || c->spring != m->spring || other_tool)) {
+    if (m->engaged && (c->law != m->law || c->spring != m->spring)) {
         latch_fault(m, ID(REASON_CHANGED), NO_JOINT, 0.0, 0.0);
     }
 }
 
-/* End a fault that is to be reset, after two good samples without engagement. */
-static void end_fault(step_t *s)
+/*
+ * End a fault that is to be reset, after two good samples. A fault that is held ends once the available energy covers
+ * the torque over missing samples again.
+ */
+static void end_fault(step_t *s, const double *last)
 {
+    const config_t *const c = s->c;
     memory_t *const m = s->m;
     m->good_time = s->believed ? m->good_time + s->c->sample_time : 0.0;
-    const int automatic = s->c->automatic_reset_time > 0.0 && m->good_time >= s->c->automatic_reset_time;
-    if (m->fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > s->c->sample_time) {
+    const int communication = m->fault == ID(FAULT_COMMUNICATION) && c->communication_reset_time > 0.0;
+    const double wait = communication ? c->communication_reset_time : c->automatic_reset_time;
+    const int automatic = wait > 0.0 && m->good_time >= wait, fault = m->fault;
+    if (fault != ID(FAULT_NONE) && (m->reset || automatic) && m->good_time > c->sample_time) {
+        double parts[3];
         m->fault = ID(FAULT_NONE);
+        if (m->engaged && compute_reserve(s, m->calls, m->call_gap, last, parts) > available_energy(m)) {
+            m->fault = fault;
+            return;
+        }
         m->reason = ID(REASON_NONE);
         m->fault_joint = NO_JOINT;
         m->fault_seen = m->fault_limit = 0.0;
@@ -81,18 +90,25 @@ static void step_with_sample(step_t *s, const double *last)
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
     check_limits(s);
-    s->budget = m->tank - TANK_FLOOR * s->c->tank_maximum;
+    s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
     adopt_missed_limit(s, last);
     if (m->fault == ID(FAULT_NONE)) {
         adopt_limits(s, s->input->q);
-    } else if (m->engaged && m->scale == 0.0) {
+    } else if (m->engaged && m->scale == 0.0 && !holds_in_fault(s)) {
         m->engaged = 0;
     }
     if (!m->engaged) {
-        end_fault(s);
+        end_fault(s, last);
         settle_springs(s);
+    } else if (holds_in_fault(s)) {
+        memset(m->posture_velocity, 0, sizeof m->posture_velocity);
+        memset(m->equilibrium_velocity, 0, sizeof m->equilibrium_velocity);
+        end_fault(s, last);
     } else if (m->fault == ID(FAULT_NONE)) {
         m->reset = 0;
+        if (s->commanded) {
+            adopt_tool(s);
+        }
         memcpy(s->old_equilibrium, m->equilibrium, sizeof s->old_equilibrium);
         move_equilibrium(s);
         vary_stiffness(s);
@@ -140,6 +156,7 @@ static void start_step(step_t *s, state_t *state, const double *last)
     m->delay = s->c->delay_samples;
     m->sample_time = s->c->sample_time;
     m->fault_time += s->c->sample_time;
+    find_energies(s);
     observe_sample(s, last);
 }
 
@@ -151,8 +168,13 @@ static void report_step(const step_t *s)
     report_memory(m, out);
     memcpy(out->velocity, s->velocity, sizeof out->velocity);
     out->status = s->status;
+    out->stiffness_share = m->stiffness_share * m->scale;
+    out->tank_initial = s->tank_initial;
+    out->engagement_limit = s->engagement_limit;
+    out->energy_limit = s->energy_limit;
     if (m->fault != ID(FAULT_NONE)) {
         out->mode = m->engaged ? ID(MODE_RELEASE) : ID(MODE_FOLLOW);
+        out->mode = m->engaged && s->held ? ID(MODE_HOLD) : out->mode;
         out->status |= ID(STATUS_FAULT);
     } else {
         out->mode = m->engaged ? ID(MODE_ACTIVE) : ID(MODE_START);
@@ -188,7 +210,6 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     const int error = c == NULL || input == NULL ? ID(E_NULL) : validate(c);
     vote(state->torque, last);
     vote(state->rate, rate);
-    memcpy(s.transit, last, sizeof last);
     if (state->checksum != compute_checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
             step_towards_zero(last, rate, output->torque);
@@ -200,6 +221,9 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         m->unaccounted = 1;
         latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }
+    /* the energy account is about the controller's own torque */
+    add_scaled(N, -1.0, m->offset, last);
+    memcpy(s.transit, last, sizeof last);
     if (error == ID(OK)) {
         start_step(&s, state, last);
     } else {
@@ -211,7 +235,9 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     } else {
         step_without_sample(&s, last);
     }
+    add_torque_offset(&s, last, error != ID(OK));
     store_copies(state->torque, output->torque);
+    s.held = error == ID(OK) && holds_in_fault(&s);
     report_step(&s);
     state->checksum = compute_checksum(state);
     return error;

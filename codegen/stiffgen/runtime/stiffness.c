@@ -19,8 +19,8 @@ static int release_stiffness(step_t *s, double *translation, double *rotation, d
     }
     for (int t = 0; t < TIPS; ++t) {
         double *const Kt = m->translation_stiffness + 9 * t, *const Ko = m->rotation_stiffness + 9 * t;
-        changed |= soften(s->commanded ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
-        changed |= soften(s->commanded ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
+        changed |= soften(s->commanded || m->capped ? s->translation + 9 * t : Kt, share, Kt, translation + 9 * t);
+        changed |= soften(s->commanded || m->capped ? s->rotation + 9 * t : Ko, share, Ko, rotation + 9 * t);
     }
     return changed;
 }
@@ -57,6 +57,7 @@ void vary_stiffness(step_t *s)
         return;
     }
     adopt_spring_limits(s);
+    cap_springs(s);
     if (!release_stiffness(s, translation, rotation, posture)) {
         return;
     }
@@ -98,25 +99,26 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
         const double size = fabs(pull[i]);
         if (size > 1e-9) {
             const double limit = pull[i] > 0.0 ? s->out->limit_torque[i] : -s->out->limit_torque[i];
-            target = fmin(target, fmax((c->effort_limit[i] - limit) / size, 0.0));
+            const double offset = pull[i] > 0.0 ? m->offset[i] : -m->offset[i];
+            target = fmin(target, fmax((c->effort_limit[i] - limit - offset) / size, 0.0));
             fastest_fall = fmin(fastest_fall, 0.9 * m->rate[i] / size);
         }
     }
     s->status |= target < cap ? (uint32_t)ID(STATUS_SATURATED) : 0u;
-    compute_reserve(s, m->calls, m->calls, pull, parts);
+    compute_reserve(s, m->calls, m->call_gap, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
         target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
         s->status |= ID(STATUS_RESERVE);
     }
-    if (m->fault != ID(FAULT_NONE)) {
+    if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
         target = fmax(m->scale - fastest_fall, 0.0);
         if (m->law == ID(LAW_PAPER)) {
             target = 0.0; /* no energy to scale: its torque falls at the rate limit */
         }
     }
     const double rise = target - m->scale;
-    double step = fmin(rise, c->sample_time / c->stiffness_time);
+    double step = fmin(rise, c->sample_time / fmax(c->stiffness_time, SCALE_TIME));
     if (step > 0.0 && step * energy > fmax(s->budget, 0.0)) {
         step = (1.0 - 1e-9) * fmax(s->budget, 0.0) / energy;
         s->status |= ID(STATUS_TANK_LIMITED);

@@ -16,10 +16,11 @@ void step_towards_zero(const double *last, const double *rate, double *torque)
 void limit_torque(step_t *s, const double *last)
 {
     for (int i = 0; i < N; ++i) {
-        const double rate = s->m->rate[i];
-        const double effort = fmax(s->c->effort_limit[i], fabs(last[i]) - rate);
+        const double rate = s->m->rate[i], limit = s->c->effort_limit[i], offset = s->m->offset[i];
+        const double least = fmin(fmin(-limit - offset, 0.0), last[i] + rate);
+        const double most = fmax(fmax(limit - offset, 0.0), last[i] - rate);
         const double wanted = fabs(s->out->torque[i]) <= DBL_MAX ? s->out->torque[i] : 0.0;
-        const double possible = clamp(wanted, -effort, effort);
+        const double possible = clamp(wanted, least, most);
         const double reached = clamp(possible, last[i] - rate, last[i] + rate);
         s->status |= possible != wanted ? (uint32_t)ID(STATUS_SATURATED) : 0u;
         s->status |= reached != possible ? (uint32_t)ID(STATUS_RATE_LIMITED) : 0u;
@@ -46,7 +47,7 @@ static int try_torque(step_t *s, const double *last, double share)
         }
     }
     limit_torque(s, last);
-    s->m->reserve = compute_reserve(s, s->m->hold, s->m->calls, out->torque, parts);
+    s->m->reserve = compute_reserve(s, s->m->hold, s->m->call_gap, out->torque, parts);
     return s->m->reserve <= available_energy(s->m);
 }
 
@@ -70,7 +71,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
         try_torque(s, last, share);
     }
     s->status |= ID(STATUS_RESERVE);
-    if (share < 1.0 && m->tank < TANK_FLOOR * s->c->tank_maximum) {
+    if (share < 1.0 && m->tank < TANK_FLOOR * s->tank_maximum) {
         latch_fault(m, ID(REASON_RESERVE), NO_JOINT, m->reserve, available_energy(m));
     }
     for (int i = 0; i < N; ++i) {
@@ -177,8 +178,9 @@ void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
+    note_load(s, m->elastic_energy);
     multiply_vector(out->damping, out->reference_velocity, feed);
-    if (worst_feed_work(m, feed, m->calls) > m->engagement) {
+    if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
         add_scaled(N, -1.0, feed, out->damping_torque);
@@ -189,4 +191,5 @@ void compute_torque(step_t *s, const double *last, int moved)
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
+    report_force(s);
 }

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen.emit.fields import CONFIG, Field
+from stiffgen.emit.presets import motor_tables
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.controller_library import ControllerLibrary
 from stiffgen.verify.result import Array, Check, faultless
@@ -47,19 +48,25 @@ def default_of(field: Field, chain: Chain) -> Array:
     """Return the default of a field from the table: a number, a choice, or a share of a joint's limit."""
     if field.choices:
         return np.array(field.choices.index(field.default) + 1.0)
-    value = np.ones(1)
+    if ", " in field.default:
+        return np.array([float(entry) for entry in field.default.split(", ")])
+    value, motors = np.ones(1), motor_tables(chain)
     for factor in field.default.split(" * "):
         limit = factor.removeprefix("{name}_").removesuffix("[i]")
-        known = limit != factor
-        value = value * (np.array([getattr(c, limit) for c in chain.coordinates]) if known else float(factor))
+        if limit == factor:
+            value = value * float(factor)
+        elif hasattr(motors, limit):
+            value = value * np.array(getattr(motors, limit))
+        else:
+            value = value * np.array([getattr(c, limit) for c in chain.coordinates])
     return value
 
 
 def _tried_entries(field: Field, dof: int) -> Sequence[int]:
-    """Return the entries of a field that are tried: one per joint, the last of a 6x6 matrix, or -1 for a number."""
+    """Return the entries of a field that are tried: one per joint, the last of a fixed shape, or -1 for a number."""
     if field.shape == ("n",):
         return range(dof)
-    return [35] if field.shape else [-1]
+    return [math.prod(extent for extent in field.shape if isinstance(extent, int)) - 1] if field.shape else [-1]
 
 
 def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:

@@ -236,11 +236,14 @@ class _Session:
         if random.random() < 0.3:
             root = random.normal(size=(6, 6))
             _fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
+        config.stiffness_cap = 1 + int(random.random() < 0.95)  # hardly ever refused
+        if random.random() < 0.3:
+            config.heaviest_wrench[0], config.heaviest_wrench[1] = 10.0 ** random.uniform([0.0, 0.0], [2.5, 1.7])
         symmetric = np.array(config.task_damping).reshape(6, 6)
         _fill(config.task_damping, (symmetric + symmetric.T) / 2 + 60.0 * np.eye(6) * (np.abs(symmetric).max() > 0))
         if len(self.chain.tips) == 1 and random.random() < 0.25:
             config.law, config.stiffness_formula = 2, int(random.integers(1, 3))
-        config.tank_initial = min(config.tank_initial, config.tank_maximum)
+        config.tank_initial = min(config.tank_initial, config.tank_maximum or config.tank_initial)
         config.spring = 2
         if both[0].call("validate", config) != 0 or random.random() < 0.5:
             config.spring = 1  # the folder has no other, or by chance

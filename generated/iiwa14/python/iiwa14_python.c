@@ -2350,6 +2350,7 @@ static const field fields[] = {
     {"config", "spring", "i4", offsetof(iiwa14_impedance_config, spring), 0, {1, 1, 1}},
     {"config", "spring_force_limit", "f8", offsetof(iiwa14_impedance_config, spring_force_limit), 0, {1, 1, 1}},
     {"config", "spring_moment_limit", "f8", offsetof(iiwa14_impedance_config, spring_moment_limit), 0, {1, 1, 1}},
+    {"config", "stiffness_cap", "i4", offsetof(iiwa14_impedance_config, stiffness_cap), 0, {1, 1, 1}},
     {"config", "stiffness_time", "f8", offsetof(iiwa14_impedance_config, stiffness_time), 0, {1, 1, 1}},
     {"config", "damping_design", "i4", offsetof(iiwa14_impedance_config, damping_design), 0, {1, 1, 1}},
     {"config", "damping_ratio", "f8", offsetof(iiwa14_impedance_config, damping_ratio), 1, {7, 1, 1}},
@@ -2366,6 +2367,7 @@ static const field fields[] = {
     {"config", "tip_velocity_limit", "f8", offsetof(iiwa14_impedance_config, tip_velocity_limit), 0, {1, 1, 1}},
     {"config", "tip_rotation_limit", "f8", offsetof(iiwa14_impedance_config, tip_rotation_limit), 0, {1, 1, 1}},
     {"config", "ramp_time", "f8", offsetof(iiwa14_impedance_config, ramp_time), 0, {1, 1, 1}},
+    {"config", "heaviest_wrench", "f8", offsetof(iiwa14_impedance_config, heaviest_wrench), 1, {2, 1, 1}},
     {"config", "energy_limit", "f8", offsetof(iiwa14_impedance_config, energy_limit), 0, {1, 1, 1}},
     {"config", "engagement_limit", "f8", offsetof(iiwa14_impedance_config, engagement_limit), 0, {1, 1, 1}},
     {"config", "effort_limit", "f8", offsetof(iiwa14_impedance_config, effort_limit), 1, {7, 1, 1}},
@@ -2375,11 +2377,15 @@ static const field fields[] = {
     {"config", "missed_limit", "i4", offsetof(iiwa14_impedance_config, missed_limit), 0, {1, 1, 1}},
     {"config", "loss_limit", "i4", offsetof(iiwa14_impedance_config, loss_limit), 0, {1, 1, 1}},
     {"config", "state_period", "f8", offsetof(iiwa14_impedance_config, state_period), 0, {1, 1, 1}},
+    {"config", "call_gap_limit", "i4", offsetof(iiwa14_impedance_config, call_gap_limit), 0, {1, 1, 1}},
     {"config", "position_quantum", "f8", offsetof(iiwa14_impedance_config, position_quantum), 0, {1, 1, 1}},
     {"config", "velocity_noise", "f8", offsetof(iiwa14_impedance_config, velocity_noise), 0, {1, 1, 1}},
+    {"config", "velocity_filter_time", "f8", offsetof(iiwa14_impedance_config, velocity_filter_time), 0, {1, 1, 1}},
     {"config", "frozen_window", "i4", offsetof(iiwa14_impedance_config, frozen_window), 0, {1, 1, 1}},
     {"config", "overspeed_time", "f8", offsetof(iiwa14_impedance_config, overspeed_time), 0, {1, 1, 1}},
     {"config", "automatic_reset_time", "f8", offsetof(iiwa14_impedance_config, automatic_reset_time), 0, {1, 1, 1}},
+    {"config", "communication_reset_time", "f8", offsetof(iiwa14_impedance_config, communication_reset_time), 0, {1, 1, 1}},
+    {"config", "communication_reaction", "i4", offsetof(iiwa14_impedance_config, communication_reaction), 0, {1, 1, 1}},
     {"config", "tank_initial", "f8", offsetof(iiwa14_impedance_config, tank_initial), 0, {1, 1, 1}},
     {"config", "tank_maximum", "f8", offsetof(iiwa14_impedance_config, tank_maximum), 0, {1, 1, 1}},
     {"input", "sample_valid", "i4", offsetof(iiwa14_impedance_input, sample_valid), 0, {1, 1, 1}},
@@ -2390,6 +2396,7 @@ static const field fields[] = {
     {"input", "dq", "f8", offsetof(iiwa14_impedance_input, dq), 1, {7, 1, 1}},
     {"input", "q0", "f8", offsetof(iiwa14_impedance_input, q0), 1, {7, 1, 1}},
     {"input", "equilibrium", "f8", offsetof(iiwa14_impedance_input, equilibrium), 2, {4, 4, 1}},
+    {"input", "torque_offset", "f8", offsetof(iiwa14_impedance_input, torque_offset), 1, {7, 1, 1}},
     {"input", "translation_stiffness", "f8", offsetof(iiwa14_impedance_input, translation_stiffness), 2, {3, 3, 1}},
     {"input", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_input, rotation_stiffness), 2, {3, 3, 1}},
     {"input", "wrench", "f8", offsetof(iiwa14_impedance_input, wrench), 1, {6, 1, 1}},
@@ -2413,9 +2420,11 @@ static const field fields[] = {
     {"output", "equilibrium", "f8", offsetof(iiwa14_impedance_output, equilibrium), 2, {4, 4, 1}},
     {"output", "translation_stiffness", "f8", offsetof(iiwa14_impedance_output, translation_stiffness), 2, {3, 3, 1}},
     {"output", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_output, rotation_stiffness), 2, {3, 3, 1}},
+    {"output", "stiffness_share", "f8", offsetof(iiwa14_impedance_output, stiffness_share), 0, {1, 1, 1}},
     {"output", "scale", "f8", offsetof(iiwa14_impedance_output, scale), 0, {1, 1, 1}},
     {"output", "elastic_torque", "f8", offsetof(iiwa14_impedance_output, elastic_torque), 1, {7, 1, 1}},
     {"output", "damping_torque", "f8", offsetof(iiwa14_impedance_output, damping_torque), 1, {7, 1, 1}},
+    {"output", "offset_torque", "f8", offsetof(iiwa14_impedance_output, offset_torque), 1, {7, 1, 1}},
     {"output", "limit_torque", "f8", offsetof(iiwa14_impedance_output, limit_torque), 1, {7, 1, 1}},
     {"output", "spring_wrench", "f8", offsetof(iiwa14_impedance_output, spring_wrench), 1, {6, 1, 1}},
     {"output", "wrench", "f8", offsetof(iiwa14_impedance_output, wrench), 1, {6, 1, 1}},
@@ -2428,6 +2437,10 @@ static const field fields[] = {
     {"output", "tank_energy", "f8", offsetof(iiwa14_impedance_output, tank_energy), 0, {1, 1, 1}},
     {"output", "tank_reserve", "f8", offsetof(iiwa14_impedance_output, tank_reserve), 0, {1, 1, 1}},
     {"output", "engagement", "f8", offsetof(iiwa14_impedance_output, engagement), 0, {1, 1, 1}},
+    {"output", "tank_initial", "f8", offsetof(iiwa14_impedance_output, tank_initial), 0, {1, 1, 1}},
+    {"output", "engagement_limit", "f8", offsetof(iiwa14_impedance_output, engagement_limit), 0, {1, 1, 1}},
+    {"output", "energy_limit", "f8", offsetof(iiwa14_impedance_output, energy_limit), 0, {1, 1, 1}},
+    {"output", "force_available", "f8", offsetof(iiwa14_impedance_output, force_available), 0, {1, 1, 1}},
     {"output", "port_total", "f8", offsetof(iiwa14_impedance_output, port_total), 0, {1, 1, 1}},
     {"output", "sampling_total", "f8", offsetof(iiwa14_impedance_output, sampling_total), 0, {1, 1, 1}},
     {"output", "reference_total", "f8", offsetof(iiwa14_impedance_output, reference_total), 0, {1, 1, 1}},
@@ -2442,8 +2455,12 @@ static const choice choices[] = {
     {"stiffness_formula", "conventional", IIWA14_STIFFNESS_FORMULA_CONVENTIONAL},
     {"spring", "trace", IIWA14_SPRING_TRACE},
     {"spring", "bounded", IIWA14_SPRING_BOUNDED},
+    {"stiffness_cap", "refuse", IIWA14_STIFFNESS_CAP_REFUSE},
+    {"stiffness_cap", "accept", IIWA14_STIFFNESS_CAP_ACCEPT},
     {"damping_design", "modal", IIWA14_DAMPING_DESIGN_MODAL},
     {"damping_design", "task", IIWA14_DAMPING_DESIGN_TASK},
+    {"communication_reaction", "release", IIWA14_COMMUNICATION_REACTION_RELEASE},
+    {"communication_reaction", "hold", IIWA14_COMMUNICATION_REACTION_HOLD},
     {"command", "position", IIWA14_COMMAND_POSITION},
     {"command", "equilibrium", IIWA14_COMMAND_EQUILIBRIUM},
 };
@@ -2464,13 +2481,14 @@ static const status statuses[] = {
     {"saturated", IIWA14_STATUS_SATURATED, "the torque would exceed its effort limit: the scale falls, or the torque was cut"},
     {"rate_limited", IIWA14_STATUS_RATE_LIMITED, "a torque was cut to its rate limit"},
     {"damping_capped", IIWA14_STATUS_DAMPING_CAPPED, "the damping is capped: M^-1 B T would be too large for the sample time"},
-    {"stiffness_capped", IIWA14_STATUS_STIFFNESS_CAPPED, "the scale is lowered: M^-1 K T^2 would be too large for the sample time"},
+    {"stiffness_capped", IIWA14_STATUS_STIFFNESS_CAPPED, "springs are softened: M^-1 K T^2 would be too large for the sample time (stiffness_share)"},
     {"indefinite", IIWA14_STATUS_INDEFINITE, "the tangent has a negative eigenvalue: its mode is unstable, and is damped as if it were stable"},
     {"mass_matrix", IIWA14_STATUS_MASS_MATRIX, "the mass matrix is not positive definite: damping is joint_damping only"},
     {"limits_kept", IIWA14_STATUS_LIMITS_KEPT, "a changed limit avoidance waits: at the present position it would cost more energy than the tank can pay"},
     {"config", IIWA14_STATUS_CONFIG, "the configuration is refused or the state is not initialised; the return value says why"},
     {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
     {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
+    {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
 };
 
 static const choice outcomes[] = {
@@ -2478,6 +2496,7 @@ static const choice outcomes[] = {
     {"mode", "active", IIWA14_MODE_ACTIVE},
     {"mode", "release", IIWA14_MODE_RELEASE},
     {"mode", "follow", IIWA14_MODE_FOLLOW},
+    {"mode", "hold", IIWA14_MODE_HOLD},
     {"fault", "none", IIWA14_FAULT_NONE},
     {"fault", "sensor", IIWA14_FAULT_SENSOR},
     {"fault", "communication", IIWA14_FAULT_COMMUNICATION},
@@ -2752,7 +2771,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "4b6fd0cafaaa85f3") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "9857bbe54ca0c114") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

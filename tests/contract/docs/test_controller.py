@@ -67,7 +67,11 @@ def test_what_a_tank_covers(robot: ModuleType) -> None:
     soft, k = {"translation_stiffness": np.eye(3) * 1e-9, "rotation_stiffness": np.eye(3) * 1e-9}, 10_000.0
     for share, limited in ((0.98, False), (1.3, True)):
         arm = robot.Impedance(
-            posture_stiffness=k * np.eye(7)[1], motor_inertia=1.0, energy_limit=100.0, engagement_limit=100.0
+            posture_stiffness=k * np.eye(7)[1],
+            motor_inertia=1.0,
+            energy_limit=100.0,
+            engagement_limit=100.0,
+            tank_initial=10.0,
         )
         away = share * covered(10.0, [1], 1.0) / k
         for _ in range(1500):

@@ -47,7 +47,7 @@ def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
     chosen = next(each for each in defaults if "energy_limit" in each.before)
     library, _ = workshop.compile(chosen.text) or (None, None)
     assert library is not None and failed_rules(workshop, library) == {"defaults"}
-    text = workshop.text.replace("&c->energy_limit, 1, 1e-06, 10000.0", "&c->energy_limit, 1, 1e-06, 20000.0")
+    text = workshop.text.replace("&c->energy_limit, 1, 0.0, 10000.0", "&c->energy_limit, 1, 0.0, 20000.0")
     assert text != workshop.text
     library, _ = workshop.compile(text) or (None, None)
     assert library is not None and failed_rules(workshop, library) == {"rules"}

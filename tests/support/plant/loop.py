@@ -26,6 +26,19 @@ KERNELS = ("iiwa14.c", "iiwa14_batch.c")
 N = 7
 Q0 = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 """Joint positions of the failures in the controller's issue [rad]."""
+BASE = {
+    "tank_initial": 10.0,
+    "tank_maximum": 10.0,
+    "engagement_limit": 20.0,
+    "energy_limit": 5.0,
+    "tip_velocity_limit": 0.5,
+    "tip_rotation_limit": 1.5,
+    "ramp_time": 0.2,
+    "stiffness_time": 0.05,
+    "motor_inertia": 0.1,
+    "stiffness_cap": 2,
+}
+"""Careful configuration of the closed-loop tests: a small tank hides little; the rotors are those of ``episode``."""
 _TYPES = {
     "double": ctypes.c_double,
     "int": ctypes.c_int,
@@ -162,6 +175,12 @@ class Loop:
         return Springs(self.pose, self.jacobian, equilibrium, wanted, gains["translation"], gains["rotation"], joint)
 
     def config(self, **values: Any) -> Any:
+        """Return the default configuration with BASE, half of the velocities, and some fields set."""
+        if self.Config is ctypes.c_int:
+            return self.Config()
+        return self.default(**(BASE | {"reference_velocity_limit": 0.5 * self.velocity} | values))
+
+    def default(self, **values: Any) -> Any:
         """Return the default configuration with some fields set."""
         config = self.Config()
         self.library.law_default_config(ctypes.byref(config))

@@ -109,6 +109,25 @@ const double *robot_tool(const input_t *input)
     return NULL;
 }
 
+const double *robot_translation_axes(const double *pose, const double *equilibrium)
+{
+    (void)pose;
+    (void)equilibrium;
+    return NULL;
+}
+
+const double *robot_rotation_axes(const double *pose, const double *equilibrium)
+{
+    (void)pose;
+    return equilibrium;
+}
+
+const double *robot_centre(void)
+{
+    static const double centre[3] = {0.0, 0.0, 0.0};
+    return centre;
+}
+
 int check_fields(const config_t *c)
 {
     return doubles_within(&c->sample_time, 1, 1e-5, 0.1) ? ID(OK) : ID(E_CONFIG_SAMPLE_TIME);

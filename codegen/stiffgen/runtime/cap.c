@@ -1,0 +1,188 @@
+/* Caps: springs that are too stiff for the sample time are softened in the directions that are, and only there. */
+#include "impedance.h"
+
+/* Return the largest eigenvalue of M^-1 K that sample time and delay allow [1/s^2]. */
+static double largest_eigenvalue(const config_t *c)
+{
+    return LARGEST_STIFFNESS / (c->sample_time * c->sample_time * (1.0 + 2.0 * c->delay_samples));
+}
+
+/* Turn a vector in the base's axes into those of a pose; NULL: the base's. */
+static void turn_to_axes(const double *pose, const double *v, double *turned)
+{
+    for (int i = 0; i < 3; ++i) {
+        turned[i] = pose == NULL ? v[i] : pose[i] * v[0] + pose[4 + i] * v[1] + pose[8 + i] * v[2];
+    }
+}
+
+/*
+ * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3, in the axes of their stiffnesses; J: from the
+ * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
+ * positive definite.
+ */
+static int measure_mobilities(const config_t *c, const double *q, const double *tool, const double *equilibrium,
+                              double *work, double *mobilities)
+{
+    double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
+    robot_mass_matrix(q, M);
+    for (int i = 0; i < N; ++i) {
+        M[i * (N + 1)] += c->motor_inertia[i];
+    }
+    const double mass = largest_entry(NN, M);
+    if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
+        return 0;
+    }
+    robot_jacobians(q, tool, J);
+    robot_poses(q, tool, pose);
+    memset(mobilities, 0, 18 * TIPS * sizeof(double));
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
+        const double *const G = robot_centre();
+        double *const rows = J + 6 * N * t, centre[3];
+        for (int i = 0; i < 3; ++i) {
+            centre[i] = dot(3, P + 4 * i, G);
+        }
+        for (int k = 0; k < N; ++k) {
+            double v[3], w[3], turned[3];
+            for (int i = 0; i < 3; ++i) {
+                w[i] = rows[(3 + i) * N + k];
+            }
+            for (int i = 0; i < 3; ++i) {
+                const int a = (i + 1) % 3, b = (i + 2) % 3;
+                v[i] = rows[i * N + k] + w[a] * centre[b] - w[b] * centre[a];
+            }
+            turn_to_axes(robot_translation_axes(P, E), v, turned);
+            for (int i = 0; i < 3; ++i) {
+                rows[i * N + k] = turned[i];
+            }
+            turn_to_axes(robot_rotation_axes(P, E), w, turned);
+            for (int i = 0; i < 3; ++i) {
+                rows[(3 + i) * N + k] = turned[i];
+            }
+        }
+        for (int i = 0; i < 6; ++i) {
+            solve_lower(N, 1, L, rows + i * N);
+        }
+        for (int k = 0; k < 18; ++k) {
+            const int spring = k / 9 * 3, i = spring + k % 9 / 3, j = spring + k % 3;
+            mobilities[18 * t + k] = dot(N, rows + i * N, rows + j * N) / mass;
+        }
+    }
+    return 1;
+}
+
+/*
+ * Cap a stiffness K (3 x 3): no eigenvalue of K times the mobility A stays above `most`, and directions below it stay
+ * as they are. Return the largest eigenvalue before.
+ */
+static double cap_spring(const double *A, double most, double *K)
+{
+    double D[9], d[3], Q[9], C[9], mu[3] = {0.0}, W[9], root[9];
+    memcpy(D, A, sizeof D);
+    if (diagonalise_symmetric(3, D, d, Q) != 0 || !(d[2] > 0.0)) {
+        return 0.0;
+    }
+    for (int k = 0; k < 9; ++k) {
+        root[k] = sqrt(fmax(d[k / 3], 1e-9 * d[2])) * Q[k];
+    }
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            double sum = 0.0;
+            for (int k = 0; k < 9; ++k) {
+                sum += root[3 * i + k / 3] * K[k] * root[3 * j + k % 3];
+            }
+            C[3 * i + j] = sum;
+        }
+    }
+    if (diagonalise_symmetric(3, C, mu, W) != 0) {
+        return 0.0;
+    }
+    for (int r = 0; r < 3; ++r) {
+        double u[3] = {0.0};
+        for (int k = 0; k < 9; ++k) {
+            u[k % 3] += W[3 * r + k / 3] * Q[k] / sqrt(fmax(d[k / 3], 1e-9 * d[2]));
+        }
+        for (int k = 0; mu[r] > most && k < 9; ++k) {
+            K[k] -= (mu[r] - most) * u[k / 3] * u[k % 3];
+        }
+    }
+    return mu[2];
+}
+
+/* Share a sum among values: return the level above which each is cut so that the rest sums up to `most`. */
+static double find_level(int count, const double *values, double most)
+{
+    double level = most / count;
+    for (int round = 0; round < count; ++round) {
+        double rest = most;
+        int above = 0;
+        for (int k = 0; k < count; ++k) {
+            above += values[k] > level;
+            rest -= values[k] > level ? 0.0 : values[k];
+        }
+        level = above > 0 ? rest / above : HUGE_VAL;
+    }
+    return level;
+}
+
+/*
+ * Soften the accepted stiffness where the sample time does not allow it. M^-1 K has no eigenvalue above the sum of those
+ * of the springs, of posture and of limit avoidance. Once nothing is cut, the springs are looked at only after the next
+ * tangent that is too stiff.
+ */
+void cap_springs(step_t *s)
+{
+    memory_t *const m = s->m;
+    double A[18 * TIPS], largest[2 * TIPS], most = 0.95 * largest_eigenvalue(s->c), sum = 0.0;
+    m->stiffness_share = 1.0;
+    if (!m->capped || !measure_mobilities(s->c, m->q, m->tool_pose, m->equilibrium, s->scratch, A)) {
+        return;
+    }
+    if (!s->commanded) {
+        memcpy(s->translation, m->translation_stiffness, sizeof s->translation);
+        memcpy(s->rotation, m->rotation_stiffness, sizeof s->rotation);
+    }
+    for (int i = 0; i < N; ++i) {
+        most -= (m->posture_stiffness[i] + s->limit_slope[i]) / m->inertia[i];
+    }
+    most = fmax(most, 0.25 * largest_eigenvalue(s->c));
+    for (int k = 0; k < 2 * TIPS; ++k) {
+        largest[k] = cap_spring(A + 9 * k, HUGE_VAL, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
+        sum += largest[k];
+    }
+    m->capped = sum > most;
+    if (!m->capped) {
+        return;
+    }
+    const double level = find_level(2 * TIPS, largest, most);
+    for (int k = 0; k < 2 * TIPS; ++k) {
+        (void)cap_spring(A + 9 * k, level, (k % 2 == 0 ? s->translation : s->rotation) + 9 * (k / 2));
+        m->stiffness_share = fmin(m->stiffness_share, largest[k] > level ? level / largest[k] : 1.0);
+    }
+    s->status |= ID(STATUS_STIFFNESS_CAPPED);
+}
+
+/*
+ * Return whether a stiffness at the limits of the configuration would be halved somewhere: in one of POSTURES postures
+ * the sample time allows less than half of it.
+ */
+int halves_stiffness(const config_t *c, double *work)
+{
+    double tool[16 * TIPS] = {0.0};
+    int halved = 0;
+    for (int k = 0; k < 4 * TIPS; ++k) {
+        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
+    }
+    for (int k = 0; k < POSTURES; ++k) {
+        double q[N], A[18 * TIPS], d[3], Q[9];
+        place_posture(c, k, q);
+        if (!measure_mobilities(c, q, tool, NULL, work, A)) {
+            continue;
+        }
+        for (int j = 0; j < 2 * TIPS; ++j) {
+            const double K = j % 2 == 0 ? c->translation_stiffness_limit : c->rotation_stiffness_limit;
+            halved |= diagonalise_symmetric(3, A + 9 * j, d, Q) == 0 && K * d[2] > 2.0 * largest_eigenvalue(c);
+        }
+    }
+    return halved;
+}

@@ -1,0 +1,132 @@
+/* Strength: the tank that a wrench at the tip needs, and the wrench that the tank allows. */
+#include "impedance.h"
+
+/* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
+void place_posture(const config_t *c, int k, double *q)
+{
+    for (int i = 0; i < N; ++i) {
+        const double low = fmax(c->lower_limit[i], fmin(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
+        const double high = fmin(c->upper_limit[i], low + 2.0 * HALF_TURN);
+        const double x = (k + 1) * (i + 1) * GOLDEN;
+        q[i] = low + (high - low) * (x - (int)x);
+    }
+}
+
+/*
+ * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions: l times such
+ * a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort limit;
+ * with `clipped`, a joint that would exceed its limit counts with the limit.
+ */
+static void bound_wrench(const config_t *c, int rows, const double *J, const double *size, int clipped, double *parts)
+{
+    double held[36] = {0.0}, falling[36] = {0.0}, d[6] = {0.0}, vectors[36], sum = 0.0;
+    const int gap = limit_call_gap(c, c->missed_limit);
+    parts[2] = HUGE_VAL;
+    for (int i = 0; i < N; ++i) {
+        const double v = c->velocity_limit[i], fall = 0.5 * v * gap / c->torque_rate_limit[i];
+        const double hold = v * c->sample_time * (gap * c->missed_limit + c->delay_samples);
+        double row[6] = {0.0};
+        for (int k = 0; k < rows; ++k) {
+            row[k] = size[k] * J[k * N + i];
+        }
+        const double torque = norm(rows, row);
+        const double kept = torque > 0.0 ? c->effort_limit[i] / torque : HUGE_VAL;
+        const double share = clipped ? fmin(kept, 1.0) : 1.0;
+        parts[2] = fmin(parts[2], kept);
+        sum += hold;
+        for (int k = 0; k < rows * rows; ++k) {
+            const double x = share * row[k / rows] * share * row[k % rows];
+            held[k] += hold * x;
+            falling[k] += fall * x;
+        }
+    }
+    (void)diagonalise_symmetric(rows, held, d, vectors);
+    parts[0] = sqrt(sum * fmax(d[rows - 1], 0.0));
+    (void)diagonalise_symmetric(rows, falling, d, vectors);
+    parts[1] = fmax(d[rows - 1], 0.0);
+}
+
+/* Return the largest l for which l a + l^2 b is at most `most`. */
+static double solve_share(double a, double b, double most)
+{
+    return most > 0.0 ? 2.0 * most / (a + sqrt(a * a + 4.0 * b * most)) : 0.0;
+}
+
+/*
+ * Compute the tank that covers heaviest_wrench at every tip in all of POSTURES postures, as far as the effort limits of
+ * the joints allow it there. A tool that is given at run time is not known yet: the lever arms are those of the tip.
+ */
+double size_tank(const config_t *c)
+{
+    double size[6], tool[16 * TIPS] = {0.0}, most = 0.0;
+    for (int k = 0; k < 4 * TIPS; ++k) {
+        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
+    }
+    for (int k = 0; k < 6; ++k) {
+        size[k] = c->heaviest_wrench[k / 3];
+    }
+    for (int k = 0; k < POSTURES; ++k) {
+        double q[N], J[6 * N * TIPS], sum = 0.0;
+        place_posture(c, k, q);
+        robot_jacobians(q, tool, J);
+        for (int t = 0; t < TIPS; ++t) {
+            double parts[3];
+            bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
+            sum += parts[0] + parts[1];
+        }
+        most = fmax(most, sum);
+    }
+    return most / COVERED;
+}
+
+/* Find tank, engagement limit and energy limit in force, from the configuration or from heaviest_wrench. */
+void find_energies(step_t *s)
+{
+    const config_t *const c = s->c;
+    const memory_t *const m = s->m;
+    const double force = c->heaviest_wrench[0], moment = c->heaviest_wrench[1];
+    const double powers[2] = {force * c->tip_velocity_limit, moment * c->tip_rotation_limit};
+    s->tank_initial = c->tank_initial > 0.0 ? c->tank_initial : m->sized_tank;
+    s->tank_maximum = c->tank_maximum > 0.0 ? c->tank_maximum : s->tank_initial;
+    s->engagement_limit = c->engagement_limit > 0.0 ? c->engagement_limit : GOVERNOR * norm(2, powers) * TRAVEL_TIME;
+    s->energy_limit = c->energy_limit;
+    if (!(c->energy_limit > 0.0)) {
+        const double Kt = largest_entry(9 * TIPS, m->translation_stiffness);
+        const double Ko = largest_entry(9 * TIPS, m->rotation_stiffness);
+        /* whatever the direction, the springs store this much before they exert the wrench */
+        const double least = 0.5 * fmin(force * force / fmax(Kt, 1e-9), moment * moment / fmax(Ko, 1e-9));
+        const double most = m->load > 1e-3 ? fmax(least, m->load_energy / (m->load * m->load)) : least;
+        s->energy_limit = fmin(most, LARGEST_ENERGY);
+    }
+}
+
+/*
+ * Note the wrench that the springs exert, relative to heaviest_wrench, with the energy stored at it: along the present
+ * deflection the springs exert heaviest_wrench at that energy over the square of the load.
+ */
+void note_load(step_t *s, double energy)
+{
+    memory_t *const m = s->m;
+    m->load = 0.0;
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const w = s->out->spring_wrench + 6 * t;
+        const double parts[2] = {norm(3, w) / s->c->heaviest_wrench[0], norm(3, w + 3) / s->c->heaviest_wrench[1]};
+        m->load = fmax(m->load, norm(2, parts));
+    }
+    m->load_energy = energy;
+}
+
+/* Compute the force that effort limits and available energy cover at every tip, whatever its direction. */
+void report_force(step_t *s)
+{
+    const memory_t *const m = s->m;
+    const double unit[3] = {1.0, 1.0, 1.0};
+    double J[6 * N * TIPS], parts[3];
+    robot_jacobians(m->q, m->tool_pose, J);
+    s->out->force_available = HUGE_VAL;
+    for (int t = 0; t < TIPS; ++t) {
+        bound_wrench(s->c, 3, J + 6 * N * t, unit, 0, parts);
+        const double covered = solve_share(parts[0], parts[1], COVERED * available_energy(m));
+        s->out->force_available = fmin(s->out->force_available, fmin(covered, parts[2]));
+    }
+}
