@@ -2557,9 +2557,10 @@ static void add_torque_offset(step_t *s, const double *last, int refused)
         const double most = refused ? HUGE_VAL : fmax(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
+        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * fmax(1.0, fabs(wanted));
         s->out->offset_torque[i] = m->offset[i];
         s->out->torque[i] = total;
-        s->status |= m->offset[i] == wanted ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
+        s->status |= reached ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
     }
 }
 
@@ -2628,7 +2629,10 @@ static void vary_stiffness(step_t *s)
     /* a softer bounded spring can store more, as its limit comes later: the tank pays, its budget falls */
     const double released = compute_stored_energy(m, m->q);
     book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
-    const int last = m->spring == ID(SPRING_BOUNDED) ? 2 : 1;
+    int last = 1;
+    if (m->spring == ID(SPRING_BOUNDED)) {
+        last = 2;
+    }
     double step = 1.0, share = 0.0, cost = 0.0;
     for (int attempt = 0; attempt <= last; ++attempt) {
         /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of the

@@ -53,8 +53,9 @@ void add_torque_offset(step_t *s, const double *last, int refused)
         const double most = refused ? HUGE_VAL : fmax(s->c->effort_limit[i], fabs(before) - m->rate[i]);
         const double total = clamp(own + m->offset[i] + moved, -most, most);
         m->offset[i] = total - own;
+        const int reached = fabs(m->offset[i] - wanted) <= 1e-9 * fmax(1.0, fabs(wanted));
         s->out->offset_torque[i] = m->offset[i];
         s->out->torque[i] = total;
-        s->status |= m->offset[i] == wanted ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
+        s->status |= reached ? 0u : (uint32_t)ID(STATUS_OFFSET_LIMITED);
     }
 }

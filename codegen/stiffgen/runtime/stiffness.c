@@ -64,7 +64,10 @@ void vary_stiffness(step_t *s)
     /* a softer bounded spring can store more, as its limit comes later: the tank pays, its budget falls */
     const double released = compute_stored_energy(m, m->q);
     book_stiffness(s, &m->elastic_energy, released - m->elastic_energy);
-    const int last = m->spring == ID(SPRING_BOUNDED) ? 2 : 1;
+    int last = 1;
+    if (m->spring == ID(SPRING_BOUNDED)) {
+        last = 2;
+    }
     double step = 1.0, share = 0.0, cost = 0.0;
     for (int attempt = 0; attempt <= last; ++attempt) {
         /* first the whole change, then the share that can be paid, as the energy is linear in the stiffness; that of the

@@ -167,7 +167,7 @@ class _Bench:
             "lower_limit": self.q - 4 * self.reach, "upper_limit": self.q + 4 * self.reach,
             "velocity_limit": 10.0, "reference_velocity_limit": 5.0, "effort_limit": 1e4, "torque_rate_limit": 1e8,
             "tank_initial": 1e4, "tank_maximum": 1e4, "energy_limit": 1e4, "engagement_limit": 1e5,
-            "translation_stiffness_limit": 1e5, "rotation_stiffness_limit": 1e4,
+            "translation_stiffness_limit": 1e5, "rotation_stiffness_limit": 1e4, "stiffness_cap": "accept",
         }  # fmt: skip
         controller = self.robot.module.Impedance({**room, **config})
         for _ in range(5):
@@ -229,8 +229,9 @@ def _law(bench: _Bench) -> list[Check]:
             pushed = limit_torque(
                 at, config.lower_limit, config.upper_limit, config.limit_zone, stiff, config.effort_limit
             )
-            hold("stiffness", out.translation_stiffness, bench.spring["translation_stiffness"])
-            hold("stiffness", out.rotation_stiffness, bench.spring["rotation_stiffness"])
+            capped = bench.status(out, "STIFFNESS_CAPPED")
+            for kind in ("translation_stiffness", "rotation_stiffness"):
+                hold("stiffness", getattr(out, kind), getattr(out, kind) if capped else bench.spring[kind])
             hold("equilibrium", out.equilibrium, bench.poses(out.reference))
             hold("elastic torque", out.elastic_torque, out.scale * elastic_torque(bench.poses, at, *spring))
             hold("energy", out.elastic_energy, out.scale * potential(bench.poses, at, *spring))
@@ -238,7 +239,7 @@ def _law(bench: _Bench) -> list[Check]:
             hold("velocity", out.velocity, rate)
             hold("damping torque", out.damping_torque, out.damping @ (out.reference_velocity - rate))
             hold("torque", out.torque, out.elastic_torque + out.damping_torque + out.limit_torque)
-            hold("scale", out.scale, 1.0 if not bench.status(out, "STIFFNESS_CAPPED") else out.scale)
+            hold("scale", out.scale, 1.0 if not capped else out.scale)
             hold("no fault", float(out.fault), 0.0)
             if step % 200:
                 continue

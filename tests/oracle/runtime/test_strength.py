@@ -23,6 +23,7 @@ ARMS = {
     "ur5": [0.0, -1.2, 1.6, -1.2, -1.2, 0.3],
     "j2s6s200": [1.0, 2.9, 1.5, 4.2, 1.4, 0.3],
 }
+TIPS = {"panda": "panda_hand_tcp", "ur5": "tool0", "j2s6s200": "j2s6s200_end_effector"}
 PRESSED = {"iiwa14": 200.0, "panda": 100.0, "ur5": 200.0, "j2s6s200": 80.0}
 """Force [N] that each arm can exert downwards at that posture within its effort limits."""
 
@@ -32,8 +33,8 @@ def arms(tmp_path_factory: pytest.TempPathFactory, robot: ModuleType) -> dict[st
     folder = tmp_path_factory.mktemp("arms")
     sys.path.insert(0, str(folder))
     made = {"iiwa14": robot}
-    for name in list(ARMS)[1:]:
-        generate(ROOT / "tests" / "data" / "arms" / f"{name}.urdf", output=folder, name=name)
+    for name, tip in TIPS.items():
+        generate(ROOT / "tests" / "data" / f"{name}.urdf", tip=tip, output=folder, name=name)
         made[name] = import_module(name)
     return made
 
@@ -254,6 +255,8 @@ def test_torque_offset_stays_inside_the_limits(robot: ModuleType) -> None:
             np.testing.assert_allclose(out.offset_torque, np.clip(offset, -robot.EFFORT, robot.EFFORT), atol=30)
         if k < 100:
             np.testing.assert_allclose(out.torque - out.offset_torque, without.torque, atol=1e-9)
+            missing = np.abs(out.offset_torque - offset) > 1e-6
+            assert bool(out.status & robot.Status.OFFSET_LIMITED) == missing.any()
             assert out.tank_energy == pytest.approx(without.tank_energy)
     for _ in range(3):
         held = controller.missed()
