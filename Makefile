@@ -11,7 +11,7 @@ WORKERS ?= 2
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
-.PHONY: help generate test test-slow lint check-generated docs bench bench-cuda campaign compare clean
+.PHONY: help generate test test-slow lint check-generated docs report bench bench-cuda campaign compare clean
 .DELETE_ON_ERROR:
 
 help:  ## print this list
@@ -42,6 +42,11 @@ check-generated: $(VENV)/installed  ## compare generated/iiwa14 with what the ge
 
 docs: $(VENV)/installed-docs  ## build the pages and the reference as a site, into build/site/html/
 	$(BIN)/python docs/site/build.py build/site
+
+report: docs  ## print docs/results.md as build/results.pdf (needs chromium)
+	@command -v chromium >/dev/null || { echo "chromium is not installed; on Debian: apt-get install chromium" >&2; exit 1; }
+	chromium --headless --no-sandbox --disable-gpu --no-pdf-header-footer --print-to-pdf=build/results.pdf \
+	  "file://$(CURDIR)/build/site/html/results.html"
 
 bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a user could take instead, into benchmarks/RESULTS.md
 	$(BIN)/python benchmarks/run.py

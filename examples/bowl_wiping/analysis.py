@@ -23,6 +23,8 @@ SYMMETRY_BAR = 1e-12
 """[N m/rad] largest entry of the antisymmetric part with the correction."""
 CLOSED_FORM_BAR = 1e-12
 """[N m/rad] largest deviation from the closed form without it."""
+ACCOUNT_BAR = 1e-12
+"""[J] largest residual of the energy account."""
 CONTACT_BAR = 0.9
 """Share of the wipe in contact."""
 MOMENT_BAR = 5.0
@@ -75,6 +77,8 @@ class Findings:
             failed.append(f"contact: only {min(self.contact):.1%} of the wipe")
         if not all(moment >= MOMENT_BAR for moment in self.largest_moment):
             failed.append(f"moment at the tool: only {min(self.largest_moment):.2f} N m")
+        if not self.balance <= ACCOUNT_BAR:
+            failed.append(f"energy account: open by {self.balance:.1e} J")
         for name, counts in zip(LAWS, self.faults, strict=True):
             failed += [f"fault in the {name} trial: {bit} in {count} steps" for bit, count in counts.items()]
         return failed

@@ -120,7 +120,7 @@ def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
     folder = tmp_path / "iiwa14"
     shutil.copytree(robot_folder, folder)
     source = (folder / "iiwa14.c").read_text()
-    right = "A34 = K[3][4] + t0;"
+    right = "A34 = K[3][4] + half_m2;"
     at = source.index(right, source.index("void iiwa14_hybrid_joint_stiffness("))
     (folder / "iiwa14.c").write_text(source[:at] + right.replace("+", "-") + source[at + len(right) :])
     for built in folder.rglob("*.so"):

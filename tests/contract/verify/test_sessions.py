@@ -92,6 +92,6 @@ def test_sessions_run_on_robots_of_every_kind(tmp_path: Path) -> None:
     (tmp_path / "work").mkdir()
     workshop = Workshop(open_robot(folder), tmp_path / "work")
     assert workshop.survives(workshop.reference, seed=0)
-    text = workshop.text.replace("memcmp(robot_tool(in), m->tool_pose", "memcmp(m->tool_pose, m->tool_pose")
+    text = workshop.text.replace("memcmp(tool, m->tool_pose", "memcmp(m->tool_pose, m->tool_pose")
     assert text != workshop.text
     assert count_survivors(workshop, [Mutant(0, "", "", text)], seed=0) == (1, [])

@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from examples import results
+from support.project import ROOT
 
 PAGE = results.PAGE.read_text()
 IN_CONTACT = 0.05
@@ -31,7 +35,7 @@ def robots(plate_folder: Path, ball_folder: Path, solo_folder: Path, tmp_path_fa
 
 
 def test_every_table_has_its_section_and_its_command() -> None:
-    assert re.findall(r"<!-- (?!end of)(.*?) -->", PAGE) == list(results.SECTIONS)
+    assert set(re.findall(r"<!-- (?!end of)(.*?) -->", PAGE)) == {*results.SECTIONS, "energy"}
     for section in results.SECTIONS:
         assert re.search(rf"examples\.results \"?{section}|make (experiment|bench|whole-body)", PAGE.replace("\n", " "))
 
@@ -50,3 +54,18 @@ def test_numbers_in_contact(section: str, robots: Path) -> None:
     assert re.sub(NUMBER, "#", made) == re.sub(NUMBER, "#", page)
     for ours, theirs in zip(re.findall(NUMBER, made), re.findall(NUMBER, page), strict=True):
         assert float(ours) == pytest.approx(float(theirs), rel=IN_CONTACT), (ours, theirs)
+
+
+@pytest.mark.slow
+def test_numbers_of_the_adversary() -> None:
+    """The page's command, by its first columns; what a climb comes to differs between processors."""
+    (options,) = re.findall(r'NAME=energy OPTIONS="(.*?)"', PAGE)
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tests" / "campaigns" / "energy.py"), *options.split(), "--workers", "2"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT), *sys.path])},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    rows = [row.split("|")[1:4] for row in done.stdout.splitlines() if re.match(r"\| (constant|moving)", row)]
+    page = [row.split("|")[1:4] for row in shown("energy").splitlines()[2:]]
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert rows == page
