@@ -46,7 +46,7 @@ docs: $(VENV)/installed-docs  ## build the pages and the reference as a site, in
 report: docs  ## print docs/results.md as build/results.pdf (needs chromium)
 	@command -v chromium >/dev/null || { echo "chromium is not installed; on Debian: apt-get install chromium" >&2; exit 1; }
 	chromium --headless --no-sandbox --disable-gpu --no-pdf-header-footer --print-to-pdf=build/results.pdf \
-	  "file://$(CURDIR)/build/site/html/results.html"
+	  "file://$(CURDIR)/build/site/html/docs/results.html"
 
 bench: $(VENV)/installed-test $(VENV)/installed-bench  ## time against what a user could take instead, into benchmarks/RESULTS.md
 	$(BIN)/python benchmarks/run.py

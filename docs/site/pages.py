@@ -39,7 +39,7 @@ CONTENTS = {
     ),
     "Use": (
         "docs/embedding", "docs/controller", "docs/conventions", "docs/ros2", "docs/fri", "docs/fri_robot",
-        "docs/experiment", "docs/stance", "docs/compare",
+        "docs/results", "docs/experiment", "docs/stance", "docs/compare",
         "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (

@@ -139,7 +139,7 @@ ROWS: dict[str, Callable[[Bench], float]] = {
 
 def table(arm: Arm) -> str:
     """Return an arm's table in Markdown."""
-    lines = [f"### {arm.name}", "", f"| | {' | '.join(LAWS)} |", "|---|" + "---|" * len(LAWS)]
+    lines = [f"## {arm.name}", "", f"| | {' | '.join(LAWS)} |", "|---|" + "---|" * len(LAWS)]
     for title, row in ROWS.items():
         values = [row(Bench(arm, law)) for law in range(len(LAWS))]
         lines.append(f"| {title} | {' | '.join(f'{value:.3g}' for value in values)} |")
