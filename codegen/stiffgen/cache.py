@@ -141,11 +141,8 @@ def _open(entry: Path) -> GeneratedRobot | None:
     folder = entry / content["folder"]
     try:
         robot = open_robot(folder)
-        whole = all(
-            hashlib.sha256((folder / file).read_bytes()).hexdigest() == digest
-            for file, digest in robot.manifest["files"].items()
-        )
-    except (OSError, OutputError):
+        whole = robot.digests(robot.manifest["files"]) == robot.manifest["files"]
+    except OutputError:
         return None
     module = folder / "python" / f"{robot.name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
     return robot if whole and module.exists() else None

@@ -16,6 +16,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from stiffgen.errors import OutputError, printable
 
@@ -97,12 +98,9 @@ def exclusive(lock: Path, wait: Callable[[], None]) -> Iterator[None]:
 
     """
     with lock.open("ab") as stream:
-        if fcntl is not None:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                wait()
-                fcntl.flock(stream, fcntl.LOCK_EX)
+        if not _is_locked_now(stream):
+            wait()
+            fcntl.flock(stream, fcntl.LOCK_EX)
         yield
 
 
@@ -114,15 +112,20 @@ def remove_unlocked(lock: Path, folder: Path) -> bool:
 
     """
     with lock.open("ab") as stream:
-        if fcntl is not None:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return False
-        if not folder.exists():
+        if not _is_locked_now(stream) or not folder.exists():
             return False
         shutil.rmtree(folder)
         return True
+
+
+def _is_locked_now(stream: IO[bytes]) -> bool:
+    """Lock an open file unless another process holds its lock; return whether it is locked (always without locks)."""
+    if fcntl is not None:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+    return True
 
 
 def write_atomically(target: Path, text: str) -> None:

@@ -41,7 +41,7 @@ def load_chain(
     """Read the chain between two links of a robot's file, or the tree between a base and several tips.
 
     Args:
-        urdf: path of the robot's file: URDF, or a xacro template. Meshes are not needed.
+        urdf: path of the robot's file (URDF, xacro template or MJCF), or the robot's name. Meshes are not needed.
         tip: link at the end of the chain; its frame is where the wrench acts. May be left out if the robot has
             a single leaf link. Several links: the chains to all of them, with one vector q.
         base: link at the start of the chain, an ancestor of the tip; default: the root link.

@@ -7,7 +7,7 @@ import hashlib
 import importlib.util
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -97,6 +97,15 @@ class GeneratedRobot:
         files = sorted(file for file in self.manifest["files"] if file.endswith((".c", ".h")))
         if f"{self.name}.c" not in files:
             raise OutputError(f"{self.folder / MANIFEST}: lists no {self.name}.c; generate the folder again")
+        return self.digests(files)
+
+    def digests(self, files: Iterable[str]) -> dict[str, str]:
+        """Return the SHA-256 of files of the folder, by file.
+
+        Raises:
+            OutputError: one of them cannot be read.
+
+        """
         try:
             return {file: hashlib.sha256((self.folder / file).read_bytes()).hexdigest() for file in files}
         except OSError as error:

@@ -1191,6 +1191,15 @@ static void place_posture(const config_t *c, int k, double *q)
     }
 }
 
+/* Write the poses of tools that are none: the tips themselves. */
+static void place_no_tools(double *tool)
+{
+    memset(tool, 0, 16 * TIPS * sizeof(double));
+    for (int k = 0; k < 4 * TIPS; ++k) {
+        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
+    }
+}
+
 /*
  * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions: l times such
  * a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort limit;
@@ -1237,10 +1246,8 @@ static double solve_share(double a, double b, double most)
  */
 static double size_tank(const config_t *c)
 {
-    double size[6], tool[16 * TIPS] = {0.0}, most = 0.0;
-    for (int k = 0; k < 4 * TIPS; ++k) {
-        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
-    }
+    double size[6], tool[16 * TIPS], most = 0.0;
+    place_no_tools(tool);
     for (int k = 0; k < 6; ++k) {
         size[k] = c->heaviest_wrench[k / 3];
     }
@@ -1326,6 +1333,15 @@ static void turn_to_axes(const double *pose, const double *v, double *turned)
     }
 }
 
+/* Compute the mass matrix M at q, with the motors' inertia. */
+static void compute_inertia(const config_t *c, const double *q, double *M)
+{
+    robot_mass_matrix(q, M);
+    for (int i = 0; i < N; ++i) {
+        M[i * (N + 1)] += c->motor_inertia[i];
+    }
+}
+
 /*
  * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3, in the axes of their stiffnesses; J: from the
  * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
@@ -1335,10 +1351,7 @@ static int measure_mobilities(const config_t *c, const double *q, const double *
                               double *work, double *mobilities)
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
-    robot_mass_matrix(q, M);
-    for (int i = 0; i < N; ++i) {
-        M[i * (N + 1)] += c->motor_inertia[i];
-    }
+    compute_inertia(c, q, M);
     const double mass = largest_entry(NN, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
@@ -1479,11 +1492,9 @@ static void cap_springs(step_t *s)
  */
 static int halves_stiffness(const config_t *c, double *work)
 {
-    double tool[16 * TIPS] = {0.0};
+    double tool[16 * TIPS];
     int halved = 0;
-    for (int k = 0; k < 4 * TIPS; ++k) {
-        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
-    }
+    place_no_tools(tool);
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], A[18 * TIPS], d[3], Q[9];
         place_posture(c, k, q);
@@ -1976,9 +1987,8 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
 static void measure_inertia(step_t *s, const double *q)
 {
     double *const M = s->scratch, *const L = M + NN;
-    robot_mass_matrix(q, M);
+    compute_inertia(s->c, q, M);
     for (int i = 0; i < N; ++i) {
-        M[i * (N + 1)] += s->c->motor_inertia[i];
         s->m->inertia[i] = DBL_MAX;
     }
     const double mass = largest_entry(NN, M);
@@ -2676,7 +2686,7 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     compute_reserve(s, m->calls, m->call_gap, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
-        target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
+        target = solve_share(a, b, most);
         s->status |= ID(STATUS_RESERVE);
     }
     if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {
@@ -2852,9 +2862,8 @@ static void compute_torque(step_t *s, const double *last, int moved)
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
     double pull[N], follow[N] = {0.0}, slip[N], feed[N];
-    robot_mass_matrix(m->q, out->mass_matrix);
+    compute_inertia(c, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
-        out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
         slip[i] = m->posture[i] - m->q[i];
     }
     const double energy = pull_springs(s, slip, by_pose, pull, follow);

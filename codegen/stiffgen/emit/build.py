@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -55,28 +55,17 @@ def build_module(folder: Path, name: str) -> None:
             "Python's C headers are missing; install them (Debian: apt-get install python3-dev) or use --no-build"
         )
     folder = folder.resolve()
-    python = folder / "python"
     with temporary_folder("build") as build:
-        flags = [*compiler, *_FLAGS, *_native(compiler, build)]
-        user_flags = shlex.split(os.environ.get("CFLAGS", ""))
-        command = [*flags, *user_flags]
-        sources = _sources(folder, name, header)
-        objects = {source.stem: str(build / f"{source.name}.o") for source in sources}
-        compile_each = [
-            [*flags, *options, *user_flags, "-c", str(source), "-o", objects[source.stem]]
-            for source, options in sources.items()
+        command, objects = _compile(compiler, _sources(folder, name, header), build)
+        wrappers = [which for which in ("casadi", "jax") if f"{name}_{which}" in objects]
+        libraries = [_wrapper_link(command, objects, folder, name, which) for which in wrappers]
+        own = [
+            made for stem, made in objects.items() if stem not in {f"{name}_{each}" for each in (*wrappers, "calls")}
         ]
-        wrappers = {which: objects.pop(f"{name}_{which}", "") for which in ("casadi", "jax")}
-        calls = objects.pop(f"{name}_calls", "")
+        module = folder / "python" / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
+        link = [*command, *_link_options(), *own, "-o", str(module), *_libraries()]
+        _run([link, *libraries], compiler[0], build)
         kernels = [objects[source.stem] for source in kernel_sources(folder, name)]
-        module = python / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
-        link = [[*command, *_link_options(), *objects.values(), "-o", str(module), *_libraries()]]
-        for which, wrapper in wrappers.items():
-            if wrapper:
-                library = python / f"{name}_{which}{'.pyd' if os.name == 'nt' else '.so'}"
-                link.append([*command, "-shared", wrapper, calls, *kernels, "-o", str(library), *_libraries()])
-        for commands in (compile_each, link):
-            _run(commands, compiler[0], build)
         _self_check([*command, *kernels], folder, name, build)
 
 
@@ -87,25 +76,36 @@ def build_jax(folder: Path, name: str) -> None:
         BuildError: jax or a compiler is missing, or the compiler failed.
 
     """
-    compiler, folder, includes = compiler_command(), folder.resolve(), _xla_headers()
-    if not includes:
+    compiler, folder = compiler_command(), folder.resolve()
+    if not _xla_headers():
         raise BuildError("jax is not installed")
-    calls, wrapper = (folder / "python" / f"{name}_{part}.c" for part in ("calls", "jax"))
+    needed = {*kernel_sources(folder, name), *(folder / "python" / f"{name}_{part}.c" for part in ("calls", "jax"))}
     with temporary_folder("build") as build:
-        options = [*_FLAGS, *_native(compiler, build), *shlex.split(os.environ.get("CFLAGS", ""))]
-        sources = {**dict.fromkeys(kernel_sources(folder, name), ()), calls: _FAST_TO_COMPILE, wrapper: _FORWARDS}
-        objects = [str(build / f"{source.name}.o") for source in sources]
-        headers = [f"-I{include}" for include in includes]
-        _run(
-            [
-                [*compiler, *options, *more, *headers, "-c", str(source), "-o", made]
-                for (source, more), made in zip(sources.items(), objects, strict=True)
-            ],
-            compiler[0],
-            build,
-        )
-        library = folder / "python" / f"{name}_jax{'.pyd' if os.name == 'nt' else '.so'}"
-        _run([[*compiler, *options, "-shared", *objects, "-o", str(library), *_libraries()]], compiler[0], build)
+        sources = _sources(folder, name, Path(sysconfig.get_path("include")) / "Python.h")
+        chosen = {source: options for source, options in sources.items() if source in needed}
+        command, objects = _compile(compiler, chosen, build)
+        _run([_wrapper_link(command, objects, folder, name, "jax")], compiler[0], build)
+
+
+def _compile(
+    compiler: Sequence[str], sources: Mapping[Path, Sequence[str]], build: Path
+) -> tuple[list[str], dict[str, str]]:
+    """Compile C files with the options of each; return the compiler's command, and the objects by the files' stems."""
+    flags, user_flags = [*compiler, *_FLAGS, *_native(compiler, build)], shlex.split(os.environ.get("CFLAGS", ""))
+    objects = {source.stem: str(build / f"{source.name}.o") for source in sources}
+    commands = [
+        [*flags, *options, *user_flags, "-c", str(source), "-o", objects[source.stem]]
+        for source, options in sources.items()
+    ]
+    _run(commands, compiler[0], build)
+    return [*flags, *user_flags], objects
+
+
+def _wrapper_link(command: Sequence[str], objects: Mapping[str, str], folder: Path, name: str, which: str) -> list[str]:
+    """Return the command that links the library of NAME.jax or NAME.casadi."""
+    stems = [f"{name}_{which}", f"{name}_calls", *(source.stem for source in kernel_sources(folder, name))]
+    library = folder / "python" / f"{name}_{which}{'.pyd' if os.name == 'nt' else '.so'}"
+    return [*command, "-shared", *(objects[stem] for stem in stems), "-o", str(library), *_libraries()]
 
 
 def _sources(folder: Path, name: str, header: Path) -> dict[Path, Sequence[str]]:

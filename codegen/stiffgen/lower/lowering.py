@@ -22,6 +22,7 @@ from stiffgen.lower.form import (
     Place,
     Pointer,
     Scope,
+    Statements,
     Storage,
     Unused,
 )
@@ -78,6 +79,7 @@ class LoweredKernels:
         lowering.read_arguments(program)
         lowering.lower(program)
         lowering.guard_results()
+        lowering.mirror_results()
         return function
 
 
@@ -202,6 +204,18 @@ class Lowering:
                 pointer = Pointer(self.storages[array.name])
                 call = Call("copy_finite", (pointer, array.size, pointer))
                 self.add(Helpers((call,), "NaN in place of infinity", cost=cost))
+
+    def mirror_results(self) -> None:
+        """Copy the upper triangle of symmetric results of statements to the lower one.
+
+        One statement stores an entry of both triangles. A compiler that makes vectors of neighbouring stores may
+        compute its value twice even so, and contract a product and a sum in one of the two only.
+        """
+        filled = {array for item in self.function.items if isinstance(item, Statements) for array in item.step_outputs}
+        for array in self.function.outputs if self.variant.joint_lanes else ():
+            if array.symmetric and array in filled:
+                call = Call("mirror_upper", (Pointer(self.storages[array.name]), array.shape[0]))
+                self.add(Helpers((call,), "the same bits in both triangles, however products and sums are contracted"))
 
     def access(self, operand: Operand, entry: int, *, rows: bool = False) -> Access:
         """Return the access to an operand's entry; with ``rows``, in a loop over vectors of joints."""

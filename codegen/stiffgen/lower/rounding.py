@@ -166,7 +166,8 @@ class ErrorBounds:
     def _statements(self, function: Function, item: Statements, arrays: Bounds) -> None:
         arrays |= {array.name: [ZERO] * array.size for array in item.step_outputs}
         for output, bound in zip(item.body.outputs, self._body(function, item.body, arrays), strict=True):
-            _store(arrays, output.places[0], bound)
+            for place in output.places:
+                _store(arrays, place, bound)
 
     def _loop(self, function: Function, item: Loop, arrays: Bounds) -> None:
         # The operands at i and at j are symbols of their own also where i is j: the printed loop does not know that.

@@ -99,13 +99,16 @@ def _outputs(
         if not (is_column or storage.is_result or storage.whole):
             zeros = storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
             storage.zero_rows = False
+        mirrored = array.shape[0] if array.symmetric and storage.is_result else 0
         for k, value in enumerate(values):
-            if k in zeros:
+            if k in zeros or (mirrored and k // mirrored > k % mirrored):
                 continue
-            place: Entry = Access(storage, operand, k)
+            places: tuple[Entry, ...] = (Access(storage, operand, k),)
             if is_column and f.variant.joint_lanes:
-                place = Local(f"{storage.array.name}{k // m}_{k % m}", None, operand, k)
-            outputs.append(((place,), value))
+                places = (Local(f"{storage.array.name}{k // m}_{k % m}", None, operand, k),)
+            elif mirrored and k // mirrored < k % mirrored:
+                places = *places, Access(storage, operand, k % mirrored * mirrored + k // mirrored)
+            outputs.append((places, value))
             stored_kinds.append(kinds[start + k])
         start += array.size
     return outputs, stored_kinds

@@ -4,7 +4,8 @@
 MuJoCo resolves defaults, classes, includes, attachments and the compiler's settings. Before it compiles, the script
 removes what kinematics and masses do not need, so that missing meshes and textures do not matter: textures, materials,
 sensors, cameras, and all geoms of bodies whose inertia the file states. A geom that gives a body its inertia stays; if
-its mesh is missing, a small sphere stands in, and the answer names the body. The script imports nothing of stiffgen.
+its mesh is missing, a small sphere stands in, and the answer names the body. Of stiffgen the script imports its limits
+alone.
 
 The request holds ``file``. The answer is JSON on standard output: ``model`` (name, bodies, joints, sites, couplings),
 ``files`` (path and SHA-256 of each file read beside the main one) and ``stand_ins`` (body and mesh); or ``error``.
@@ -12,7 +13,6 @@ The request holds ``file``. The answer is JSON on standard output: ``model`` (na
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
@@ -22,6 +22,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+
+from stiffgen.robot.limits import limit_process
 
 SECONDS = 60
 """Processor time that a compilation may take; the largest known model takes 4 s."""
@@ -232,18 +234,10 @@ def _actuators(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
             yield {"joint": int(model.actuator_trnid[k][0]), "force": min(forces) * gear}
 
 
-def _limit() -> None:
-    with contextlib.suppress(ImportError, ValueError, OSError):  # not on Windows; a lower limit is in force
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        resource.setrlimit(resource.RLIMIT_AS, (_GIBIBYTES * 2**30, _GIBIBYTES * 2**30))
-
-
 def main() -> None:
     """Answer the request on standard input."""
     request = json.load(sys.stdin)
-    _limit()
+    limit_process(SECONDS, _GIBIBYTES)
     file = Path(request["file"])
     with tempfile.TemporaryDirectory(prefix="stiffgen-mjcf.") as scratch:
         os.chdir(scratch)  # MuJoCo logs into the current folder

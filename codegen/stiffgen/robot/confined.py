@@ -11,15 +11,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import DescriptionError
+from stiffgen.errors import DescriptionError, MissingExtraError, printable
 
 _SECONDS = 300  # of the clock; the scripts bound the processor time
 
 
-def answer_of(script: str, file: str, request: Mapping[str, Any]) -> dict[str, Any]:
+def answer_of(script: str, file: str, request: Mapping[str, Any], package: str, extra: str) -> dict[str, Any]:
     """Return the answer of a script of this folder to a request; both are JSON.
 
+    Args:
+        script: name of the script.
+        file: name of the robot's file, for errors.
+        request: content of the request.
+        package: package that the script imports, which is installed.
+        extra: stiffgen's extra that installs it.
+
     Raises:
+        MissingExtraError: the package cannot be imported.
         DescriptionError: the script was ended, by its limits or by a fault of the library that it calls.
 
     """
@@ -41,4 +49,9 @@ def answer_of(script: str, file: str, request: Mapping[str, Any]) -> dict[str, A
             file, ["is not read within the time and memory of a robot's file; correct what repeats in it"]
         ) from error
     assert isinstance(answer, dict)
+    if "missing" in answer:
+        raise MissingExtraError(
+            f"{printable(file)}: {package} cannot be imported ({printable(answer['missing'], 200)}); "
+            f"install it again: pip install 'stiffgen[{extra}]'"
+        )
     return answer

@@ -2,7 +2,7 @@
 """Expand one xacro template, as a script in a process of its own: ``python expansion.py < request.json``.
 
 A template runs expressions and may not end. The process bounds its time and memory, and keeps the settings that
-xacro holds in globals away from the caller. The script imports nothing of stiffgen.
+xacro holds in globals away from the caller. Of stiffgen the script imports its limits alone.
 
 The request holds ``file``, ``arguments`` and ``package_path``. The answer is JSON on standard output: ``text``,
 ``files`` (path and SHA-256 of each file read), ``packages`` (paths of those found), ``warnings``; or ``error``.
@@ -20,6 +20,8 @@ import stat
 import sys
 from pathlib import Path
 from typing import Any
+
+from stiffgen.robot.limits import limit_process
 
 SECONDS = 20
 """Processor time that an expansion may take; the largest known template takes 2 s."""
@@ -159,18 +161,10 @@ def _causes(error: BaseException | None) -> list[BaseException]:
     return found
 
 
-def _limit() -> None:
-    with contextlib.suppress(ImportError, ValueError, OSError):  # not on Windows; a lower limit is in force
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        resource.setrlimit(resource.RLIMIT_AS, (_GIBIBYTES * 2**30, _GIBIBYTES * 2**30))
-
-
 def main() -> None:
     """Answer the request on standard input."""
     request = json.load(sys.stdin)
-    _limit()
+    limit_process(SECONDS, _GIBIBYTES)
     noise = io.StringIO()
     try:
         with contextlib.redirect_stderr(noise), contextlib.redirect_stdout(noise):

@@ -51,12 +51,7 @@ def read_mjcf(path: Path, data: bytes) -> Description:
             "pip install 'stiffgen[mjcf]'"
         )
     file = str(path.resolve())
-    answer = answer_of("compilation.py", path.name, {"file": file})
-    if "missing" in answer:
-        raise MissingExtraError(
-            f"{printable(path.name)}: mujoco cannot be imported ({printable(answer['missing'], 200)}); "
-            "install it again: pip install 'stiffgen[mjcf]'"
-        )
+    answer = answer_of("compilation.py", path.name, {"file": file}, "mujoco", "mjcf")
     if "error" in answer:
         raise DescriptionError(path.name, [f"MuJoCo refuses it: {printable(answer['error'], 400)}; correct it"])
     model = answer["model"]

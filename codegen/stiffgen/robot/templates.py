@@ -44,12 +44,7 @@ def expand(path: Path, reading: Reading) -> Expansion:
             raise DescriptionError(path.name, [f"--package-path {printable(str(folder), 200)}: is not a folder"])
     folders = [str(each) for each in reading.package_path]
     request = {"file": file, "arguments": dict(reading.arguments), "package_path": folders}
-    answer = answer_of("expansion.py", path.name, request)
-    if "missing" in answer:
-        raise MissingExtraError(
-            f"{printable(path.name)}: xacrodoc cannot be imported ({printable(answer['missing'], 200)}); "
-            "install it again: pip install 'stiffgen[xacro]'"
-        )
+    answer = answer_of("expansion.py", path.name, request, "xacrodoc", "xacro")
     if "error" in answer:
         raise DescriptionError(path.name, [printable(answer["error"], 600)])
     packages = {name: Path(folder) for name, folder in answer["packages"].items()}

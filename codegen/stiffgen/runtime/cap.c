@@ -15,6 +15,15 @@ static void turn_to_axes(const double *pose, const double *v, double *turned)
     }
 }
 
+/* Compute the mass matrix M at q, with the motors' inertia. */
+void compute_inertia(const config_t *c, const double *q, double *M)
+{
+    robot_mass_matrix(q, M);
+    for (int i = 0; i < N; ++i) {
+        M[i * (N + 1)] += c->motor_inertia[i];
+    }
+}
+
 /*
  * Measure the mobilities J M^-1 J^T of each tip's two springs, 3 x 3, in the axes of their stiffnesses; J: from the
  * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
@@ -24,10 +33,7 @@ static int measure_mobilities(const config_t *c, const double *q, const double *
                               double *work, double *mobilities)
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
-    robot_mass_matrix(q, M);
-    for (int i = 0; i < N; ++i) {
-        M[i * (N + 1)] += c->motor_inertia[i];
-    }
+    compute_inertia(c, q, M);
     const double mass = largest_entry(NN, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
@@ -168,11 +174,9 @@ void cap_springs(step_t *s)
  */
 int halves_stiffness(const config_t *c, double *work)
 {
-    double tool[16 * TIPS] = {0.0};
+    double tool[16 * TIPS];
     int halved = 0;
-    for (int k = 0; k < 4 * TIPS; ++k) {
-        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
-    }
+    place_no_tools(tool);
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], A[18 * TIPS], d[3], Q[9];
         place_posture(c, k, q);

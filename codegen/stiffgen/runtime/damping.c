@@ -25,9 +25,8 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
 void measure_inertia(step_t *s, const double *q)
 {
     double *const M = s->scratch, *const L = M + NN;
-    robot_mass_matrix(q, M);
+    compute_inertia(s->c, q, M);
     for (int i = 0; i < N; ++i) {
-        M[i * (N + 1)] += s->c->motor_inertia[i];
         s->m->inertia[i] = DBL_MAX;
     }
     const double mass = largest_entry(NN, M);

@@ -125,12 +125,15 @@ int is_positive_semidefinite(int n, const double *A, double tolerance);
 
 /* strength.c */
 void place_posture(const config_t *c, int k, double *q);
+void place_no_tools(double *tool);
+double solve_share(double a, double b, double most);
 double size_tank(const config_t *c);
 void find_energies(step_t *s);
 void note_load(step_t *s, double energy);
 void report_force(step_t *s);
 
 /* cap.c */
+void compute_inertia(const config_t *c, const double *q, double *M);
 void cap_springs(step_t *s);
 int halves_stiffness(const config_t *c, double *work);
 

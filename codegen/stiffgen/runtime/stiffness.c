@@ -111,7 +111,7 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap)
     compute_reserve(s, m->calls, m->call_gap, pull, parts);
     const double most = fmax(COVERED * available_energy(m) - parts[0], 0.0), a = parts[1], b = parts[2];
     if ((a + b * target) * target > most) {
-        target = 2.0 * most / (a + sqrt(a * a + 4.0 * b * most));
+        target = solve_share(a, b, most);
         s->status |= ID(STATUS_RESERVE);
     }
     if (m->fault != ID(FAULT_NONE) && !holds_in_fault(s)) {

@@ -12,6 +12,15 @@ void place_posture(const config_t *c, int k, double *q)
     }
 }
 
+/* Write the poses of tools that are none: the tips themselves. */
+void place_no_tools(double *tool)
+{
+    memset(tool, 0, 16 * TIPS * sizeof(double));
+    for (int k = 0; k < 4 * TIPS; ++k) {
+        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
+    }
+}
+
 /*
  * Bound the reserve of the torques J^T w of all w with |w_k / size_k| <= 1 (2-norm) in `rows` directions: l times such
  * a torque needs at most l parts[0] + l^2 parts[1]. parts[2]: largest l at which every joint keeps its effort limit;
@@ -47,7 +56,7 @@ static void bound_wrench(const config_t *c, int rows, const double *J, const dou
 }
 
 /* Return the largest l for which l a + l^2 b is at most `most`. */
-static double solve_share(double a, double b, double most)
+double solve_share(double a, double b, double most)
 {
     return most > 0.0 ? 2.0 * most / (a + sqrt(a * a + 4.0 * b * most)) : 0.0;
 }
@@ -58,10 +67,8 @@ static double solve_share(double a, double b, double most)
  */
 double size_tank(const config_t *c)
 {
-    double size[6], tool[16 * TIPS] = {0.0}, most = 0.0;
-    for (int k = 0; k < 4 * TIPS; ++k) {
-        tool[16 * (k / 4) + 5 * (k % 4)] = 1.0;
-    }
+    double size[6], tool[16 * TIPS], most = 0.0;
+    place_no_tools(tool);
     for (int k = 0; k < 6; ++k) {
         size[k] = c->heaviest_wrench[k / 3];
     }

@@ -154,9 +154,8 @@ void compute_torque(step_t *s, const double *last, int moved)
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
     double pull[N], follow[N] = {0.0}, slip[N], feed[N];
-    robot_mass_matrix(m->q, out->mass_matrix);
+    compute_inertia(c, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
-        out->mass_matrix[i * (N + 1)] += c->motor_inertia[i];
         slip[i] = m->posture[i] - m->q[i];
     }
     const double energy = pull_springs(s, slip, by_pose, pull, follow);

@@ -87,7 +87,8 @@ class Argument:
         """Return the argument as an array of the chain's sizes."""
         n = chain.dof
         sizes = {"n": n, "q": len(chain.coordinates), "triangle": n * (n + 1) // 2}
-        return Array(self.name, tuple(sizes[e] if isinstance(e, str) else e for e in self.shape), self.symbol)
+        shape = tuple(sizes[e] if isinstance(e, str) else e for e in self.shape)
+        return Array(self.name, shape, self.symbol, self.symmetric)
 
 
 Q = Argument("q", ("q",), "rad or m", "joint positions, base to tip", symbol="q", of_configuration=True)

@@ -114,6 +114,8 @@ class Array:
     shape: tuple[int, ...]
     symbol: str = field(default="", compare=False)
     """Letter of the array in formulas."""
+    symmetric: bool = field(default=False, compare=False)
+    """Whether the array is a symmetric matrix, to the last bit."""
 
     @property
     def size(self) -> int:

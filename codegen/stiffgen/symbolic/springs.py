@@ -201,7 +201,7 @@ def _kinds(placement: Placement) -> dict[str, Spring]:
         return linear(p, R, H, Kt) + trace_form(R, H, symmetric(Ko), rotation)
 
     def quaternion(p: ca.SX, R: ca.SX, H: ca.SX, Kt: ca.SX, Ko: ca.SX) -> Terms:
-        meaning = "factor g = 4/(1 + eta) of the energy g eps^T Ko eps, its derivatives dg and ddg; over = 1/(1 + eta)"
+        meaning = "factor g = 4/(1 + eta) of the energy g eps^T Ko eps, its derivatives -fall and ddg"
         return linear(p, R, H, Kt) + by_quaternion(R, H, symmetric(Ko), rotation, quaternion_factor, meaning)
 
     def rotation_vector(p: ca.SX, R: ca.SX, H: ca.SX, Kt: ca.SX, Ko: ca.SX) -> Terms:

@@ -18,7 +18,7 @@ import casadi as ca
 
 from stiffgen.robot.chain import Body, Chain
 from stiffgen.verify.result import Array
-from stiffgen.verify.rounding import evaluate_longer
+from stiffgen.verify.rounding import evaluate_longer, in_form_of
 
 
 def _second_moments(body: Body) -> ca.DM:
@@ -68,6 +68,5 @@ def differentiated(
     for name, expression in expected.items():
         there = ca.substitute(expression, moves, ca.DM.zeros(own))
         values = evaluate_longer([q, base_pose, rates, gravity], there, columns)
-        is_matrix = name.endswith(("_matrix", "_stiffness"))
-        results[name] = values if is_matrix else values[..., 0, 0] if name == "gravity_energy" else values[..., 0]
+        results[name] = in_form_of(name, values)
     return results

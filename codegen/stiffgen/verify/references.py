@@ -37,7 +37,7 @@ from stiffgen.verify.poses import (
     product_of_poses,
 )
 from stiffgen.verify.result import Array
-from stiffgen.verify.rounding import evaluate_longer
+from stiffgen.verify.rounding import evaluate_longer, in_form_of
 from stiffgen.verify.samples import Samples
 from stiffgen.verify.springs import differentiated
 
@@ -123,8 +123,7 @@ class References:
         results = {}
         for name, expression in differentiated(spring, self.options.placement, pose, q, symbols).items():
             values = self._evaluate(expression, given, columns)
-            is_matrix = name.endswith("_stiffness")
-            results[name] = values if is_matrix else values[..., 0, 0] if name == "energy" else values[..., 0]
+            results[name] = in_form_of(name, values)
         return results
 
     def _potential(self, q: ca.SX, pose: ca.SX, seed: int) -> tuple[Array, Array, Array]:

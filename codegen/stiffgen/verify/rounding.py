@@ -265,6 +265,13 @@ def with_more_digits(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> N
     return np.stack(found, axis=1)
 
 
+def in_form_of(name: str, values: Array) -> Array:
+    """Return values (states, rows, columns) as the function of this name does: a matrix, a vector or a number."""
+    if name.endswith(("_matrix", "_stiffness")):
+        return values
+    return values[..., 0, 0] if name.endswith("energy") else values[..., 0]
+
+
 def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequence[Array]) -> Array:
     """Evaluate a matrix of the entries of some symbols at many states, in the longest numbers that this machine has.
 

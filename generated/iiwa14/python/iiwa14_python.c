@@ -2771,7 +2771,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "094bb1085d1ee130") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "73bbe8f0ac50d2f6") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
