@@ -34,6 +34,12 @@ from stiffgen.names import MAX_LENGTH, identifier
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.springs import KINDS, Placement, Spring, spring
 
+MAX_PARAMETERS = 27
+"""Largest number of parameters of a potential.
+
+The reverse mode of the energy takes q, the poses of the base and of a tool, the parameters and three cotangents, and
+returns a gradient for all but the cotangents. A NumPy ufunc takes 64 arguments and results.
+"""
 _WITHOUT_DERIVATIVES = {
     ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder", ca.OP_SIGN: "sign",
     ca.OP_COPYSIGN: "copysign", ca.OP_ERFINV: "erfinv", ca.OP_LIFT: "lift",
@@ -89,6 +95,11 @@ def spring_of(potential: Potential) -> Spring:
     if name in {spring(kind).name for kind in KINDS}:
         raise PotentialError(f"potential {name}: the name is taken by stiffgen's own functions; give it another")
     declared = dict(_items(name, getattr(potential.function, "parameters", {})))
+    if len(declared) > MAX_PARAMETERS:
+        raise PotentialError(
+            f"potential {name}: declares {len(declared)} parameters, more than the {MAX_PARAMETERS} that its functions "
+            "can take in NumPy; put numbers that belong together into one vector or matrix"
+        )
     arguments = tuple(
         _argument(name, parameter, shape, _argument_name(name, list(declared), k))
         for k, (parameter, shape) in enumerate(declared.items())

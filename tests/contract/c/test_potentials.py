@@ -36,20 +36,32 @@ def chosen(p, R, parameters):
 
 chosen.parameters = {"centre": (3,), "stiffness": (), "axes": (3, 2), "rate": ()}
 
+def waves(names, p, R, parameters):
+    return sum(ca.cos(k * parameters.__getattr__(name) * p[k % 3]) * R[0, k % 3] for k, name in enumerate(names))
+
 def angle(p, R, parameters):
-    return sum(ca.cos(k * parameters.__getattr__(name) * p[k % 3]) * R[0, k % 3] for k, name in enumerate(WORDS))
+    return waves(LOCALS, p, R, parameters)
+
+def most(p, R, parameters):
+    return waves(MOST, p, R, parameters)
 
 def kinks(p, R, parameters):
     return ca.fmax(0, p[2] - 0.1) ** 3 + ca.fabs(p[0]) ** 3
 
+LOCALS = ("angle", "sine", "J", "K", "q", "p", "R", "x", "i", "n", "a", "a_bar", "a_step", "a_of_tips")
 WORDS = (
-    "angle", "sine", "J", "K", "q", "p", "R", "x", "i", "n", "a", "a_bar", "a_step", "a_of_tips", "count", "energy",
-    "torque", "wrench", "lanes", "poison", "int", "double", "lambda", "class", "M_PI", "NAN", "I", "y0", "j1", "fmax",
+    "count", "energy", "torque", "wrench", "lanes", "poison", "int", "double", "lambda", "class", "M_PI", "NAN", "I",
+    "y0", "j1", "fmax",
 )
-angle.parameters = {name: () for name in WORDS}
+MOST = (*WORDS, *(f"more{k}" for k in range(27 - len(WORDS))))
+angle.parameters = {name: () for name in LOCALS}
+most.parameters = {name: () for name in MOST}
 """
-NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen", "angle", "kinks")
-"""``angle`` has names of locals, of C, C++ and Python, of math.h, and names that the printers make of another one."""
+NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen", "angle", "most", "kinks")
+"""Parameters have names of locals, of C, C++ and Python, of math.h, and names that the printers make of another one.
+
+``most`` has as many as a potential may have.
+"""
 ROBOT = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.3"/><axis xyz="0 1 0"/>
 </joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="0 0 1"/>

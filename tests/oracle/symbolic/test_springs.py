@@ -135,6 +135,10 @@ def test_a_potential_of_ones_own():
         (named(lambda p, R, parameters: p[0], a__b=(3,)), "a parameter cannot be called 'a__b'"),
         (named(lambda p, R, parameters: p[0], gain=(1, 2, 3)), "the shape of parameter 'gain'"),
         (named(lambda p, R, parameters: p[0], gain="x"), "the shape of parameter 'gain'"),
+        (
+            named(lambda p, R, parameters: p[0], **{f"gain{k}": () for k in range(28)}),
+            "declares 28 parameters, more than",
+        ),
     ],
 )
 def test_potentials_refused(function, message):
