@@ -256,13 +256,13 @@ def quaternion_factor(eta: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, dict[str, ca.SX]
     return g, -fall, bend, {"one_plus_eta": plus, "g": g, "fall": fall, "ddg": bend}
 
 
-_SERIES = (1.0, 1 / 6, 3 / 40, 15 / 336, 105 / 3456, 945 / 42240, 10395 / 599040, 135135 / 9676800, 2027025 / 175472640)
+_SERIES = (1.0, 1 / 6, 3 / 40, 15 / 336)
 """Coefficients c_k of asin(x)/x in powers of x^2: (2k)!/(4^k k!^2 (2k + 1))."""
-_SERIES_BOUND = 1e-2
+_SERIES_BOUND = 1e-4
 """Bound on x^2 below which the series replaces the closed form.
 
-At the bound the first term left out is below 1e-19 of the half angle's ratio. The closed form of the second derivative
-loses the digits of 1/x^2 twice, but multiplies eps^T Ko eps, which is of the order of x^2.
+At the bound the first term left out is below 1e-17 of the half angle's ratio. The closed form of the second derivative
+loses the digits of 1/x^2 twice, but multiplies eps^T Ko eps, which is of the order of x^2, and eps eps^T.
 """
 
 
