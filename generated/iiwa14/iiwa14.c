@@ -1068,56 +1068,36 @@ void iiwa14_mass_matrix(const double q[7], double mass_matrix[49])
 
     /* M_ij = J_i . h_j: component of h_j along the axis of joint i, in the axes of link i */
     mass_matrix[0] = I0_22;
-    mass_matrix[1] = -I1_12;
-    mass_matrix[2] = a2_0_2;
-    mass_matrix[3] = a3_0_2;
-    mass_matrix[4] = a4_0_2;
-    mass_matrix[5] = a5_0_2;
-    mass_matrix[6] = a6_0_2;
-    mass_matrix[7] = -I1_12;
+    mass_matrix[7] = mass_matrix[1] = -I1_12;
+    mass_matrix[14] = mass_matrix[2] = a2_0_2;
+    mass_matrix[21] = mass_matrix[3] = a3_0_2;
+    mass_matrix[28] = mass_matrix[4] = a4_0_2;
+    mass_matrix[35] = mass_matrix[5] = a5_0_2;
+    mass_matrix[42] = mass_matrix[6] = a6_0_2;
     mass_matrix[8] = I1_22;
-    mass_matrix[9] = t37;
-    const double t47 = 0.42 * (c2 * m3_1) + (t33 + I3_22 * c2);
-    mass_matrix[10] = -t47;
-    const double t48 = 0.42 * (c2 * t38 + m4_0 * s2) + (s2 * t39 + c2 * t25);
-    mass_matrix[11] = -t48;
-    mass_matrix[12] = a5_1_2;
-    mass_matrix[13] = a6_1_2;
-    mass_matrix[14] = a2_0_2;
-    mass_matrix[15] = t37;
+    mass_matrix[15] = mass_matrix[9] = t37;
+    mass_matrix[22] = mass_matrix[10] = -(0.42 * (c2 * m3_1) + (t33 + I3_22 * c2));
+    mass_matrix[29] = mass_matrix[11] = -(0.42 * (c2 * t38 + m4_0 * s2) + (s2 * t39 + c2 * t25));
+    mass_matrix[36] = mass_matrix[12] = a5_1_2;
+    mass_matrix[43] = mass_matrix[13] = a6_1_2;
     mass_matrix[16] = I2_22;
-    mass_matrix[17] = I3_12;
-    mass_matrix[18] = a4_3_1;
-    mass_matrix[19] = a5_3_1;
-    mass_matrix[20] = a6_3_1;
-    mass_matrix[21] = a3_0_2;
-    mass_matrix[22] = -t47;
-    mass_matrix[23] = I3_12;
+    mass_matrix[23] = mass_matrix[17] = I3_12;
+    mass_matrix[30] = mass_matrix[18] = a4_3_1;
+    mass_matrix[37] = mass_matrix[19] = a5_3_1;
+    mass_matrix[44] = mass_matrix[20] = a6_3_1;
     mass_matrix[24] = I3_22;
-    mass_matrix[25] = t25;
-    mass_matrix[26] = a5_3_2;
-    mass_matrix[27] = a6_3_2;
-    mass_matrix[28] = a4_0_2;
-    mass_matrix[29] = -t48;
-    mass_matrix[30] = a4_3_1;
-    mass_matrix[31] = t25;
+    mass_matrix[31] = mass_matrix[25] = t25;
+    mass_matrix[38] = mass_matrix[26] = a5_3_2;
+    mass_matrix[45] = mass_matrix[27] = a6_3_2;
     mass_matrix[32] = I4_22;
-    mass_matrix[33] = a5_4_2;
-    mass_matrix[34] = a6_4_2;
-    mass_matrix[35] = a5_0_2;
-    mass_matrix[36] = a5_1_2;
-    mass_matrix[37] = a5_3_1;
-    mass_matrix[38] = a5_3_2;
-    mass_matrix[39] = a5_4_2;
+    mass_matrix[39] = mass_matrix[33] = a5_4_2;
+    mass_matrix[46] = mass_matrix[34] = a6_4_2;
     mass_matrix[40] = I5_22;
-    mass_matrix[41] = t6;
-    mass_matrix[42] = a6_0_2;
-    mass_matrix[43] = a6_1_2;
-    mass_matrix[44] = a6_3_1;
-    mass_matrix[45] = a6_3_2;
-    mass_matrix[46] = a6_4_2;
-    mass_matrix[47] = t6;
+    mass_matrix[47] = mass_matrix[41] = t6;
     mass_matrix[48] = 0.000306000003449303;
+
+    /* the same bits in both triangles, however products and sums are contracted */
+    mirror_upper(mass_matrix, 7);
 }
 
 /*
@@ -2481,51 +2461,34 @@ void iiwa14_spring_task_stiffness(const double q[7], const double equilibrium[16
     const double P21 = H10 * L20 + H11 * L21 + H12 * L22;
     const double P22 = L20 * H20 + L21 * H21 + L22 * H22;
 
-    /* covariant Hessian */
-    const double minus_hessian34 = 0.5 * (P01 + P10);
-    const double minus_hessian35 = 0.5 * (P02 + P20);
-    const double minus_hessian45 = 0.5 * (P12 + P21);
-
     /* covariant Hessian K of U */
     task_stiffness[0] = Kt00;
-    task_stiffness[1] = Kt01;
-    task_stiffness[2] = Kt02;
-    task_stiffness[3] = 0.0;
-    task_stiffness[4] = 0.0;
-    task_stiffness[5] = 0.0;
-    task_stiffness[6] = Kt01;
+    task_stiffness[6] = task_stiffness[1] = Kt01;
+    task_stiffness[12] = task_stiffness[2] = Kt02;
+    task_stiffness[18] = task_stiffness[3] = 0.0;
+    task_stiffness[24] = task_stiffness[4] = 0.0;
+    task_stiffness[30] = task_stiffness[5] = 0.0;
     task_stiffness[7] = Kt11;
-    task_stiffness[8] = Kt12;
-    task_stiffness[9] = 0.0;
-    task_stiffness[10] = 0.0;
-    task_stiffness[11] = 0.0;
-    task_stiffness[12] = Kt02;
-    task_stiffness[13] = Kt12;
+    task_stiffness[13] = task_stiffness[8] = Kt12;
+    task_stiffness[19] = task_stiffness[9] = 0.0;
+    task_stiffness[25] = task_stiffness[10] = 0.0;
+    task_stiffness[31] = task_stiffness[11] = 0.0;
     task_stiffness[14] = Kt22;
-    task_stiffness[15] = 0.0;
-    task_stiffness[16] = 0.0;
-    task_stiffness[17] = 0.0;
-    task_stiffness[18] = 0.0;
-    task_stiffness[19] = 0.0;
-    task_stiffness[20] = 0.0;
+    task_stiffness[20] = task_stiffness[15] = 0.0;
+    task_stiffness[26] = task_stiffness[16] = 0.0;
+    task_stiffness[32] = task_stiffness[17] = 0.0;
     task_stiffness[21] = P11 + P22;
-    task_stiffness[22] = -minus_hessian34;
-    task_stiffness[23] = -minus_hessian35;
-    task_stiffness[24] = 0.0;
-    task_stiffness[25] = 0.0;
-    task_stiffness[26] = 0.0;
-    task_stiffness[27] = -minus_hessian34;
+    task_stiffness[27] = task_stiffness[22] = -(0.5 * (P01 + P10));
+    task_stiffness[33] = task_stiffness[23] = -(0.5 * (P02 + P20));
     task_stiffness[28] = P22 + P00;
-    task_stiffness[29] = -minus_hessian45;
-    task_stiffness[30] = 0.0;
-    task_stiffness[31] = 0.0;
-    task_stiffness[32] = 0.0;
-    task_stiffness[33] = -minus_hessian35;
-    task_stiffness[34] = -minus_hessian45;
+    task_stiffness[34] = task_stiffness[29] = -(0.5 * (P12 + P21));
     task_stiffness[35] = P00 + P11;
 
     /* NaN in place of infinity */
     copy_finite(task_stiffness, 36, task_stiffness);
+
+    /* the same bits in both triangles, however products and sums are contracted */
+    mirror_upper(task_stiffness, 6);
 }
 
 /*

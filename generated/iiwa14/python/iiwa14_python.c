@@ -2771,7 +2771,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "73bbe8f0ac50d2f6") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "bfce0497540e43f8") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
