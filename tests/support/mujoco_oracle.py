@@ -50,6 +50,8 @@ class MujocoChain:
         self.armature = m.dof_armature.copy()
         m.dof_armature[:] = 0
         m.tendon_armature[:] = 0
+        m.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        mujoco.mj_setConst(m, self.data)  # the masses that MuJoCo stores for single bodies contain the armature
         body = _index(m, "body", tip)
         self.site = _index(m, "site", tip) if body < 0 else -1
         assert body >= 0 or self.site >= 0, tip
