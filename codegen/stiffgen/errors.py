@@ -68,6 +68,19 @@ class DescriptionWarning(UserWarning):
         super().__init__(f"{self.file}: beside the chain, without effect on it: {first}{more}")
 
 
+class LoopWarning(DescriptionWarning):
+    """The file has constraints that close loops; all functions are those of the tree."""
+
+    def __init__(self, file: str, loops: Iterable[str]) -> None:
+        self.file = printable(file, 200)
+        self.problems = tuple(loops)
+        UserWarning.__init__(
+            self,
+            f"{self.file}: {len(self.problems)} constraints that close loops are left out, and joints of a loop are "
+            f"independent of each other: {listed(self.problems, 4)}",
+        )
+
+
 class ChainError(StiffgenError):
     """The description is sound, but the requested chain does not exist or cannot be used."""
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from stiffgen.errors import DescriptionWarning, PotentialError, listed
+from stiffgen.errors import DescriptionWarning, LoopWarning, PotentialError, listed
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.assembly import assemble
 from stiffgen.robot.chain import Chain, ChainOptions, Tool
@@ -68,6 +68,7 @@ def load_chain(
 
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.
+        LoopWarning: the file has constraints that close loops, which all functions leave out.
 
     """
     options = ChainOptions(
@@ -94,6 +95,8 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     selection = select(description, options)
     if selection.beside:
         warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
+    if description.loops:
+        warnings.warn(LoopWarning(description.file, description.loops), stacklevel=3)
     return assemble(description, options, selection, _RESERVED)
 
 

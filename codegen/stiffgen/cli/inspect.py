@@ -12,7 +12,7 @@ from rich.table import Table
 
 from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
 from stiffgen.cli.console import table, tables
-from stiffgen.errors import DescriptionError, StiffgenError, listed
+from stiffgen.errors import DescriptionError, StiffgenError, listed, printable
 from stiffgen.loading import describe
 from stiffgen.names import comment
 from stiffgen.robot.description import Description, JointElement
@@ -56,6 +56,11 @@ def run(options: argparse.Namespace) -> int:
         print("\n".join(f"  {note}" for note in description.notes))
     if description.remarks:
         print("\n" + "\n".join(description.remarks))
+    if description.loops:
+        print(
+            f"\n{len(description.loops)} constraints that close loops are left out; joints of a loop are independent:"
+        )
+        print("\n".join(f"  {printable(loop)}" for loop in description.loops))
     if not description.problems:
         return 0
     print(f"\n{len(description.problems)} problems; chains that a problem can affect are rejected:")

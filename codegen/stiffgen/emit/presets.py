@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Presets: numbers of robots' makers that a URDF does not contain, with their sources, and an estimate for the rest."""
+"""Motors' numbers with their sources: the file's armature, else presets of the makers, else estimates."""
 
 from __future__ import annotations
 
@@ -61,7 +61,10 @@ def find_preset(name: str) -> Preset | None:
 
 
 def motor_tables(chain: Chain) -> MotorTables:
-    """Return a chain's motor inertias and torque rates: the maker's, or estimates from effort and velocity limits."""
+    """Return a chain's motor inertias and torque rates: the file's, the maker's, or estimates from the limits.
+
+    The file comes first, since its armature is that of the user's simulation. An armature of 0 counts as unknown.
+    """
     preset = find_preset(chain.robot) or Preset("", chain.robot)
     limits = [(c.effort, c.velocity) for c in chain.coordinates]
     inertia, rate = preset.motor_inertia, preset.torque_rate
@@ -69,6 +72,10 @@ def motor_tables(chain: Chain) -> MotorTables:
     if len(inertia) != len(limits):
         inertia = tuple(_estimate(effort, velocity) for effort, velocity in limits)
         inertia_source = f"estimate: {INERTIA_TIME:g} s effort / velocity, the maker's is unknown"
+    stated = [c.motor_inertia for c in chain.coordinates]
+    if any(stated):
+        inertia = tuple(own or other for own, other in zip(stated, inertia, strict=True))
+        inertia_source = "armature of the file" + ("" if all(stated) else f"; where it is 0, {inertia_source}")
     if len(rate) != len(limits):
         rate = tuple(effort / RATE_TIME for effort, _ in limits)
         rate_source = f"estimate: effort / {RATE_TIME:g} s, the maker's is unknown"

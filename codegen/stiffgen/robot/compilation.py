@@ -7,8 +7,9 @@ sensors, cameras, and all geoms of bodies whose inertia the file states. A geom 
 its mesh is missing, a small sphere stands in, and the answer names the body. Of stiffgen the script imports its limits
 alone.
 
-The request holds ``file``. The answer is JSON on standard output: ``model`` (name, bodies, joints, sites, couplings),
-``files`` (path and SHA-256 of each file read beside the main one) and ``stand_ins`` (body and mesh); or ``error``.
+The request holds ``file``. The answer is JSON on standard output: ``model`` (name, bodies, joints, sites, couplings,
+loops), ``files`` (path and SHA-256 of each file read beside the main one) and ``stand_ins`` (body and mesh); or
+``error``.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ def _compiled(file: Path) -> dict[str, Any]:
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(file))
+    loops = list(_loops(mujoco, spec))
     used, stand_ins = _strip(mujoco, spec, all_missing=False)
     try:
         model = spec.compile()
@@ -53,10 +55,23 @@ def _compiled(file: Path) -> dict[str, Any]:
     files = {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in (*_includes(file), *used)}
     files.pop(str(file), None)
     return {
-        "model": {"name": file.stem if name in ("", "MuJoCo Model") else name, **_content(mujoco, model)},
+        "model": {
+            "name": file.stem if name in ("", "MuJoCo Model") else name,
+            **_content(mujoco, model),
+            "loops": loops,
+        },
         "files": sorted(files.items()),
         "stand_ins": stand_ins,
     }
+
+
+def _loops(mujoco: Any, spec: Any) -> Iterator[str]:
+    """Yield kind, name and ends of the constraints between bodies or sites, which the tree cannot express."""
+    kinds = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
+    for equality in spec.equalities:
+        if equality.type in kinds and equality.active:
+            name = f" '{equality.name}'" if equality.name else ""
+            yield f"{kinds[equality.type]}{name} ({equality.name1}, {equality.name2 or 'world'})"
 
 
 def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[tuple[str, str]]]:

@@ -117,6 +117,7 @@ class Description:
     ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without inertia). ``digest`` is the
     SHA-256 of the file, ``inputs`` are the files that it includes, ``arguments`` the values of a template's arguments.
     ``notes`` name ignored elements of vendors; ``remarks`` name what the functions leave out (friction, springs).
+    ``loops`` name the constraints that close loops; the functions leave them out, too, and q moves the tree freely.
     """
 
     file: str
@@ -127,6 +128,7 @@ class Description:
     problems: tuple[Problem, ...]
     notes: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    loops: tuple[str, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
 

@@ -71,6 +71,7 @@ def read_mjcf(path: Path, data: bytes) -> Description:
         joints=tree.joints,
         problems=(*_missing_meshes(tree, answer["stand_ins"]), *tree.problems),
         remarks=tuple(_remarks(model)),
+        loops=tuple(model["loops"]),
         inputs=portable_inputs(file, answer["files"]),
     )
 

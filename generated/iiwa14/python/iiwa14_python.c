@@ -2168,6 +2168,64 @@ static int argument_place(const kernel *k, PyObject *name)
     return -1;
 }
 
+/* Return whether the dimensions of two arrays before the last ones of each argument do not broadcast. */
+static int leading_differ(PyArrayObject *a, int leading_a, PyArrayObject *b, int leading_b)
+{
+    for (int d = 1; d <= leading_a && d <= leading_b; ++d) {
+        const npy_intp x = PyArray_DIM(a, leading_a - d), y = PyArray_DIM(b, leading_b - d);
+        if (x != y && x != 1 && y != 1) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Set the error about an argument whose leading dimensions differ from those of another one, which stands as expected. */
+static void leading_error(const kernel *k, int i, PyArrayObject *array, int like, PyArrayObject *other)
+{
+    const int leading = PyArray_NDIM(other) - k->rank[like];
+    PyObject *const own = PyObject_GetAttrString((PyObject *)array, "shape");
+    PyObject *const others = PyObject_GetAttrString((PyObject *)other, "shape");
+    PyObject *const expected = PyTuple_New(leading + k->rank[i]);
+    int complete = own != NULL && others != NULL && expected != NULL;
+    for (int d = 0; complete && d < leading + k->rank[i]; ++d) {
+        PyObject *const extent = PyLong_FromSsize_t(d < leading ? PyArray_DIM(other, d) : k->extent[i][d - leading]);
+        complete = extent != NULL && PyTuple_SetItem(expected, d, extent) == 0;
+    }
+    if (complete) {
+        PyErr_Format(PyExc_ValueError, "%s(): %s has the shape %S, expected %S beside %s of the shape %S", k->name, k->argument[i], own,
+            expected, k->argument[like], others);
+    }
+    Py_XDECREF(own);
+    Py_XDECREF(others);
+    Py_XDECREF(expected);
+}
+
+/* Set an error if the leading dimensions of two arguments do not broadcast, and return whether they do not. */
+static int explain_leading(const kernel *k, PyObject *const *args, Py_ssize_t count)
+{
+    PyArrayObject *arrays[MAX_OPERANDS] = {NULL};
+    int found = 0;
+    for (int i = 0; i < k->inputs && i < count && !found; ++i) {
+        arrays[i] = (PyArrayObject *)PyArray_FROM_O(args[i]);
+        if (arrays[i] == NULL) {
+            PyErr_Clear();
+            continue;
+        }
+        for (int j = 0; j < i && !found; ++j) {
+            found = arrays[j] != NULL
+                && leading_differ(arrays[i], PyArray_NDIM(arrays[i]) - k->rank[i], arrays[j], PyArray_NDIM(arrays[j]) - k->rank[j]);
+            if (found) {
+                leading_error(k, i, arrays[i], j, arrays[j]);
+            }
+        }
+    }
+    for (int i = 0; i < k->inputs; ++i) {
+        Py_XDECREF(arrays[i]);
+    }
+    return found;
+}
+
 /* Replace NumPy's error about a missing argument or a wrong shape by one that names the argument. */
 static PyObject *explain(const kernel *k, PyObject *const *args, Py_ssize_t count)
 {
@@ -2208,6 +2266,12 @@ static PyObject *explain(const kernel *k, PyObject *const *args, Py_ssize_t coun
             Py_XDECREF(traceback);
             return NULL;
         }
+    }
+    if (explain_leading(k, args, count)) {
+        Py_XDECREF(type);
+        Py_XDECREF(value);
+        Py_XDECREF(traceback);
+        return NULL;
     }
     PyErr_Restore(type, value, traceback);
     return NULL;
@@ -2771,7 +2835,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "bfce0497540e43f8") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "29d3d66bc2dd3196") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -233,6 +233,11 @@ def test_out_may_overlap_an_input(robot, samples):
         (((7,), (7,), (6, 6)), "wrench has the shape (7,), expected (..., 6)"),
         (((7,), (6,), (6, 7)), "task_stiffness has the shape (6, 7), expected (..., 6, 6)"),
         (((7,), (6,), (36,)), "task_stiffness has the shape (36,), expected (..., 6, 6)"),
+        (((2, 7), (3, 6), (6, 6)), "wrench has the shape (3, 6), expected (2, 6) beside q of the shape (2, 7)"),
+        (
+            ((4, 1, 7), (2, 6), (3, 6, 6)),
+            "task_stiffness has the shape (3, 6, 6), expected (2, 6, 6) beside wrench of the shape (2, 6)",
+        ),
     ],
 )
 def test_wrong_shapes_name_the_argument(shapes, named, robot):
@@ -361,6 +366,8 @@ def called(folder, code):
         ("robot.hybrid.joint_stiffness(q, F)", r"TypeError: hybrid_joint_stiffness\(\) lacks 'task_stiffness'"),
         ("robot.joint_stiffness", r"AttributeError: .*; it has hybrid\.joint_stiffness"),
         ("robot.jax", r"ImportError: .*'stiffgen generate FILE --derivatives'"),
+        ("import iiwa14.jax", r"ImportError: iiwa14: .*'stiffgen generate FILE --derivatives'"),
+        ("import iiwa14.casadi", r"ImportError: iiwa14: .*'stiffgen generate FILE --derivatives'"),
         ("from iiwa14 import torch", r"ImportError: .*'stiffgen generate FILE --derivatives'"),
         ("robot.hybrid.joint_stiffness(q, F, np.triu(K + 1))", r".*only its upper triangle is read"),
         (

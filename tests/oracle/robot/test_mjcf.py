@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 import stiffgen
 from stiffgen.cli import main
+from stiffgen.emit.presets import motor_tables
 from stiffgen.errors import DescriptionError, MissingExtraError, StiffgenError
 from stiffgen.loading import chain_between, describe
 from stiffgen.robot.chain import ChainOptions
@@ -100,6 +102,28 @@ def test_constraints_that_no_mimic_expresses(tmp_path):
     assert_agrees(written(tmp_path, held), tip="right")  # the constraint holds the finger at 0.03 m
     inactive = ARM.replace('name="fingers"', 'name="fingers" active="false"')
     assert assert_agrees(written(tmp_path, inactive), tip="right").dof == 5
+
+
+def test_loops_are_named(tmp_path, capsys):
+    loops = """<connect name="bar" body1="left" body2="palm" anchor="0 0 0"/><weld site1="tool" site2="side"/>
+      <connect name="off" active="false" body1="left" body2="palm" anchor="0 0 0"/>"""
+    file = written(tmp_path, ARM.replace("</equality>", f"{loops}</equality>"))
+    with pytest.warns(stiffgen.errors.LoopWarning, match=r"2 constraints .*bar.*\(left, palm\), weld.*\(tool, side\)"):
+        stiffgen.load_chain(file, tip="tool")
+    assert main(["inspect", str(file)]) == 0
+    assert "connect 'bar' (left, palm)" in capsys.readouterr().out
+
+
+def test_the_controller_takes_the_armature(tmp_path):
+    chain = stiffgen.load_chain(written(tmp_path, ARM), tip="tool")
+    motors = motor_tables(chain)
+    assert (motors.motor_inertia, motors.inertia_source) == ((0.2, 0.05, 0.05, 0.05), "armature of the file")
+    panda = replace(chain, robot="panda")
+    assert motor_tables(panda).motor_inertia == (0.2, 0.05, 0.05, 0.05)  # the file's, before the maker's
+    rest = [replace(c, motor_inertia=0.0, effort=50.0, velocity=2.0) for c in chain.coordinates[1:]]
+    partly = motor_tables(replace(chain, coordinates=(chain.coordinates[0], *rest)))
+    assert partly.motor_inertia == (0.2, 0.125, 0.125, 0.125)
+    assert partly.inertia_source.startswith("armature of the file; where it is 0, estimate")
 
 
 MESHES = """<mujoco><compiler meshdir="assets" angle="radian"/><asset><texture name="t" type="2d" file="no.png"/>

@@ -134,6 +134,8 @@ def _files(request: Request) -> dict[str, str]:
         files |= {"python/impedance.py": "impedance.py.j2", "python/impedance.pyi": "impedance.pyi.j2"}
     if request.has_wrappers:
         files["python/_functions.py"] = "functions.py.j2"
+    else:
+        files |= {f"python/{name}.py": "absent.py.j2" for name in ("jax", "torch", "casadi")}
     return files
 
 
