@@ -81,8 +81,10 @@ def check_text(robot: GeneratedRobot, texts: Mapping[str, str]) -> Check:
     fresh = json.loads(texts[MANIFEST])
     if robot.manifest["versions"] != fresh["versions"]:
         return left_out("text", "the folder was made by other versions")
-    faults = [f"{file} is missing" for file in texts.keys() - robot.manifest["files"].keys() - {MANIFEST}]
-    for file, text in texts.items():
+    listed = robot.manifest["files"].keys() | {MANIFEST}
+    faults = [f"{file} is missing" for file in texts.keys() - listed]
+    for file in texts.keys() & listed:
+        text = texts[file]
         if (robot.folder / file).read_bytes().replace(b"\r\n", b"\n") != text.encode():
             faults.append(f"{file} differs")
     return faultless("text", "printed again", sorted(faults))

@@ -15,8 +15,10 @@ import stiffgen
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel, chain_kernels
 from stiffgen.symbolic.model import casadi_function, folded
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.masses import check_masses
-from stiffgen.verify.oracles import _dynamics_checks
+from stiffgen.verify.missing import function_of_stacks
+from stiffgen.verify.oracles import _dynamics_checks, check_robot
 from stiffgen.verify.references import dynamics_references
 from stiffgen.verify.result import Check, compared
 from stiffgen.verify.samples import Samples
@@ -65,6 +67,22 @@ def test_a_parallel_gripper(options: dict[str, Any], tmp_path: Path) -> None:
     checks = checks_of(urdf, chain, chain)
     assert [check.kernel for check in checks] == list(NAMES)
     assert all(check.passed and check.error < 1e-11 for check in checks)
+
+
+def test_forces_that_are_zero_are_no_false_alarm(tmp_path: Path) -> None:
+    """The only joint turns a body about its centre of mass, so that the bias forces are zero but for rounding."""
+    urdf = tmp_path / "wheel.urdf"
+    urdf.write_text(
+        '<robot name="wheel"><link name="a"/><link name="b"><inertial><mass value="1"/>'
+        '<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    chain, options = stiffgen.load_chain(urdf), SpringOptions()
+    functions = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in chain_kernels(chain, options)}
+    checks = check_robot(functions, chain, 40, 0, options)
+    assert "bias_forces" in {check.kernel for check in checks}
+    assert [check for check in checks if not check.passed] == []
 
 
 def test_a_finger_that_does_not_move_is_found(tmp_path: Path) -> None:
