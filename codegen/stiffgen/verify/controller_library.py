@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stiffgen.emit.build import build_library
 from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, Field
 from stiffgen.errors import BuildError
@@ -74,3 +76,32 @@ class ControllerLibrary:
         function = self._library[self._prefix + "error_text"]
         function.restype = ctypes.c_char_p
         return bytes(function(error) or b"")
+
+    def fault_text(self, size: int) -> tuple[int, bytes]:
+        """Return the length of the text of the output's fault, and the text as it stands in ``size`` bytes."""
+        text = ctypes.create_string_buffer(b"~" * 600)
+        length = self._library[self._prefix + "fault_text"](ctypes.byref(self.output), text, ctypes.c_size_t(size))
+        return int(length), text.raw
+
+
+def is_same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:
+    """Return whether the outputs and the states of two controllers have the same bits."""
+    return bytes(reference.output) == bytes(library.output) and bytes(reference.state) == bytes(library.state)
+
+
+def set_field(config: Any, field: Field, value: float, entry: int) -> None:
+    """Set a field of a configuration, or one entry of a field with a shape (all for -1)."""
+    number = int(max(min(value, 2**31 - 1), -(2**31))) if field.type == "int" and math.isfinite(value) else value
+    if field.type == "int" and not isinstance(number, int):
+        number = -(2**31)
+    if not field.shape:
+        setattr(config, field.name, number)
+        return
+    values = getattr(config, field.name)
+    for place in range(len(values)) if entry < 0 else [entry % len(values)]:
+        values[place] = number
+
+
+def fill(array: Any, values: Any) -> None:
+    """Write numbers into an array of a struct."""
+    array[:] = np.ravel(values).tolist()[: len(array)]

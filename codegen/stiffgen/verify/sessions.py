@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import faulthandler
-import itertools
 import json
 import math
 import os
@@ -26,14 +25,30 @@ from stiffgen.emit.fields import CONFIG, Field
 from stiffgen.errors import BuildError
 from stiffgen.opened import GeneratedRobot
 from stiffgen.robot.chain import Chain
-from stiffgen.verify.controller_library import ControllerLibrary, build_controller
+from stiffgen.verify.controller_library import ControllerLibrary, build_controller, fill, is_same, set_field
 from stiffgen.verify.controller_rules import check_rules
 from stiffgen.verify.result import Array, Check, faultless, left_out
+from stiffgen.verify.services import compare_services
 
 SESSIONS = 90
 _STEPS = 400
-_LIMITS = ("lower_limit", "upper_limit", "limit_zone", "limit_stiffness", "velocity_limit", "missed_limit")
-"""Fields whose change the controller may postpone: a joint is in its zone, or fast; samples are missing."""
+_FAVOURED = (
+    "lower_limit", "upper_limit", "limit_zone", "limit_stiffness", "velocity_limit", "missed_limit",
+    "posture_stiffness",
+)  # fmt: skip
+"""Fields whose change the controller may postpone (a joint is in its zone, or fast; samples are missing) or fade in."""
+_CHOSEN_APART = (
+    "sample_time", "delay_samples", "lower_limit", "upper_limit", "task_damping", "law", "spring",
+)  # fmt: skip
+"""Fields of the configuration that a session chooses by rules of their own."""
+_RANGES = {
+    "position_quantum": (-6.0, -3.0),
+    "velocity_noise": (-4.0, -1.0),
+    "velocity_filter_time": (-3.0, -1.5),
+    "automatic_reset_time": (-1.7, -0.7),
+    "communication_reset_time": (-1.7, -0.7),
+}
+"""Powers of ten between which fields lie whose default is 0."""
 Random = np.random.Generator
 
 
@@ -117,67 +132,6 @@ def differences(
     return faults
 
 
-_CHOSEN_APART = (
-    "sample_time", "delay_samples", "lower_limit", "upper_limit", "task_damping", "law", "spring",
-)  # fmt: skip
-"""Fields of the configuration that a session chooses by rules of their own."""
-
-
-def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
-    """Return the names of functions whose results differ: defaults, checks, start, reset, texts; not step."""
-    both, faults = (reference, library), []
-    for each in both:
-        each.call("default_config", each.config)
-    if bytes(reference.config) != bytes(library.config):
-        faults.append("default_config differs")
-    for error in range(-80, 3):
-        if reference.error_text(error) != library.error_text(error):
-            faults.append(f"error_text({error}) differs")
-    random = np.random.default_rng(5)
-    for field in CONFIG:
-        for value in (field.least, field.most, np.nextafter(field.least, -np.inf), np.nextafter(field.most, np.inf),
-                      math.nan, 0.0, -1.0, 1e9):  # fmt: skip
-            results = []
-            for each in both:
-                each.call("default_config", each.config)
-                _set(each.config, field, value, -1)
-                results.append(each.call("validate", each.config))
-            if results[0] != results[1]:
-                faults.append(f"validate differs at {field.name} {value:g}")
-    calls: tuple[tuple[str, Callable[[ControllerLibrary], tuple[Any, ...]]], ...] = (
-        ("validate", lambda each: (None,)),
-        ("init", lambda each: (None, each.state, None)),
-        ("init", lambda each: (each.config, None, None)),
-        ("reset", lambda each: (None,)),
-        ("reset", lambda each: (each.state,)),
-        ("step", lambda each: (each.config, each.state, each.input, None)),
-        ("step", lambda each: (each.config, each.state, None, each.output)),
-        ("step", lambda each: (None, each.state, each.input, each.output)),
-        ("step", lambda each: (each.config, None, each.input, each.output)),
-        ("step", lambda each: (each.config, each.state, each.input, each.output)),
-    )
-    for each in both:
-        each.call("default_config", each.config)
-        ctypes.memset(each.state, 0, ctypes.sizeof(each.state))
-    for function, arguments in calls:
-        if reference.call(function, *arguments(reference)) != library.call(function, *arguments(library)):
-            faults.append(f"{function} differs with a null pointer or without a start")
-    for scale in (0.5, 2.0, math.nan):
-        torque = (ctypes.c_double * chain.dof)(*(scale * reference.config.effort_limit[i] for i in range(chain.dof)))
-        results = [each.call("init", each.config, each.state, torque) for each in both]
-        if results[0] != results[1] or not _same(reference, library):
-            faults.append(f"init differs with a torque of {scale:g} of the limit")
-    matrix = random.normal(size=(6, 6))
-    dampings = (matrix, matrix @ matrix.T, -matrix @ matrix.T, np.diag([1.0, 1, 1, 1, 1, 0]), np.diag([1.0] * 5 + [-1]))
-    for design, damping in itertools.product((1, 2), dampings):
-        for each in both:
-            each.config.damping_design = design
-            _fill(each.config.task_damping, damping)
-        if reference.call("validate", reference.config) != library.call("validate", library.config):
-            faults.append("validate differs at task_damping")
-    return faults
-
-
 def first_difference(
     reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, seed: list[int]
 ) -> int | None:
@@ -204,6 +158,7 @@ class _Session:
         self.q = self.lower + (self.upper - self.lower) * place
         self.dq, self.load = np.zeros(chain.dof), np.zeros(chain.dof)
         self.quantum = float(self.config.position_quantum)
+        self.reported = self.q, self.dq
         self._start()
 
     def _configure(self) -> None:
@@ -213,17 +168,9 @@ class _Session:
         effort = np.array(config.effort_limit)
         config.sample_time = float(random.choice([1e-3, 1e-3, 2e-3, 5e-3, 0.02]))
         config.delay_samples = int(random.integers(0, 3))
-        _fill(config.motor_inertia, random.uniform(0.1, 0.6, len(effort)))
+        fill(config.motor_inertia, random.uniform(0.1, 0.6, len(effort)))
         for field in CONFIG:
-            if field.name in (
-                "sample_time",
-                "delay_samples",
-                "lower_limit",
-                "upper_limit",
-                "task_damping",
-                "law",
-                "spring",
-            ):
+            if field.name in _CHOSEN_APART:
                 continue
             if random.random() < (0.15 if self.calm else 0.35):
                 self._vary(field)
@@ -235,12 +182,12 @@ class _Session:
             config.frozen_window = int(random.integers(2, 40))
         if random.random() < 0.3:
             root = random.normal(size=(6, 6))
-            _fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
+            fill(config.task_damping, root @ root.T * np.array([5.0] * 3 + [0.5] * 3))
         config.stiffness_cap = 1 + int(random.random() < 0.95)  # hardly ever refused
         if random.random() < 0.3:
             config.heaviest_wrench[0], config.heaviest_wrench[1] = 10.0 ** random.uniform([0.0, 0.0], [2.5, 1.7])
         symmetric = np.array(config.task_damping).reshape(6, 6)
-        _fill(config.task_damping, (symmetric + symmetric.T) / 2 + 60.0 * np.eye(6) * (np.abs(symmetric).max() > 0))
+        fill(config.task_damping, (symmetric + symmetric.T) / 2 + 60.0 * np.eye(6) * (np.abs(symmetric).max() > 0))
         if len(self.chain.tips) == 1 and random.random() < 0.25:
             config.law, config.stiffness_formula = 2, int(random.integers(1, 3))
         config.tank_initial = min(config.tank_initial, config.tank_maximum or config.tank_initial)
@@ -253,10 +200,10 @@ class _Session:
         random = self.random
         if field.choices:
             value: float = int(random.integers(1, len(field.choices) + 1))
-        elif field.name == "position_quantum":
-            value = 10.0 ** random.uniform(-6, -3)
-        elif field.name == "automatic_reset_time":
-            value = random.uniform(0.02, 0.2)
+        elif field.name in _RANGES:
+            value = 10.0 ** random.uniform(*_RANGES[field.name])
+        elif field.name == "state_period":
+            value = self.config.sample_time * random.uniform(1.1, min(4.0, max(1.2, self.config.missed_limit)))
         elif field.name in ("posture_stiffness", "limit_stiffness") and random.random() < 0.3:
             value = 0.0
         else:
@@ -264,9 +211,9 @@ class _Session:
             typical = float(np.max(np.abs(shown))) if field.shape else float(shown)
             value = typical * 10.0 ** random.uniform(-1.5, 0.7)
         value = min(max(value, field.least), field.most)
-        _set(self.config, field, round(value) if field.type == "int" else value, -1)
+        set_field(self.config, field, round(value) if field.type == "int" else value, -1)
         if field.shape == ("n",):
-            _fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.chain.dof))
+            fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.chain.dof))
 
     def _start(self) -> None:
         """Initialise both controllers, sometimes with a nonzero torque."""
@@ -313,7 +260,11 @@ class _Session:
             self.held, self.dq = self.held - 1, np.zeros(self.chain.dof)
         else:
             self._move()
-        return results[0] == results[1] and _same(*self.both)
+        texts = [(0, b""), (0, b"")]
+        if self.output.fault or number == 0:
+            size = int(self.random.choice([512, 512, 40, 1, 0]))
+            texts = [each.fault_text(size) for each in self.both]
+        return results[0] == results[1] and texts[0] == texts[1] and is_same(*self.both)
 
     def _choose_events(self, number: int) -> None:
         """Change command, stiffness, load, configuration; reset; start again."""
@@ -332,7 +283,7 @@ class _Session:
         if random.random() < (0.08 if self.output.fault else 0.01):
             for each in self.both:
                 each.call("reset", each.state)
-        if random.random() < (0.004 if self.calm else 0.008):
+        if random.random() < (0.012 if self.calm else 0.02):
             self._change_config()
         if len(self.chain.tips) == 1 and random.random() < 0.001:
             self.config.law = 3 - self.config.law
@@ -353,18 +304,20 @@ class _Session:
         random = self.random
         field = CONFIG[int(random.integers(len(CONFIG)))]
         if random.random() < 0.4:
-            name = random.choice(_LIMITS)
+            name = random.choice(_FAVOURED)
             field = next(each for each in CONFIG if each.name == name)
         before = bytes(self.config)
         if field.name in ("lower_limit", "upper_limit"):
             sign = -1.0 if field.name == "lower_limit" else 1.0
-            _fill(getattr(self.config, field.name), self.q + sign * random.uniform(-0.2, 0.6, self.chain.dof))
+            fill(getattr(self.config, field.name), self.q + sign * random.uniform(-0.2, 0.6, self.chain.dof))
         elif field.name == "velocity_limit" and random.random() < 0.7:
-            _fill(self.config.velocity_limit, 0.01 + np.abs(self.dq) * random.uniform(0.5, 2.0, self.chain.dof))
+            fill(self.config.velocity_limit, 0.01 + np.abs(self.dq) * random.uniform(0.5, 2.0, self.chain.dof))
         elif field.name == "missed_limit" and random.random() < 0.7:
             self.config.missed_limit = int(random.integers(1, 12))
         elif random.random() < 0.2:
-            _set(self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.chain.dof)))
+            set_field(
+                self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.chain.dof))
+            )
         elif field.name not in ("task_damping", "law"):
             self._vary(field)
         self._copy_config()
@@ -378,11 +331,14 @@ class _Session:
         given.sample_valid, given.command, given.counter = 1, self.command, self.counter
         measured = np.round(self.q / self.quantum) * self.quantum if self.quantum else self.q
         noise = 0.0 if self.calm else 1e-4
-        _fill(given.q, measured)
-        _fill(given.dq, self.dq + noise * random.normal(size=n))
-        _fill(given.q0, self.goal)
+        if self.config.state_period == 0.0 or random.random() < 0.4:  # else the robot repeats its last state
+            self.reported = measured, self.dq + noise * random.normal(size=n)
+        fill(given.q, self.reported[0])
+        fill(given.dq, self.reported[1])
+        fill(given.q0, self.goal)
+        stiffness = self.stiffness.astype(np.float32) if random.random() < 0.05 else self.stiffness
         for field in ("translation_stiffness", "rotation_stiffness"):
-            _fill(getattr(given, field), self.stiffness[int(field.startswith("rotation"))])
+            fill(getattr(given, field), stiffness[int(field.startswith("rotation"))])
         if self.command == 2:
             poses = np.reshape(np.array(self.output.equilibrium), (-1, 4, 4)).copy()
             if not poses[:, 3, 3].all():
@@ -390,13 +346,15 @@ class _Session:
             poses[:, :3, 3] += 1e-3 * self.random.normal(size=3)
             if random.random() < 0.05:  # half a turn about an axis
                 poses[:, :3, :3] *= np.roll([1.0, -1.0, -1.0], random.integers(3))
-            _fill(given.equilibrium, poses)
+            if random.random() < 0.1:  # a command of few digits
+                poses = np.round(poses, int(random.integers(3, 7)))
+            fill(given.equilibrium, poses)
         if self.chain.runtime_tool:
-            _fill(given.tool_pose, self.tools)
+            fill(given.tool_pose, self.tools)
         given.wrench_valid = int(self.config.law == 2 or random.random() < 0.3)
-        _fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
+        fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
         root = np.diag([20.0] * 3 + [3.0] * 3) + random.normal(size=(6, 6))
-        _fill(given.task_stiffness, np.stack([root @ root.T] * len(self.chain.tips)))
+        fill(given.task_stiffness, np.stack([root @ root.T] * len(self.chain.tips)))
 
     def _spoil_sample(self) -> None:
         """Sometimes omit, repeat, skip or falsify samples and commands."""
@@ -410,7 +368,7 @@ class _Session:
             self.stuck_values = np.array(getattr(given, self.stuck_field))
         if self.stuck > 0:
             self.stuck -= 1
-            _fill(getattr(given, self.stuck_field), self.stuck_values)
+            fill(getattr(given, self.stuck_field), self.stuck_values)
         if self.absent > 0:
             self.absent -= 1
             given.sample_valid = 0
@@ -463,30 +421,8 @@ class _Session:
         self.q = self.q + time * self.dq
 
 
-def _same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:
-    return bytes(reference.output) == bytes(library.output) and bytes(reference.state) == bytes(library.state)
-
-
 def _copy(source: Any, target: Any) -> None:
     ctypes.memmove(ctypes.byref(target), ctypes.byref(source), ctypes.sizeof(source))
-
-
-def _set(config: Any, field: Field, value: float, entry: int) -> None:
-    """Set a field of a configuration, or one entry of a field with a shape (all for -1)."""
-    number = int(max(min(value, 2**31 - 1), -(2**31))) if field.type == "int" and math.isfinite(value) else value
-    if field.type == "int" and not isinstance(number, int):
-        number = -(2**31)
-    if not field.shape:
-        setattr(config, field.name, number)
-        return
-    values = getattr(config, field.name)
-    for place in range(len(values)) if entry < 0 else [entry % len(values)]:
-        values[place] = number
-
-
-def _fill(array: Any, values: Any) -> None:
-    """Write numbers into an array of a struct."""
-    array[:] = np.ravel(values).tolist()[: len(array)]
 
 
 def _put(name: str, given: Any, place: int, value: float) -> None:

@@ -8,14 +8,16 @@ import os
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import stiffgen
 from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
+from stiffgen.emit.fields import CONFIG
 from stiffgen.opened import open_robot
 from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
 from stiffgen.verify.controller_rules import check_rules
-from stiffgen.verify.sessions import confined
+from stiffgen.verify.sessions import SESSIONS, _Session, confined
 from support.project import ROOT
 from support.runtime import compile_c
 
@@ -57,6 +59,17 @@ def test_sessions_kill_mutants(workshop: Workshop) -> None:
     """Draw six with a fixed seed; equivalent ones may be among them. ``make campaign NAME=mutations`` counts many."""
     counted, survivors = count_survivors(workshop, mutants(workshop.text, 6, seed=3), seed=0)
     assert counted >= 4 and len(survivors) <= 1, survivors
+
+
+def test_every_field_is_above_0_in_some_session(workshop: Workshop) -> None:
+    """A field whose default is 0 would else keep its code from being run."""
+    robot = workshop.robot
+    first, second = (ControllerLibrary(workshop.reference, robot.name, robot.chain) for _ in range(2))
+    zero = {field.name for field in CONFIG}
+    for number in range(SESSIONS):
+        config = _Session(first, second, robot.chain, np.random.default_rng([0, number])).config
+        zero -= {name for name in zero if np.any(np.array(getattr(config, name)))}
+    assert zero == set()
 
 
 def test_a_crash_is_a_fault_and_ends_nothing_else() -> None:

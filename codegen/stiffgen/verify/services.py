@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: MIT
+"""Compare the functions of two controllers but for the step: defaults, checks of fields, start, reset, texts."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from stiffgen.emit.fields import CONFIG
+from stiffgen.robot.chain import Chain
+from stiffgen.verify.controller_library import ControllerLibrary, fill, is_same, set_field
+
+
+def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
+    """Return the names of functions whose results differ: defaults, checks, start, reset, texts; not step."""
+    both, faults = (reference, library), []
+    for each in both:
+        each.call("default_config", each.config)
+    if bytes(reference.config) != bytes(library.config):
+        faults.append("default_config differs")
+    for error in range(-80, 3):
+        if reference.error_text(error) != library.error_text(error):
+            faults.append(f"error_text({error}) differs")
+    random = np.random.default_rng(5)
+    for field in CONFIG:
+        for value in (field.least, field.most, np.nextafter(field.least, -np.inf), np.nextafter(field.most, np.inf),
+                      math.nan, 0.0, -1.0, 1e9):  # fmt: skip
+            results = []
+            for each in both:
+                each.call("default_config", each.config)
+                set_field(each.config, field, value, -1)
+                results.append(each.call("validate", each.config))
+            if results[0] != results[1]:
+                faults.append(f"validate differs at {field.name} {value:g}")
+    calls: tuple[tuple[str, Callable[[ControllerLibrary], tuple[Any, ...]]], ...] = (
+        ("validate", lambda each: (None,)),
+        ("init", lambda each: (None, each.state, None)),
+        ("init", lambda each: (each.config, None, None)),
+        ("reset", lambda each: (None,)),
+        ("reset", lambda each: (each.state,)),
+        ("step", lambda each: (each.config, each.state, each.input, None)),
+        ("step", lambda each: (each.config, each.state, None, each.output)),
+        ("step", lambda each: (None, each.state, each.input, each.output)),
+        ("step", lambda each: (each.config, None, each.input, each.output)),
+        ("step", lambda each: (each.config, each.state, each.input, each.output)),
+    )
+    for each in both:
+        each.call("default_config", each.config)
+        ctypes.memset(each.state, 0, ctypes.sizeof(each.state))
+    for function, arguments in calls:
+        if reference.call(function, *arguments(reference)) != library.call(function, *arguments(library)):
+            faults.append(f"{function} differs with a null pointer or without a start")
+    for scale in (0.5, 2.0, math.nan):
+        torque = (ctypes.c_double * chain.dof)(*(scale * reference.config.effort_limit[i] for i in range(chain.dof)))
+        results = [each.call("init", each.config, each.state, torque) for each in both]
+        if results[0] != results[1] or not is_same(reference, library):
+            faults.append(f"init differs with a torque of {scale:g} of the limit")
+    matrix = random.normal(size=(6, 6))
+    dampings = (matrix, matrix @ matrix.T, -matrix @ matrix.T, np.diag([1.0, 1, 1, 1, 1, 0]), np.diag([1.0] * 5 + [-1]))
+    for design, damping in itertools.product((1, 2), dampings):
+        for each in both:
+            each.config.damping_design = design
+            fill(each.config.task_damping, damping)
+        if reference.call("validate", reference.config) != library.call("validate", library.config):
+            faults.append("validate differs at task_damping")
+    return faults
