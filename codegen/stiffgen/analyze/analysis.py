@@ -92,27 +92,9 @@ def analyze(options: AnalysisOptions) -> Analysis:
         np.array([c.upper for c in chain.coordinates]),
         _tip(chain, options.tip),
     )
-    if not (math.isfinite(options.tolerance) and options.tolerance >= 0):
-        raise RecordingError("--tolerance: must be a time in seconds, not negative")
-    if options.block_rows < 1:
-        raise RecordingError("block_rows: must be at least 1")
-    if options.figures:
-        extra("matplotlib", "drawing figures (leave them out with --no-figures)")
-    request = Request(
-        joints=tuple(coordinate.name for coordinate in chain.coordinates),
-        q=tuple(options.q_columns) if options.q_columns is not None else None,
-        wrench=tuple(options.wrench_columns) if options.wrench_columns is not None else None,
-        time=options.time_column,
-        q_topic=options.q_topic,
-        wrench_topic=options.wrench_topic,
-        tolerance=options.tolerance,
-        q_prefix=options.q,
-        wrench_prefix=options.wrench,
-    )
-    if options.export is not None and options.export not in EXPORTS:
-        raise RecordingError(f"--export {options.export}: choose one of {listed(EXPORTS)}")
+    _check(options)
     with swapped_in(target) as staging:
-        recording = open_recording(log, request, progress=lambda step: progress(step, 0.0))
+        recording = open_recording(log, _request(options, chain), progress=lambda step: progress(step, 0.0))
         job = _Job(robot.absolute(), task, recording.layout, options.block_rows)
         result = _reduced(job, recording.partitions, options.dask, progress)
         if not result.good:
@@ -128,6 +110,33 @@ def analyze(options: AnalysisOptions) -> Analysis:
         except OSError as error:
             raise OutputError(f"{target}: cannot be written ({error.strerror}); choose another --output") from error
     return Analysis(target, summary, result, recording)
+
+
+def _check(options: AnalysisOptions) -> None:
+    """Refuse options that do not depend on the robot and cannot be used."""
+    if not (math.isfinite(options.tolerance) and options.tolerance >= 0):
+        raise RecordingError("--tolerance: must be a time in seconds, not negative")
+    if options.block_rows < 1:
+        raise RecordingError("block_rows: must be at least 1")
+    if options.figures:
+        extra("matplotlib", "drawing figures (leave them out with --no-figures)")
+    if options.export is not None and options.export not in EXPORTS:
+        raise RecordingError(f"--export {options.export}: choose one of {listed(EXPORTS)}")
+
+
+def _request(options: AnalysisOptions, chain: Chain) -> Request:
+    """Return the columns and topics to read."""
+    return Request(
+        joints=tuple(coordinate.name for coordinate in chain.coordinates),
+        q=tuple(options.q_columns) if options.q_columns is not None else None,
+        wrench=tuple(options.wrench_columns) if options.wrench_columns is not None else None,
+        time=options.time_column,
+        q_topic=options.q_topic,
+        wrench_topic=options.wrench_topic,
+        tolerance=options.tolerance,
+        q_prefix=options.q,
+        wrench_prefix=options.wrench,
+    )
 
 
 def _exported(folder: Path, options: AnalysisOptions, task: Task, recording: Recording, result: Summary) -> None:

@@ -52,13 +52,8 @@ _SPATIAL_NOTE = (
 )
 
 
-def _representation_kernels(
-    rep: Representation, configuration: tuple[Argument, ...], reference: str
-) -> tuple[Kernel, ...]:
-    wrench = arguments.wrench(rep)
-    upper = arguments.task_stiffness(rep, triangle=True)
-    full = arguments.task_stiffness(rep, triangle=False)
-    spatial = _SPATIAL_NOTE.format(reference=reference) if rep == "spatial" else ""
+def _jacobian_kernels(rep: Representation, configuration: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return the kernels of the Jacobian and of its derivative in one representation."""
     jacobian = Argument.referred(
         "jacobian", (6, "n"), "m, rad per rad or m", f"column i: twist of joint i, {_TWIST_FRAME[rep]}"
     )
@@ -66,12 +61,6 @@ def _representation_kernels(
         "jacobian_transpose_derivative", ("n", "n", 6), "per rad or m",
         "block i is dJ^T/dq_i: entry [i, b, k] = dJ[k, b]/dq_i",
     )  # fmt: skip
-    kinematic = Argument("kinematic_stiffness", ("n", "n"), "N m/rad", "column i is dJ^T/dq_i F; not symmetric")
-    correction = Argument(
-        "connection_correction", (6, 6), "N, N m", "(Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness"
-    )
-    joint = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric", symmetric=True)
-    uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
     return (
         Kernel(
             "jacobian", rep, configuration, (jacobian,),
@@ -86,6 +75,22 @@ def _representation_kernels(
             "dJ^T/dq, in closed form from Lie brackets",
             partial(programs.jacobian_derivative, representation=rep, result=derivative),
         ),
+    )  # fmt: skip
+
+
+def _stiffness_kernels(rep: Representation, configuration: tuple[Argument, ...], reference: str) -> tuple[Kernel, ...]:
+    """Return the kernels of the stiffness in one representation; ``reference`` names the frame of the moments."""
+    wrench = arguments.wrench(rep)
+    upper = arguments.task_stiffness(rep, triangle=True)
+    full = arguments.task_stiffness(rep, triangle=False)
+    spatial = _SPATIAL_NOTE.format(reference=reference) if rep == "spatial" else ""
+    kinematic = Argument("kinematic_stiffness", ("n", "n"), "N m/rad", "column i is dJ^T/dq_i F; not symmetric")
+    correction = Argument(
+        "connection_correction", (6, 6), "N, N m", "(Gamma F)_ij = sum_k Gamma^k_ij F_k, added to the task stiffness"
+    )
+    joint = Argument("joint_stiffness", ("n", "n"), "N m/rad", "bitwise symmetric", symmetric=True)
+    uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
+    return (
         Kernel(
             "kinematic_stiffness", rep, (*configuration, wrench), (kinematic,),
             "Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.",
@@ -208,15 +213,12 @@ def _tip_kernels(
         "product of joint poses",
         programs.forward_kinematics,
     )  # fmt: skip
-    kernels = (
-        pose,
-        *(
-            kernel
-            for rep in REPRESENTATIONS
-            for kernel in _representation_kernels(rep, seen_from_tip if rep == "body" else configuration, reference)
-        ),
-        *(kernel for spring in springs for kernel in _spring_kernels(spring, configuration)),
-    )
+    kernels = [pose]
+    for rep in REPRESENTATIONS:
+        seen = seen_from_tip if rep == "body" else configuration
+        kernels += [*_jacobian_kernels(rep, seen), *_stiffness_kernels(rep, seen, reference)]
+    for spring in springs:
+        kernels += _spring_kernels(spring, configuration)
     note = "'Tip' means the frame of the tool at tool_pose." if runtime_tool else ""
     return tuple(replace(kernel, tip=tip, note=" ".join(filter(None, (kernel.note, note)))) for kernel in kernels)
 
