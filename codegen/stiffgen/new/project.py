@@ -6,19 +6,19 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stiffgen.emit.controller import has_controller
 from stiffgen.errors import ChainError, OutputError, StiffgenError, printable
 from stiffgen.folder import swapped_in
-from stiffgen.generate import generate
+from stiffgen.generate import generate_folder
 from stiffgen.loading import chain_between, describe, located
 from stiffgen.names import c_string, checked_identifier, comment, identifier
 from stiffgen.new.questions import Answers, Ask, Given, decide
+from stiffgen.options import GenerationOptions
 from stiffgen.rendering import environment
-from stiffgen.robot.chain import Chain, ChainOptions, Coordinate, Tool
+from stiffgen.robot.chain import Chain, Coordinate, Tool
 from stiffgen.robot.description import Description, Reading
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import spring
@@ -115,28 +115,28 @@ def new_project(
     answers = decide(description, given, ask)
     ready()
     tool = tool or (None if answers.tool_xyz is None else Tool(xyz=answers.tool_xyz))
-    base = None if answers.base == description.root else answers.base
-    choice = ChainOptions(tip=answers.tip, base=base, tool=tool, masses=given.masses)
-    chain = chain_between(description, choice)
+    options = GenerationOptions(
+        tip=answers.tip,
+        base=None if answers.base == description.root else answers.base,
+        tool=tool,
+        name=name,
+        springs=SpringOptions(() if answers.spring == "trace" else (answers.spring,)),
+        masses=given.masses,
+        ignore=reading.ignored,
+        arguments=reading.arguments,
+        package_path=reading.package_path,
+        build=build,
+        progress=progress,
+    )
+    chain = chain_between(description, options.chain)
     _check(chain, answers)
     files = _copied_files(urdf, description)
     page = _page(name, chain, answers, tool, f"urdf/{next(iter(files))}")
-    springs = SpringOptions(() if answers.spring == "trace" else (answers.spring,))
     with swapped_in(target) as staging:
         for file, source in files.items():
             (staging / "urdf" / file).parent.mkdir(parents=True, exist_ok=True)
             (staging / "urdf" / file).write_bytes(source.read_bytes())
-        generate_robot = partial(generate, tip=answers.tip, base=base, tool=tool, name=name, springs=springs)
-        generate_robot(
-            urdf,
-            masses=given.masses,
-            ignore=reading.ignored,
-            arguments=reading.arguments,
-            package_path=reading.package_path,
-            output=staging / "generated",
-            build=build,
-            progress=progress,
-        )
+        generate_folder(urdf, replace(options, output=staging / "generated"))
         progress("writing the project")
         _write(page, staging)
     return target
