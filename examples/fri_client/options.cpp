@@ -196,6 +196,32 @@ void refuse_unknown(int argc, char **argv)
     }
 }
 
+/* Set a number of the controller, the approach or the pace; false if the option is none of them. */
+bool set_number(Settings &settings, int name, const std::string &text)
+{
+    switch (name) {
+    case SAMPLE_TIME: settings.sample_time = number(name, text, 0.001, 0.010); break;
+    case DAMPING_RATIO: settings.damping_ratio = number(name, text, 0.0, 100.0); break;
+    case JOINT_DAMPING: settings.joint_damping = number(name, text, 0.0, 1000.0); break;
+    case POSTURE_STIFFNESS: settings.posture_stiffness = number(name, text, 0.0, 1e4); break;
+    case MOTOR_INERTIA: settings.motor_inertia = number(name, text, 0.0, 100.0); break;
+    case EFFORT_SHARE: settings.effort_share = number(name, text, 0.001, 1.0); break;
+    case TORQUE_RISE: settings.torque_rise = number(name, text, 0.1, 0.25); break;
+    case SPEED_SHARE: settings.speed_share = number(name, text, 0.01, 1.0); break;
+    case ERROR_LIMIT: settings.pace.error = number(name, text, 0.0, 10.0); break;
+    case LAG_LIMIT: settings.pace.lag = number(name, text, 0.0, 10.0); break;
+    case ENERGY_LIMIT: settings.pace.energy = number(name, text, 0.0, 1e3); break;
+    case FORCE_LIMIT: settings.pace.force = number(name, text, 0.0, 1e3); break;
+    case HOLD_TIME: settings.pace.patience = number(name, text, 0.1, 1e3); break;
+    case APPROACH: settings.approach_time = number(name, text, 0.1, 1000.0); break;
+    case APPROACH_LIMIT: settings.approach_limit = number(name, text, 0.0, 10.0); break;
+    case VELOCITY_FILTER: settings.velocity_filter = number(name, text, 0.0, 1.0); break;
+    case WRENCH_DAMPING: settings.wrench_damping = number(name, text, 0.0, 10.0); break;
+    default: return false;
+    }
+    return true;
+}
+
 } // namespace
 
 Options::Options()
@@ -218,7 +244,6 @@ bool Options::parse(int argc, char **argv)
         case WAIT: wait = number(name, text, 0.0, 1e6); break;
         case LOG: log = text; break;
         case SUMMARY: summary = text; break;
-        case SAMPLE_TIME: settings.sample_time = number(name, text, 0.001, 0.010); break;
         case STIFFNESS: six(argc, argv, settings.task_stiffness); break;
         case LAW:
             if (text != "potential" && text != "paper" && text != "conventional") {
@@ -227,22 +252,7 @@ bool Options::parse(int argc, char **argv)
             settings.paper = text != "potential";
             settings.conventional = text == "conventional";
             break;
-        case DAMPING_RATIO: settings.damping_ratio = number(name, text, 0.0, 100.0); break;
-        case JOINT_DAMPING: settings.joint_damping = number(name, text, 0.0, 1000.0); break;
-        case POSTURE_STIFFNESS: settings.posture_stiffness = number(name, text, 0.0, 1e4); break;
-        case MOTOR_INERTIA: settings.motor_inertia = number(name, text, 0.0, 100.0); break;
-        case EFFORT_SHARE: settings.effort_share = number(name, text, 0.001, 1.0); break;
-        case TORQUE_RISE: settings.torque_rise = number(name, text, 0.1, 0.25); break;
-        case SPEED_SHARE: settings.speed_share = number(name, text, 0.01, 1.0); break;
-        case ERROR_LIMIT: settings.pace.error = number(name, text, 0.0, 10.0); break;
-        case LAG_LIMIT: settings.pace.lag = number(name, text, 0.0, 10.0); break;
-        case ENERGY_LIMIT: settings.pace.energy = number(name, text, 0.0, 1e3); break;
-        case FORCE_LIMIT: settings.pace.force = number(name, text, 0.0, 1e3); break;
-        case HOLD_TIME: settings.pace.patience = number(name, text, 0.1, 1e3); break;
-        case APPROACH: settings.approach_time = number(name, text, 0.1, 1000.0); break;
-        case APPROACH_LIMIT: settings.approach_limit = number(name, text, 0.0, 10.0); break;
         case APPROACH_ANYWAY: settings.approach_anyway = true; break;
-        case VELOCITY_FILTER: settings.velocity_filter = number(name, text, 0.0, 1.0); break;
         case WRENCH:
             if (text != "sensor" && text != "external-torque") {
                 refuse(name, text, "external-torque or sensor");
@@ -255,7 +265,6 @@ bool Options::parse(int argc, char **argv)
                 refuse(name, text, "1 or -1");
             }
             break;
-        case WRENCH_DAMPING: settings.wrench_damping = number(name, text, 0.0, 10.0); break;
         case SENSOR_PORT: sensor_port = integer(name, text, 1, 65535); break;
         case DRY_RUN: settings.dry_run = true; break;
         case SIMULATED_TIME: settings.simulated_time = true; break;
@@ -263,7 +272,10 @@ bool Options::parse(int argc, char **argv)
         case HELP_WANTED: std::fputs(HELP, stdout); return false;
         case ':':
             throw std::runtime_error(std::string(argv[optind - 1]) + ": its value is missing; see fri_wiping --help");
-        default: throw std::runtime_error(std::string(argv[optind - 1]) + ": no such option; see fri_wiping --help");
+        default:
+            if (!set_number(settings, name, text)) {
+                throw std::runtime_error(std::string(argv[optind - 1]) + ": no such option; see fri_wiping --help");
+            }
         }
     }
     if (optind < argc) {

@@ -59,8 +59,15 @@ const char *fri_description()
 Summary::Summary(const WipingClient &client, const Connection &connection, const Records &records, const Log &log,
                  const Options &options, int code)
 {
+    set_session(client, connection, records, log, code);
+    set_faults(client.counters(), connection.traffic());
+    set_controller(client.config(), options.settings);
+}
+
+void Summary::set_session(const WipingClient &client, const Connection &connection, const Records &records,
+                          const Log &log, int code)
+{
     const Counters &c = client.counters();
-    const Traffic &traffic = connection.traffic();
     const Durations &callback = client.callback_durations(), &answer = connection.answers();
     session_ = Fields{
         {"robot", quoted(robot::name())},
@@ -83,6 +90,10 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
         {"log_rows", count(log.rows())},
         {"log_overruns", count(records.refused())},
     };
+}
+
+void Summary::set_faults(const Counters &c, const Traffic &traffic)
+{
     faults_ = Fields{
         {"lost_cycles", count(c.lost_cycles)},
         {"lost_cycles_commanding", count(c.lost_commanding)},
@@ -115,12 +126,15 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
     for (int k = FAULT_NONE + 1; k < FAULT_COUNT; ++k) {
         faults_.emplace_back(std::string("datagram_") + fault_name(k), count(traffic.faults[k]));
     }
-    const robot::Config &config = client.config();
+}
+
+void Summary::set_controller(const robot::Config &config, const Settings &settings)
+{
     controller_ = Fields{
         {"sample_time", number(config.sample_time)},
         {"law", config.law == robot::LAW_PAPER ? quoted("paper") : quoted("potential")},
-        {"task_stiffness", list(options.settings.task_stiffness, 6)},
-        {"stiffness_formula", options.settings.conventional ? quoted("conventional") : quoted("corrected")},
+        {"task_stiffness", list(settings.task_stiffness, 6)},
+        {"stiffness_formula", settings.conventional ? quoted("conventional") : quoted("corrected")},
         {"posture_stiffness", number(config.posture_stiffness[0])},
         {"motor_inertia", number(config.motor_inertia[0])},
         {"reference_velocity_limit", list(config.reference_velocity_limit, JOINTS)},
@@ -129,7 +143,7 @@ Summary::Summary(const WipingClient &client, const Connection &connection, const
         {"tip_rotation_limit", number(config.tip_rotation_limit)},
         {"energy_limit", number(config.energy_limit)},
         {"loss_limit", number(config.loss_limit)},
-        {"damping_ratio", number(options.settings.damping_ratio)},
+        {"damping_ratio", number(settings.damping_ratio)},
         {"joint_damping", number(config.joint_damping)},
         {"effort_limit", list(config.effort_limit, JOINTS)},
         {"torque_rate_limit", list(config.torque_rate_limit, JOINTS)},

@@ -28,6 +28,11 @@ public:
 private:
     typedef std::vector<std::pair<std::string, std::string>> Fields;
 
+    void set_session(const WipingClient &client, const Connection &connection, const Records &records, const Log &log,
+                     int code);
+    void set_faults(const Counters &counters, const Traffic &traffic);
+    void set_controller(const robot::Config &config, const Settings &settings);
+
     Fields session_, faults_, controller_;
 };
 
