@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import base64
 import fcntl
 import json
 import os
@@ -127,11 +126,6 @@ class Page:
             else:
                 kind = "mousePressed" if k == 0 else "mouseReleased" if last else "mouseMoved"
                 self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
-
-    def screenshot(self, file: Path, *, whole: bool = False) -> None:
-        """Take a PNG of the window, or of the whole page."""
-        shot = self.do("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        file.write_bytes(base64.b64decode(shot["data"]))
 
 
 class _Browser:

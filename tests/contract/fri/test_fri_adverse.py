@@ -23,8 +23,6 @@ from support.fri_served import served
 from support.fri_session import RobotScript, write_short_trajectory
 
 DONE, FAULT, REFUSED, EARLY, INTERRUPTED = range(5)
-TIMES = {1: (0.100, 0.220), 5: (0.470, 1.070), 10: (0.940, 2.140)}
-"""Send period [ms]: when the robot goes to MONITORING_READY, and when to COMMANDING_ACTIVE [s]."""
 REST = 0.3
 """[s] at the end of the trajectory."""
 RELEASE = 0.3
