@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import stiffgen
 from stiffgen.lower import rounding, statements
 from stiffgen.lower.analysis import PRECISIONS, Analysis, Bound, added
 from stiffgen.lower.form import Statements
@@ -21,6 +22,9 @@ from stiffgen.lower.variant import SINGLE
 from stiffgen.symbolic.arguments import Argument
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.kinematics import Kind
+from stiffgen.symbolic.program import Array
+from stiffgen.symbolic.steps import SumJoints
+from support.chains import chain_urdf
 
 FLOAT = PRECISIONS["float"]
 OPERATIONS: dict[str, Callable] = {
@@ -99,6 +103,23 @@ def test_a_sum_of_kernels_counts_both_errors_and_its_own():
     bound = added(Bound(4.0, 0.1), Bound(5.0, 0.2), FLOAT)
     assert 9.0 <= bound.size < 9.001
     assert 0.3 + 9.3 * FLOAT.unit <= bound.error < 0.30001
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_a_sum_over_joints_counts_every_joint_and_half_of_its_rule_does_not_hold(share, tmp_path, monkeypatch):
+    """The worst case adds the size and the error of a joint that mimics, times its factor, to those of its leader."""
+    (tmp_path / "chain.urdf").write_text(chain_urdf("rpm"))
+    chain = stiffgen.load_chain(tmp_path / "chain.urdf")
+    whole = Analysis.bounds
+    halved = lambda *args: [Bound(share * each.size, share * each.error) for each in whole(*args)]  # noqa: E731
+    monkeypatch.setattr(Analysis, "bounds", halved)
+    step = SumJoints(Array("of_joints", (3,)), Array("of_coordinates", (2,)))
+    arrays = {"of_joints": [Bound(4.0, 0.1), Bound(3.0, 0.2), Bound(6.0, 0.4)]}
+    ErrorBounds(chain)._linear(chain, step, arrays)
+    both, alone = arrays["of_coordinates"]
+    assert (both.size >= 4.0 + 0.5 * 6.0 and both.error >= 0.1 + 0.5 * 0.4) == (share == 1.0)
+    assert (alone.size >= 3.0 and alone.error >= 0.2) == (share == 1.0)
+    assert both.size < 7.001 and both.error < 0.3001
 
 
 KINDS = (Kind.ROTATION, Kind.POINT)
