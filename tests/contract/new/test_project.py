@@ -106,6 +106,15 @@ def test_without_masses_and_a_fault_of_inertia(tmp_path, capsys):
     assert "--no-masses" in regenerate((tmp_path / "out" / "README.md").read_text())
 
 
+def test_elements_to_ignore_stand_in_the_readmes_command(tmp_path, capsys):
+    """The command generates the functions again, without a word about an element that is to be ignored."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(replaced(('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axles/>')))
+    options = ("--ignore", "axles", "--tip", "hand", "--no-build", "--output", str(tmp_path / "out"))
+    assert main(["new", str(urdf), *options]) == 0
+    assert "--ignore axles" in regenerate((tmp_path / "out" / "README.md").read_text())
+
+
 def test_a_template_takes_its_files_with_it(tmp_path):
     (tmp_path / "arms" / "urdf").mkdir(parents=True)
     (tmp_path / "arms" / "package.xml").write_text("<package><name>arms</name></package>")
