@@ -20,7 +20,10 @@ RATE_TIME = 0.1
 
 @dataclass(frozen=True)
 class Preset:
-    """Maker's numbers of a robot: the pattern of its name, one number per joint each (none: unknown), and sources."""
+    """Motors' numbers of a robot: the pattern of its name, one number per joint each (none: unknown), and sources.
+
+    Motor inertias in kg m^2 or kg, torque rates in N m/s or N/s.
+    """
 
     pattern: str
     title: str
@@ -45,23 +48,13 @@ PRESETS = (
 )
 
 
-@dataclass(frozen=True)
-class MotorTables:
-    """Motor inertia [kg m^2 or kg] and torque rate [N m/s or N/s] of every coordinate, with their sources."""
-
-    motor_inertia: tuple[float, ...]
-    torque_rate: tuple[float, ...]
-    inertia_source: str
-    rate_source: str
-
-
 def find_preset(name: str) -> Preset | None:
     """Return the preset of a robot's name; None for an unknown robot."""
     return next((each for each in PRESETS if re.match(each.pattern, name.lower())), None)
 
 
-def motor_tables(chain: Chain) -> MotorTables:
-    """Return a chain's motor inertias and torque rates: the file's, the maker's, or estimates from the limits.
+def motor_tables(chain: Chain) -> Preset:
+    """Return the preset of a chain, complete: with the file's numbers, the maker's, or estimates from the limits.
 
     The file comes first, since its armature is that of the user's simulation. An armature of 0 counts as unknown.
     """
@@ -79,7 +72,7 @@ def motor_tables(chain: Chain) -> MotorTables:
     if len(rate) != len(limits):
         rate = tuple(effort / RATE_TIME for effort, _ in limits)
         rate_source = f"estimate: effort / {RATE_TIME:g} s, the maker's is unknown"
-    return MotorTables(inertia, rate, inertia_source, rate_source)
+    return Preset(preset.pattern, preset.title, inertia, rate, inertia_source, rate_source)
 
 
 def _estimate(effort: float, velocity: float) -> float:
