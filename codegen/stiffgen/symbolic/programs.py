@@ -41,22 +41,13 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
 
 
 def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
-    """Return ``steps`` that write a result [i, j] for pairs of joints, summed into coordinates where joints mimic."""
+    """Return ``steps`` that write a result [j] or [i, j] for joints, summed into coordinates where joints mimic."""
     output = result.array(chain)
     if not chain.coupled:
         return steps(output)
     m = len(chain.joints)
-    joints = Array(f"{output.name}_of_joints", (m, m, *output.shape[2:]))
+    joints = Array(f"{output.name}_of_joints", (*(m for _ in output.shape[:2]), *output.shape[2:]))
     return (*steps(joints), SumJoints(joints, output, mirror=mirror))
-
-
-def _vector_of_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program]) -> Program:
-    """Return ``steps`` that write a result [j] for joints, summed into coordinates where joints mimic."""
-    output = result.array(chain)
-    if not chain.coupled:
-        return steps(output)
-    joints = Array(f"{output.name}_of_joints", (len(chain.joints),))
-    return *steps(joints), SumJoints(joints, output)
 
 
 def _pairs(left: Array, right: Array, over: Over, output: Array, comment: str, *, mirror: bool = False) -> Map:
@@ -337,7 +328,7 @@ def _pairs_on_the_way(
 def bias_forces(chain: Chain, result: Argument) -> Program:
     """Return the program of the joint forces at constant rates, summed into coordinates."""
     arguments = (*configuration_arguments(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
-    return _vector_of_joints(
+    return _over_joints(
         chain,
         result,
         lambda output: (
@@ -391,7 +382,7 @@ def gravity_gradient(chain: Chain, result: Argument) -> Program:
         rates = Map("dU/dq_j = -g . w_j", Over.JOINTS, Operand(output, "j"), (Operand(C, "j"), g), gravity.moment_rate)
         return recursion, *rotation, rates
 
-    return _vector_of_joints(chain, result, steps)
+    return _over_joints(chain, result, steps)
 
 
 def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
@@ -468,7 +459,7 @@ def spring_joint_terms(
         def dot(column: ca.SX, wrench: ca.SX) -> ca.SX:
             return ca.SX(-ca.dot(column, wrench))
 
-        program += _vector_of_joints(
+        program += _over_joints(
             chain,
             torque,
             lambda output: (Map("torque_j = -J_j . F", Over.JOINTS, Operand(output, "j"), operands, dot),),
