@@ -115,19 +115,7 @@ def new_project(
     answers = decide(description, given, ask)
     ready()
     tool = tool or (None if answers.tool_xyz is None else Tool(xyz=answers.tool_xyz))
-    options = GenerationOptions(
-        tip=answers.tip,
-        base=None if answers.base == description.root else answers.base,
-        tool=tool,
-        name=name,
-        springs=SpringOptions(() if answers.spring == "trace" else (answers.spring,)),
-        masses=given.masses,
-        ignore=reading.ignored,
-        arguments=reading.arguments,
-        package_path=reading.package_path,
-        build=build,
-        progress=progress,
-    )
+    options = _options(answers, given.masses, reading, tool, description.root)
     chain = chain_between(description, options.chain)
     _check(chain, answers)
     files = _copied_files(urdf, description)
@@ -136,10 +124,25 @@ def new_project(
         for file, source in files.items():
             (staging / "urdf" / file).parent.mkdir(parents=True, exist_ok=True)
             (staging / "urdf" / file).write_bytes(source.read_bytes())
-        generate_folder(urdf, replace(options, output=staging / "generated"))
+        options = replace(options, name=name, output=staging / "generated", build=build, progress=progress)
+        generate_folder(urdf, options)
         progress("writing the project")
         _write(page, staging)
     return target
+
+
+def _options(answers: Answers, masses: bool, reading: Reading, tool: Tool | None, root: str) -> GenerationOptions:
+    """Return the options that select the robot's chain and spring; ``root`` is the root link of the description."""
+    return GenerationOptions(
+        tip=answers.tip,
+        base=None if answers.base == root else answers.base,
+        tool=tool,
+        springs=SpringOptions(() if answers.spring == "trace" else (answers.spring,)),
+        masses=masses,
+        ignore=reading.ignored,
+        arguments=reading.arguments,
+        package_path=reading.package_path,
+    )
 
 
 def _free_folder(target: Path) -> Path:
