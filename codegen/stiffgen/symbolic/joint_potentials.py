@@ -21,7 +21,10 @@ from typing import Literal
 
 import casadi as ca
 
-from stiffgen.symbolic.arguments import Argument
+from stiffgen.robot.chain import Chain
+from stiffgen.symbolic.arguments import Argument, Q
+from stiffgen.symbolic.program import Array, Operand, Over, Program, pruned
+from stiffgen.symbolic.steps import Map, SparseSum
 
 Part = Literal["energy", "torque", "joint_stiffness"]
 
@@ -96,3 +99,25 @@ def term(q: ca.SX, *parameters: ca.SX, potential: JointPotential, part: Part) ->
     gradient = ca.gradient(energy, symbol)
     result = {"energy": energy, "torque": -gradient, "joint_stiffness": ca.gradient(gradient, symbol)}[part]
     return ca.substitute(result, symbol, q)
+
+
+def program(chain: Chain, potential: JointPotential, part: Part, result: Argument) -> Program:
+    """Return the program of energy, torque or joint stiffness of a potential of q; entries of a floating base are 0."""
+    every = [Operand(argument.array(chain), "j" if argument.shape else "") for argument in (Q, *potential.parameters)]
+    symbols = [ca.SX.sym(operand.array.name) for operand in every]
+    of_one = term(*symbols, potential=potential, part=part)
+    operands, body = pruned(tuple(zip(every, symbols, strict=True)), of_one)
+    output, base_joints = result.array(chain), chain.base_joints
+    symbol, formula = {"energy": ("u", "U"), "torque": ("t", "-dU/dq"), "joint_stiffness": ("d", "d2U/dq2")}[part]
+    if part == "torque" and not base_joints:
+        return (Map(formula, Over.COORDINATES, Operand(output, "j"), operands, body),)
+    terms = Array(symbol, (chain.dof - base_joints,))
+    step = Map(f"{formula} per coordinate", Over.COORDINATES, Operand(terms, "j"), operands, body)
+
+    def behind_base(values: ca.SX) -> ca.SX:
+        return ca.vertcat(ca.SX.zeros(base_joints), values)
+
+    if part == "joint_stiffness":
+        return step, SparseSum("diagonal", output, None, (terms,), lambda values: ca.diag(behind_base(values)))
+    comment, total = ("sum", ca.sum1) if part == "energy" else ("zeros for the base, then the joints", behind_base)
+    return step, Map(comment, Over.ONCE, Operand(output, ""), (Operand(terms, ""),), total)

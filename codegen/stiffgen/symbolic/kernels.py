@@ -15,7 +15,7 @@ from functools import partial
 from stiffgen.errors import ChainError, PotentialError, listed, printable
 from stiffgen.names import CPP_NAMES
 from stiffgen.robot.chain import Chain, Tip
-from stiffgen.symbolic import arguments, programs
+from stiffgen.symbolic import arguments, joint_potentials, programs
 from stiffgen.symbolic.arguments import POSE, Argument, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
@@ -355,7 +355,7 @@ def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
     )  # fmt: skip
 
     def kernel(result: Argument, summary: str, equation: str, part: JointPart) -> Kernel:
-        program = partial(programs.joint_potential, potential=potential, part=part, result=result)
+        program = partial(joint_potentials.program, potential=potential, part=part, result=result)
         inputs = (arguments.Q, *potential.parameters)
         return Kernel(
             part, potential.name, inputs, (result,), f"{summary} {potential.title}.", equation, program,

@@ -3,7 +3,7 @@
 
 The kernel table (:mod:`stiffgen.symbolic.kernels`) refers to these functions. The contributions of one joint and of one
 pair of joints are in :mod:`stiffgen.symbolic.kinematics`, :mod:`stiffgen.symbolic.stiffness` and
-:mod:`stiffgen.symbolic.dynamics`.
+:mod:`stiffgen.symbolic.dynamics`; potentials of q, with their program, in :mod:`stiffgen.symbolic.joint_potentials`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ from functools import partial
 import casadi as ca
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic import contacts, dynamics, gravity, joint_potentials, kinematics, springs, stiffness
+from stiffgen.symbolic import contacts, dynamics, gravity, kinematics, springs, stiffness
 from stiffgen.symbolic.arguments import BASE_POSE, GRAVITY, POSE, VELOCITY, Argument, Q, configuration_arguments
 from stiffgen.symbolic.connection import Representation
-from stiffgen.symbolic.joint_potentials import JointPotential
-from stiffgen.symbolic.joint_potentials import Part as JointPart
-from stiffgen.symbolic.program import Array, Operand, Over, Program, pruned
+from stiffgen.symbolic.program import Array, Operand, Over, Program
 from stiffgen.symbolic.springs import Spring
 from stiffgen.symbolic.steps import Map, SparseSum, StraightLine, SumJoints
 
@@ -469,25 +467,3 @@ def spring_joint_terms(
             chain, joint_stiffness, lambda output: _tangent(chain, J, F, K, "hybrid", output), mirror=True
         )
     return program
-
-
-def joint_potential(chain: Chain, potential: JointPotential, part: JointPart, result: Argument) -> Program:
-    """Return the program of energy, torque or joint stiffness of a potential of q; entries of a floating base are 0."""
-    every = [Operand(argument.array(chain), "j" if argument.shape else "") for argument in (Q, *potential.parameters)]
-    symbols = [ca.SX.sym(operand.array.name) for operand in every]
-    of_one = joint_potentials.term(*symbols, potential=potential, part=part)
-    operands, body = pruned(tuple(zip(every, symbols, strict=True)), of_one)
-    output, base_joints = result.array(chain), chain.base_joints
-    symbol, formula = {"energy": ("u", "U"), "torque": ("t", "-dU/dq"), "joint_stiffness": ("d", "d2U/dq2")}[part]
-    if part == "torque" and not base_joints:
-        return (Map(formula, Over.COORDINATES, Operand(output, "j"), operands, body),)
-    terms = Array(symbol, (chain.dof - base_joints,))
-    step = Map(f"{formula} per coordinate", Over.COORDINATES, Operand(terms, "j"), operands, body)
-
-    def behind_base(values: ca.SX) -> ca.SX:
-        return ca.vertcat(ca.SX.zeros(base_joints), values)
-
-    if part == "joint_stiffness":
-        return step, SparseSum("diagonal", output, None, (terms,), lambda values: ca.diag(behind_base(values)))
-    comment, total = ("sum", ca.sum1) if part == "energy" else ("zeros for the base, then the joints", behind_base)
-    return step, Map(comment, Over.ONCE, Operand(output, ""), (Operand(terms, ""),), total)
