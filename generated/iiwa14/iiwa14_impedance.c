@@ -65,6 +65,7 @@ typedef struct {
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
+    int pressing;  /* a wrench_command is accepted */
     int held;      /* a fault is latched, and the springs hold the arm */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
@@ -2707,7 +2708,98 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     }
 }
 
-/* Torque: springs, damping and limit avoidance, within the reserve and all limits. */
+/* Feed-forward: a wrench that the tips are to exert. */
+
+/* Return whether numbers are all zero; NaN is not. */
+static int are_zero(int count, const double *x)
+{
+    int zero = 1;
+    for (int i = 0; i < count; ++i) {
+        zero = zero && x[i] == 0.0;
+    }
+    return zero;
+}
+
+/* Accept the commanded wrenches: finite, and no larger than heaviest_wrench. The paper's law takes none. */
+static int accept_wrench(const step_t *s)
+{
+    const double *const heaviest = s->c->heaviest_wrench;
+    int good = s->c->law == ID(LAW_POTENTIAL);
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const wrench = s->input->wrench_command + 6 * t;
+        good = good && norm(3, wrench) <= heaviest[0] && norm(3, wrench + 3) <= heaviest[1];
+    }
+    return good;
+}
+
+/* Accept the feed-forward of an accepted command. What is refused counts as not given. */
+static void accept_feedforward(step_t *s)
+{
+    const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
+    s->pressing = pressing && accept_wrench(s);
+    s->status |= pressing && !s->pressing ? (uint32_t)ID(STATUS_FEEDFORWARD_REFUSED) : 0u;
+    s->pressing = s->pressing && s->commanded;
+}
+
+/*
+ * Return the share of the feed-forward that the tank pays for: all of it from 3/4 of the initial energy on, none below
+ * one half. The other half stays with the springs.
+ */
+static double fade_with_tank(const step_t *s)
+{
+    return clamp(4.0 * s->m->tank / s->tank_initial - 2.0, 0.0, 1.0);
+}
+
+/*
+ * Return the largest share of the torque press, beside springs and limit avoidance, that tank, effort limits and reserve
+ * allow. The reserve is convex in the share, so a share is allowed below each one that is.
+ */
+static double share_wrench(const step_t *s, const double *press)
+{
+    const memory_t *const m = s->m;
+    double share = fade_with_tank(s), base[N], torque[N], parts[3];
+    for (int i = 0; i < N; ++i) {
+        base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
+        const double other = base[i] + m->offset[i], size = fabs(press[i]);
+        const double room = s->c->effort_limit[i] - (press[i] > 0.0 ? other : -other);
+        share = size > 1e-9 ? fmin(share, fmax(room, 0.0) / size) : share;
+    }
+    double trial = share, step = 0.5 * share, covered = 0.0;
+    for (int round = 0; round < 12 && covered < share; ++round) {
+        memcpy(torque, base, sizeof torque);
+        add_scaled(N, trial, press, torque);
+        const int enough = compute_reserve(s, m->calls, m->call_gap, torque, parts) <= COVERED * available_energy(m);
+        covered = enough ? trial : covered;
+        trial += enough ? step : -step;
+        step *= 0.5;
+    }
+    return covered;
+}
+
+/*
+ * Add the torque J^T F of the commanded wrenches F. It begins with no share of the wrench, and falls back to none
+ * where no wrench is accepted; the torque follows at its rate limit.
+ */
+static void press_tips(step_t *s)
+{
+    memory_t *const m = s->m;
+    double J[6 * N * TIPS], press[N] = {0.0};
+    if (!s->pressing || !m->engaged || m->fault != ID(FAULT_NONE)) {
+        m->press_share = 0.0;
+        return;
+    }
+    robot_jacobians(m->q, m->tool_pose, J);
+    for (int k = 0; k < 6 * TIPS; ++k) {
+        add_scaled(N, s->input->wrench_command[k], J + k * N, press);
+    }
+    const double share = share_wrench(s, press);
+    s->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
+    m->press_share = fmin(share, m->press_share + s->c->sample_time / SCALE_TIME);
+    add_scaled(N, m->press_share, press, s->out->feedforward_torque);
+    add_scaled(6 * TIPS, m->press_share, s->input->wrench_command, s->out->wrench_command);
+}
+
+/* Torque: springs, feed-forward, damping and limit avoidance, within the reserve and all limits. */
 
 /* Move a torque one step towards zero at the rate limit. */
 static void step_towards_zero(const double *last, const double *rate, double *torque)
@@ -2737,8 +2829,8 @@ static void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all
- * the damping. Return whether the available energy covers it.
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded wrench,
+ * 2 these with all the damping. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
@@ -2747,11 +2839,11 @@ static int try_torque(step_t *s, const double *last, double share)
     step_towards_zero(last, s->m->rate, least);
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i];
-        const double springs = clamp(out->elastic_torque[i] + out->limit_torque[i], last[i] - rate, last[i] + rate);
+        const double springs = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
         if (share < 1.0) {
-            out->torque[i] = least[i] + share * (springs - least[i]);
+            out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
+            out->torque[i] = springs + (share - 1.0) * out->damping_torque[i];
         }
     }
     limit_torque(s, last);
@@ -2886,6 +2978,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         out->spring_wrench[k] *= m->scale;
     }
     note_load(s, m->elastic_energy);
+    press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */
@@ -3050,6 +3143,7 @@ static void step_with_sample(step_t *s, const double *last)
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
+    accept_feedforward(s);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
     adopt_missed_limit(s, last);

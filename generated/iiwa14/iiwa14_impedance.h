@@ -127,7 +127,9 @@ enum {
     IIWA14_STATUS_CONFIG = 1 << 19, /* the configuration is refused or the state is not initialised; the return value says why */
     IIWA14_STATUS_REPEATED = 1 << 20, /* the sample repeats the last state, as state_period allows: the torque is held */
     IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
-    IIWA14_STATUS_OFFSET_LIMITED = 1 << 22 /* torque_offset is held back by the effort or the rate limit */
+    IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
+    IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command is not used: not finite, above heaviest_wrench, or with the paper's law */
+    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24 /* wrench_command is held back by tank, reserve or effort limits */
 };
 
 /* Modes of a step. */
@@ -337,6 +339,9 @@ typedef struct {
     /* [N m or N] torque that the caller adds (gravity, Coriolis, feed-forward), inside the effort and rate
      * limits; its work is the caller's, outside the energy account. */
     double torque_offset[7];
+    /* [N, N m] (force, moment) that the TIP IS TO EXERT on the environment, hybrid axes, beside the springs; at
+     * most heaviest_wrench; its work is paid from the tank, which fades it out below 3/4 of tank_initial. */
+    double wrench_command[6];
     /* [N/m] (3 x 3) wanted stiffness Kt, in the axes of the spring kernels (default: base); symmetric, positive
      * semidefinite. */
     double translation_stiffness[9];
@@ -352,7 +357,8 @@ typedef struct {
 
 /* Result of a step, complete enough to draw a log from it. */
 typedef struct {
-    /* [N m or N] command: elastic + damping + limit torque, and the caller's torque_offset, within all limits. */
+    /* [N m or N] command: elastic + damping + limit + feed-forward torque, and the caller's torque_offset,
+     * within all limits. */
     double torque[7];
     /* bits IIWA14_STATUS_.... */
     uint32_t status;
@@ -405,6 +411,10 @@ typedef struct {
     double offset_torque[7];
     /* [N m or N] torque of the joint limit avoidance. */
     double limit_torque[7];
+    /* [N m or N] torque of wrench_command. */
+    double feedforward_torque[7];
+    /* [N, N m] wrench_command in force. */
+    double wrench_command[6];
     /* [N, N m] wrench l dU that the environment applies at rest, hybrid axes. */
     double spring_wrench[6];
     /* [N, N m] measured wrench that was believed; 0 without. */
@@ -497,6 +507,7 @@ typedef struct {
     double sized_tank;
     double load;
     double load_energy;
+    double press_share;
     double port_total;
     double sampling_total;
     double reference_total;

@@ -6,8 +6,8 @@
 A schedule says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm that is moved
 whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
 jitter, missed samples, calls left out, velocities that lie, resets. Configurations vary in delay, missed_limit, rate
-limits, limit zones, damping, tank and engagement. The work that the robot puts out at its port is summed from the exact
-positions and the torque that acted, and compared with
+limits, limit zones, damping, tank and engagement. Wrenches that the tip is to exert come and go. The work that the
+robot puts out at its port is summed from the exact positions and the torque that acted, and compared with
 
     start + tank_initial + engagement_limit (returns from a fault + 1 if the start is not where the arm is wanted)
 
@@ -129,6 +129,8 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
         made |= {"driven_at": loop.velocity * random.uniform(0.02, 0.99), "driven_by": np.full(N, 100.0)}
     if random.random() < 0.4:
         made |= _springs(random, 1, 0.1)
+    if random.random() < 0.3:
+        made["wrench_command"] = _wrench(random)
     if moving and random.random() < 0.5:
         made["wanted"] = Q0 + random.uniform(-0.8, 0.8, N)
         made["pose"] = int(random.random() < 0.3)
@@ -136,6 +138,13 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
         made["wanted_rate"] = random.normal(size=N) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.4)
         made["jitter"] = 10 ** random.uniform(-13, -1) * (random.random() < 0.4)
     return made
+
+
+def _wrench(random: Random) -> np.ndarray:
+    """Return a wrench that the tip is to exert, up to the default of heaviest_wrench; now and then none."""
+    parts = [size * direction / np.linalg.norm(direction) * random.random() ** 0.5
+             for size, direction in ((100.0, random.normal(size=3)), (20.0, random.normal(size=3)))]  # fmt: skip
+    return np.concatenate(parts) * (random.random() < 0.8) * (1 - 1e-9)
 
 
 def _at_limits(random: Random, loop: Loop) -> np.ndarray:
@@ -313,7 +322,22 @@ def streams(random: Random, loop: Loop) -> Schedule:
     return _ordered(made)
 
 
-PATTERNS = (laps, pumping, shaking, zones, gaps, streams)
+def presses(random: Random, loop: Loop) -> Schedule:
+    """Draw to and fro of the arm while wrenches come and go with it, some samples missing."""
+    made, lap = _base(random, loop), int(random.integers(20, 600))
+    made.parts[0] |= _springs(random, 1, 0.1)
+    away, wrench = Q0 + random.uniform(-0.5, 0.5, N), _wrench(random)
+    for start in range(1, SAMPLES - lap + 1, lap):
+        made.parts += [
+            _drive(random, loop, start, away, wrench_command=wrench, missed=0),
+            _drive(random, loop, start + 0.5 * lap, Q0, wrench_command=-wrench * random.integers(0, 2), missed=0),
+        ]
+        if random.random() < 0.2:
+            made.parts.append({**made.parts[-1], "start": round(start + 0.9 * lap), "missed": 1})
+    return _ordered(made)
+
+
+PATTERNS = (laps, pumping, shaking, zones, gaps, streams, presses)
 
 
 def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bool) -> Schedule:
@@ -362,6 +386,8 @@ def _shake(random: Random, one: dict[str, Any]) -> None:
     for name in ("load", "push", "driven_to", "driven_at", "hand_target", "dq_offset", "wanted_rate", "jitter"):
         if name in one and np.any(one[name]):
             one[name] = one[name] * (1 + size * random.normal(size=np.shape(one[name])))
+    if random.random() < 0.1:
+        one["wrench_command"] = _wrench(random)
     if random.random() < 0.3 and one.get("driven"):
         one["driven_to"] = -one["driven_to"]
     for name in ("driven_by", "hand_stiffness", "hand_damping", "translation", "rotation"):

@@ -430,6 +430,13 @@ INPUT: tuple[Field, ...] = (
         "the caller's, outside the energy account",
     ),
     Field(
+        "wrench_command",
+        _WRENCH,
+        "N, N m",
+        "(force, moment) that the TIP IS TO EXERT on the environment, hybrid axes, beside the springs; at most "
+        "heaviest_wrench; its work is paid from the tank, which fades it out below 3/4 of tank_initial",
+    ),
+    Field(
         "tool_pose",
         _POSE,
         "m",
@@ -469,7 +476,7 @@ OUTPUT: tuple[Field, ...] = (
         "torque",
         _N,
         "N m or N",
-        "command: elastic + damping + limit torque, and the caller's torque_offset, within all limits",
+        "command: elastic + damping + limit + feed-forward torque, and the caller's torque_offset, within all limits",
     ),
     Field("status", _SCALAR, "", "bits NAME_STATUS_...", type="uint32_t"),
     Field("mode", _SCALAR, "", "mode of the step, NAME_MODE_...", type="int"),
@@ -529,6 +536,8 @@ OUTPUT: tuple[Field, ...] = (
     ),
     Field("offset_torque", _N, "N m or N", "torque_offset in force"),
     Field("limit_torque", _N, "N m or N", "torque of the joint limit avoidance"),
+    Field("feedforward_torque", _N, "N m or N", "torque of wrench_command"),
+    Field("wrench_command", _WRENCH, "N, N m", "wrench_command in force"),
     Field("spring_wrench", _WRENCH, "N, N m", "wrench l dU that the environment applies at rest, hybrid axes"),
     Field("wrench", _WRENCH, "N, N m", "measured wrench that was believed; 0 without"),
     Field(
@@ -600,6 +609,8 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("repeated", "the sample repeats the last state, as state_period allows: the torque is held"),
     ("overspeed", "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"),
     ("offset_limited", "torque_offset is held back by the effort or the rate limit"),
+    ("feedforward_refused", "wrench_command is not used: not finite, above heaviest_wrench, or with the paper's law"),
+    ("feedforward_limited", "wrench_command is held back by tank, reserve or effort limits"),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
 

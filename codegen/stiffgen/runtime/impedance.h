@@ -56,6 +56,7 @@ typedef struct {
     int located;   /* the sample's position is believed, which is enough in a fault */
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
+    int pressing;  /* a wrench_command is accepted */
     int held;      /* a fault is latched, and the springs hold the arm */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
@@ -195,6 +196,10 @@ void measure_inertia(step_t *s, const double *q);
 double design_damping(step_t *s, double *follow);
 void smooth_velocity(step_t *s);
 void brake_fast_joints(step_t *s);
+
+/* feedforward.c */
+void accept_feedforward(step_t *s);
+void press_tips(step_t *s);
 
 /* torque.c */
 void step_towards_zero(const double *last, const double *rate, double *torque);

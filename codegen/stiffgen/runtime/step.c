@@ -89,6 +89,7 @@ static void step_with_sample(step_t *s, const double *last)
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);
     s->status |= s->commanded ? 0u : (uint32_t)ID(STATUS_COMMAND_REFUSED);
+    accept_feedforward(s);
     check_limits(s);
     s->budget = m->tank - TANK_FLOOR * s->tank_maximum;
     adopt_missed_limit(s, last);

@@ -1,4 +1,4 @@
-/* Torque: springs, damping and limit avoidance, within the reserve and all limits. */
+/* Torque: springs, feed-forward, damping and limit avoidance, within the reserve and all limits. */
 #include "impedance.h"
 
 /* Move a torque one step towards zero at the rate limit. */
@@ -29,8 +29,8 @@ void limit_torque(step_t *s, const double *last)
 }
 
 /*
- * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs, 2 the springs with all
- * the damping. Return whether the available energy covers it.
+ * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded wrench,
+ * 2 these with all the damping. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
@@ -39,11 +39,11 @@ static int try_torque(step_t *s, const double *last, double share)
     step_towards_zero(last, s->m->rate, least);
     for (int i = 0; i < N; ++i) {
         const double rate = s->m->rate[i];
-        const double springs = clamp(out->elastic_torque[i] + out->limit_torque[i], last[i] - rate, last[i] + rate);
+        const double springs = out->elastic_torque[i] + out->limit_torque[i] + out->feedforward_torque[i];
         if (share < 1.0) {
-            out->torque[i] = least[i] + share * (springs - least[i]);
+            out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = out->elastic_torque[i] + out->limit_torque[i] + (share - 1.0) * out->damping_torque[i];
+            out->torque[i] = springs + (share - 1.0) * out->damping_torque[i];
         }
     }
     limit_torque(s, last);
@@ -178,6 +178,7 @@ void compute_torque(step_t *s, const double *last, int moved)
         out->spring_wrench[k] *= m->scale;
     }
     note_load(s, m->elastic_energy);
+    press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
         /* the damper must not do work that is not left: it holds the arm as if the reference stood */

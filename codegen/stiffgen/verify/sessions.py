@@ -231,6 +231,7 @@ class _Session:
         self.counter = int(random.integers(0, 2**32))
         self.goal = self.q + 0.0
         self.absent = self.held = self.stuck = 0
+        self.pressed = np.zeros(6 * len(self.chain.tips))
         self.stuck_field = "q"
         self.command = 2 if random.random() < 0.3 else 1
         self.tools = np.stack([_pose(random, 0.1) for _ in self.chain.tips])
@@ -277,6 +278,9 @@ class _Session:
             self.goal = self.goal + random.normal(size=self.chain.dof) * 1e-3
         if random.random() < 0.01:
             self._choose_stiffness()
+        if random.random() < 0.02:
+            size = np.repeat(self.config.heaviest_wrench, 3) * random.choice([0.0, 0.1, 0.7])
+            self.pressed = (random.uniform(-1.0, 1.0, (len(self.chain.tips), 6)) * size).ravel()
         if random.random() < 0.03 * rate:
             share = 0.02 if self.calm else random.choice([0, 0.3])
             self.load = random.normal(size=self.chain.dof) * np.array(self.config.effort_limit) * share
@@ -351,6 +355,7 @@ class _Session:
             fill(given.equilibrium, poses)
         if self.chain.runtime_tool:
             fill(given.tool_pose, self.tools)
+        fill(given.wrench_command, self.pressed)
         given.wrench_valid = int(self.config.law == 2 or random.random() < 0.3)
         fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
         root = np.diag([20.0] * 3 + [3.0] * 3) + random.normal(size=(6, 6))
@@ -390,6 +395,7 @@ class _Session:
             given.dq[joint] += 5.0 * float(random.normal())
         elif event < 0.06:
             fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium", "task_stiffness"]
+            fields += ["wrench_command"]
             _put(random.choice(fields), given, int(random.integers(6)), bad)
             given.task_stiffness[int(random.integers(36))] *= random.choice([1.0, -1.0, 1e3])
         elif event < 0.061:

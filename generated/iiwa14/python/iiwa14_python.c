@@ -2461,6 +2461,7 @@ static const field fields[] = {
     {"input", "q0", "f8", offsetof(iiwa14_impedance_input, q0), 1, {7, 1, 1}},
     {"input", "equilibrium", "f8", offsetof(iiwa14_impedance_input, equilibrium), 2, {4, 4, 1}},
     {"input", "torque_offset", "f8", offsetof(iiwa14_impedance_input, torque_offset), 1, {7, 1, 1}},
+    {"input", "wrench_command", "f8", offsetof(iiwa14_impedance_input, wrench_command), 1, {6, 1, 1}},
     {"input", "translation_stiffness", "f8", offsetof(iiwa14_impedance_input, translation_stiffness), 2, {3, 3, 1}},
     {"input", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_input, rotation_stiffness), 2, {3, 3, 1}},
     {"input", "wrench", "f8", offsetof(iiwa14_impedance_input, wrench), 1, {6, 1, 1}},
@@ -2490,6 +2491,8 @@ static const field fields[] = {
     {"output", "damping_torque", "f8", offsetof(iiwa14_impedance_output, damping_torque), 1, {7, 1, 1}},
     {"output", "offset_torque", "f8", offsetof(iiwa14_impedance_output, offset_torque), 1, {7, 1, 1}},
     {"output", "limit_torque", "f8", offsetof(iiwa14_impedance_output, limit_torque), 1, {7, 1, 1}},
+    {"output", "feedforward_torque", "f8", offsetof(iiwa14_impedance_output, feedforward_torque), 1, {7, 1, 1}},
+    {"output", "wrench_command", "f8", offsetof(iiwa14_impedance_output, wrench_command), 1, {6, 1, 1}},
     {"output", "spring_wrench", "f8", offsetof(iiwa14_impedance_output, spring_wrench), 1, {6, 1, 1}},
     {"output", "wrench", "f8", offsetof(iiwa14_impedance_output, wrench), 1, {6, 1, 1}},
     {"output", "joint_stiffness", "f8", offsetof(iiwa14_impedance_output, joint_stiffness), 2, {7, 7, 1}},
@@ -2553,6 +2556,8 @@ static const status statuses[] = {
     {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
     {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
+    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command is not used: not finite, above heaviest_wrench, or with the paper's law"},
+    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve or effort limits"},
 };
 
 static const choice outcomes[] = {
@@ -2835,7 +2840,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "29d3d66bc2dd3196") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "89af88c068e97b2c") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

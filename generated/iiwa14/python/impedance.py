@@ -263,15 +263,17 @@ class Impedance:
         wrench: ArrayLike | None = None,
         task_stiffness: ArrayLike | None = None,
         torque_offset: ArrayLike | None = None,
+        wrench_command: ArrayLike | None = None,
         counter: int | None = None,
     ) -> Record:
         """Do one step.
 
         Pass either ``q0`` (n), or ``equilibrium`` (4, 4) with ``posture`` (n). The potential law needs both stiffnesses,
         each (3, 3), and reports a ``wrench`` (6). The paper's law needs ``wrench`` and ``task_stiffness`` (6, 6).
-        ``torque_offset`` (n) is added to the torque, inside its limits. ``counter`` numbers the samples; without it, each
-        call counts as the next sample. With several tips, arrays per tip have the tips as their first axis. Fields of
-        the result are attributes (``.torque``, ``.status``).
+        ``torque_offset`` (n) is added to the torque, inside its limits. ``wrench_command`` (6) is a wrench that the tip is
+        to exert on the environment. ``counter`` numbers the samples; without it, each call counts as the next sample.
+        With several tips, arrays per tip have the tips as their first axis. Fields of the result are attributes
+        (``.torque``, ``.status``).
         """
         values = {name: value for name, value in locals().items() if name != "self" and value is not None}
         return Record(self._run(values, 1), single=True)

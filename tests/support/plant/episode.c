@@ -53,6 +53,7 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
     sample->valid = !s->missed;
     sample->pose = s->pose;
     memcpy(sample->posture, s->posture, sizeof sample->posture);
+    memcpy(sample->wrench_command, s->wrench_command, sizeof sample->wrench_command);
     memcpy(sample->translation, s->translation, sizeof sample->translation);
     memcpy(sample->rotation, s->rotation, sizeof sample->rotation);
 }

@@ -69,6 +69,7 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
     memcpy(in.translation_stiffness, sample->translation, sizeof in.translation_stiffness);
     memcpy(in.rotation_stiffness, sample->rotation, sizeof in.rotation_stiffness);
     memcpy(in.wrench, sample->wrench, sizeof in.wrench);
+    memcpy(in.wrench_command, sample->wrench_command, sizeof in.wrench_command);
     task_stiffness(sample, in.equilibrium, in.task_stiffness);
     if (sample->reset) {
         iiwa14_impedance_reset(state);

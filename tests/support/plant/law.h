@@ -18,6 +18,7 @@ typedef struct {
     double wanted_rate[N];     /* [rad/s] */
     int pose;                  /* 1: the equilibrium is given as that pose, and the posture apart */
     double posture[N];         /* [rad] only then */
+    double wrench_command[6];  /* [N, N m] wrench that the tip is to exert, base axes */
     double wrench[6];          /* [N, N m] measured wrench of the environment on the robot, base axes */
     double translation[9];     /* [N/m] base axes */
     double rotation[9];        /* [N m/rad] axes of the tip at the equilibrium */

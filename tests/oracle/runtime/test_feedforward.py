@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Feed-forward of the controller: wrenches that the tip is to exert."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from support.plant.loop import Q0, Loop, N
+
+SOFT = {"translation": 100 * np.eye(3), "rotation": 20 * np.eye(3)}
+SPRINGS = {"translation_stiffness": 100 * np.eye(3), "rotation_stiffness": 20 * np.eye(3)}
+STILL = {"q": Q0, "dq": np.zeros(N), "q0": Q0}
+
+
+def advance(loop: Loop, q: np.ndarray, v: np.ndarray, torque: np.ndarray) -> None:
+    """Move the arm for 1 ms in place, with rotors of 0.1 kg m^2."""
+    M = loop.mass_matrix(q) + 0.1 * np.eye(N)
+    v += 1e-3 * np.linalg.solve(M, torque - loop.bias(q, v))
+    q += 1e-3 * v
+
+
+def shifts(loop: Loop, q: np.ndarray) -> np.ndarray:
+    """Return the tip's motion and turn (6, n) per rad of each joint, by differences of the pose."""
+    columns = []
+    for step in 1e-6 * np.eye(N):
+        there, back = loop.pose(q + step), loop.pose(q - step)
+        turn = there[:3, :3] @ back[:3, :3].T
+        spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+        columns.append(np.concatenate([there[:3, 3] - back[:3, 3], spin]) / 2e-6)
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("wrench", [[0, 0, -80, 0, 0, 0], [30, -50, 20, 0, 0, 0], [20, 10, -40, 4, -8, 6]])
+def test_the_torque_holds_the_wrench(robot: ModuleType, loop: Loop, wrench: list[float]) -> None:
+    """By virtual work: the torque at each joint is the wrench times the tip's motion per rad."""
+    controller, plain = robot.Impedance(), robot.Impedance()
+    for _ in range(300):
+        out = controller.step(**STILL, **SPRINGS, wrench_command=wrench)
+        without = plain.step(**STILL, **SPRINGS)
+    np.testing.assert_allclose(out.torque - without.torque, shifts(loop, Q0).T @ wrench, atol=1e-6)
+    np.testing.assert_allclose(out.wrench_command, wrench)
+    assert not out.status & (robot.Status.FEEDFORWARD_LIMITED | robot.Status.FEEDFORWARD_REFUSED)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e5])
+@pytest.mark.parametrize("force", [10.0, 50.0, 95.0])
+def test_a_wall_is_pressed(loop: Loop, force: float, stiffness: float) -> None:
+    """The tip begins 1 cm above a wall and presses it: the wall's force and the springs' carry the wrench."""
+    step, q, v = loop.stepper(loop.default(motor_inertia=0.1)), Q0.copy(), np.zeros(N)
+    start = loop.pose(Q0)[:3, 3]
+    for _ in range(4000):
+        command = step(q=q, dq=v, wanted=Q0, **SOFT, wrench_command=[0, 0, -force, 0, 0, 0])
+        contact = max(0.0, stiffness * (start[2] - 0.01 - loop.pose(q)[2, 3]))
+        advance(loop, q, v, np.array(command.torque) + loop.jacobian(q)[2] * contact)
+    assert not command.faulted
+    spring = 100 * (start[2] - loop.pose(q)[2, 3])
+    assert contact + spring == pytest.approx(force, rel=0.01)
+    assert np.abs(v).max() < 1e-4
+
+
+def round_trips(turns: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield q and its velocity on a closed curve of the joints, one turn per second."""
+    for k in range(turns * 1000 + 1):
+        phase = 2 * np.pi * (1e-3 * k + np.arange(N) / 7)
+        rise = min(1.0, k / 300)
+        yield Q0 + 0.08 * rise * np.sin(phase), 0.16 * np.pi * rise * np.cos(phase)
+
+
+@pytest.mark.parametrize("wrench", [[0, 0, -40, 0, 0, 0], [30, 20, 10, 3, -4, 5]])
+def test_a_closed_orbit_costs_the_tank_what_it_puts_out(loop: Loop, wrench: list[float]) -> None:
+    """A force has a potential, a moment has none: what either puts out is missing in the tank, exactly."""
+    step, works = loop.stepper(loop.default(motor_inertia=0.1, tank_initial=20.0, tank_maximum=1e3)), [0.0]
+    torque, last = np.zeros(N), Q0
+    for k, (q, v) in enumerate(round_trips(6)):
+        works.append(works[-1] + float(torque @ (q - last)))
+        command = step(q=q, dq=v, wanted=Q0, **SOFT, wrench_command=wrench)
+        torque, last = np.array(command.torque), q
+        assert not command.faulted, k
+        assert command.tank + command.energy + works[-1] == pytest.approx(20.0, abs=1e-9)
+    turn, swing = works[-1] - works[-1001], np.ptp(works[-1001:])
+    assert swing > 1.0
+    assert turn < (0.0 if wrench[5] == 0 else 0.2 * swing)  # the damping takes some
+
+
+def test_a_tip_that_is_led_away_gets_half_the_tank(loop: Loop) -> None:
+    """Without springs, the tip is led along a force that turns; half of the tank stays."""
+    settings = loop.default(motor_inertia=0.1, posture_stiffness=0.0, damping_ratio=0.0, joint_damping=0.0)
+    step, q, work, tank = loop.stepper(settings), Q0.copy(), 0.0, 0.0
+    none = {"translation": 1e-9 * np.eye(3), "rotation": 1e-9 * np.eye(3)}
+    for k in range(8000):
+        J = loop.jacobian(q)[:3]
+        force = -60.0 * np.array([np.cos(k / 500), np.sin(k / 500), 0.0])
+        v = np.clip(np.linalg.pinv(J) @ (0.2 * force / 60), -1, 1)
+        command = step(q=q, dq=v, wanted=Q0, **none, wrench_command=[*force, 0, 0, 0])
+        tank = max(tank, command.tank)
+        work += float(np.array(command.torque) @ v) * 1e-3
+        q = q + 1e-3 * v
+        assert not command.faulted, k
+        assert work <= 0.5 * tank + 0.1
+    assert work > 0.4 * tank
+
+
+@pytest.mark.parametrize(
+    "wrench", [[np.nan, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, np.inf], [0, 0, 101, 0, 0, 0], [0, 0, 0, 0, 21, 0]]
+)
+def test_a_wrench_that_is_refused_acts_like_none(robot: ModuleType, wrench: list[float]) -> None:
+    """The event is named, the position command is followed, and the wrench given before is gone."""
+    controller, plain = robot.Impedance(), robot.Impedance()
+    for k in range(1000):
+        given = wrench if k >= 200 else [0, 0, -50, 0, 0, 0]
+        out = controller.step(q=Q0, dq=np.zeros(N), q0=Q0 + 0.01, **SPRINGS, wrench_command=given)
+        without = plain.step(q=Q0, dq=np.zeros(N), q0=Q0 + 0.01, **SPRINGS)
+        assert bool(out.status & robot.Status.FEEDFORWARD_REFUSED) == (k >= 200)
+        assert not out.fault
+    np.testing.assert_array_equal(out.torque, without.torque)
+    assert not out.wrench_command.any()
+
+
+def test_the_papers_law_takes_no_wrench(robot: ModuleType) -> None:
+    controller = robot.Impedance(law="paper")
+    given = {"wrench": np.zeros(6), "task_stiffness": np.diag([400.0] * 3 + [20.0] * 3)}
+    out = controller.step(**STILL, **given, wrench_command=[0, 0, 5, 0, 0, 0])
+    assert out.status & robot.Status.FEEDFORWARD_REFUSED
+
+
+def test_wrenches_keep_the_limits(robot: ModuleType) -> None:
+    """Wrenches and torques of the caller that jump, with samples missing: effort and rate limits hold."""
+    random, effort = np.random.default_rng(5), 0.2 * robot.EFFORT
+    controller = robot.Impedance(effort_limit=effort, heaviest_wrench=[100, 20], motor_inertia=0.1)
+    rate, last = 1e-3 * controller.config.torque_rate_limit, np.zeros(N)
+    limited = 0
+    for k in range(3000):
+        if k % 50 == 0:
+            wrench = random.normal(size=6) * [50, 50, 50, 8, 8, 8]
+            wrench *= min(1.0, *(limit / np.linalg.norm(part) for limit, part in ((100, wrench[:3]), (20, wrench[3:]))))
+            offset = random.normal(size=N) * 0.3 * effort
+        late = random.random() < 0.05
+        out: Any = controller.missed() if late else controller.step(
+            **STILL, **SPRINGS, wrench_command=wrench, torque_offset=offset
+        )  # fmt: skip
+        assert np.all(np.abs(out.torque) <= effort * (1 + 1e-12))
+        assert np.all(np.abs(out.torque - last) <= rate * (1 + 1e-9))
+        limited += bool(out.status & robot.Status.FEEDFORWARD_LIMITED)
+        last = out.torque
+    assert limited > 100
+    assert not out.fault
