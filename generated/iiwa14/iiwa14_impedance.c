@@ -42,6 +42,9 @@ static const double GOVERNOR = 0.8;   /* share of its velocity limits that the e
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
+/* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
+ * acceleration may, [s] in which a disagreement fades, and sample times of travel that the equilibrium may be behind. */
+static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */
@@ -66,6 +69,7 @@ typedef struct {
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
     int pressing;  /* a wrench_command is accepted */
+    int planned;   /* velocity and acceleration of a plan are accepted, and in force */
     int held;      /* a fault is latched, and the springs hold the arm */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
@@ -77,6 +81,8 @@ typedef struct {
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
+    double elapsed;        /* [s] from the sample before */
+    double carried[N];     /* [N m] torque of the plan's acceleration */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
 } step_t;
@@ -962,7 +968,7 @@ static double farthest_motion(const memory_t *m, int i)
 }
 
 /*
- * Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of
+ * Bound the reference work of its shares of the torques in transit; the newest, feed, acts for the given number of
  * intervals.
  */
 static double worst_feed_work(const memory_t *m, const double *feed, int intervals)
@@ -1147,7 +1153,7 @@ static void bridge_missing_calls(step_t *s, const double *last, int missing)
 
 /*
  * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
- * work of its share for the reference, feed = B dr, over the arm's motion is the reference's. The account begins, or
+ * work of the reference's share, feed = B dr + M ddr, over the arm's motion is the reference's. The account begins, or
  * begins anew, at a position with no known motion to it.
  */
 static void book_interval(step_t *s, const double *q)
@@ -2339,7 +2345,7 @@ static int update_velocities(step_t *s, int by_posture)
  * poses.
  */
 static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
-                             const double *goal_pose)
+                      const double *goal_pose)
 {
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     double away[N], twist[6];
@@ -2708,7 +2714,7 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     }
 }
 
-/* Feed-forward: a wrench that the tips are to exert. */
+/* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan. */
 
 /* Return whether numbers are all zero; NaN is not. */
 static int are_zero(int count, const double *x)
@@ -2732,13 +2738,134 @@ static int accept_wrench(const step_t *s)
     return good;
 }
 
+/*
+ * Add to a drift what a plan states less what came of it; both fade with PLAN_MEMORY. Return whether the drift is at most
+ * `most`.
+ */
+static int track_drift(double stated, double made, double elapsed, double most, double *drift)
+{
+    const double kept = fmax(1.0 - elapsed / PLAN_MEMORY, 0.0);
+    *drift = clamp(kept * *drift + stated - made, -2.0 * most, 2.0 * most);
+    return fabs(*drift) <= most;
+}
+
+/* Track how far the velocity of the plan and the motion of its target disagree. Return whether they agree. */
+static int track_target(const step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    int agree = 1;
+    if (in->command == ID(COMMAND_POSITION)) {
+        for (int i = 0; i < N; ++i) {
+            const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * c->velocity_limit[i];
+            agree &= track_drift(in->velocity[i] * s->elapsed, moved, s->elapsed, most, &m->posture_drift[i]);
+        }
+        return agree;
+    }
+    double J[6 * N * TIPS], twist[6];
+    robot_jacobians(m->q, m->tool_pose, J);
+    for (int k = 0; k < 6 * TIPS; ++k) {
+        const double most = PLAN_DRIFT * (k % 6 < 3 ? c->tip_velocity_limit : c->tip_rotation_limit);
+        if (k % 6 == 0) {
+            pose_difference(m->wanted_equilibrium + 16 * (k / 6), s->goal + 16 * (k / 6), twist);
+        }
+        const double stated = dot(N, J + k * N, in->velocity) * s->elapsed;
+        agree &= track_drift(stated, twist[k % 6], s->elapsed, most, &m->tip_drift[k]);
+    }
+    return agree;
+}
+
+/*
+ * Accept velocity and acceleration of a plan: within limits, and in agreement with the motion of the command. A velocity
+ * that stays while the command stands still is stale, and so is an acceleration that the velocity does not follow.
+ */
+static int accept_plan(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    const int accelerated = !are_zero(N, in->acceleration), begins = m->planning != in->command;
+    int good = c->law == ID(LAW_POTENTIAL);
+    for (int i = 0; i < N; ++i) {
+        good = good && fabs(in->velocity[i]) <= c->velocity_limit[i];
+        good = good && fabs(in->acceleration[i]) <= c->velocity_limit[i] / c->ramp_time;
+    }
+    if (!good) {
+        return 0;
+    }
+    m->planning = in->command;
+    if (begins) {
+        memset(m->posture_drift, 0, sizeof m->posture_drift);
+        memset(m->tip_drift, 0, sizeof m->tip_drift);
+        memset(m->velocity_drift, 0, sizeof m->velocity_drift);
+    } else {
+        good = track_target(s);
+    }
+    for (int i = 0; i < N; ++i) {
+        const double most = PLAN_JUMP * c->velocity_limit[i], changed = in->velocity[i] - m->plan_velocity[i];
+        const double stated = in->acceleration[i] * s->elapsed;
+        m->velocity_drift[i] *= accelerated ? 1.0 : 0.0;
+        if (accelerated && !begins) {
+            good &= track_drift(stated, changed, s->elapsed, most, &m->velocity_drift[i]);
+        }
+    }
+    memcpy(m->plan_velocity, in->velocity, sizeof m->plan_velocity);
+    return good;
+}
+
 /* Accept the feed-forward of an accepted command. What is refused counts as not given. */
 static void accept_feedforward(step_t *s)
 {
     const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
+    const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
     s->pressing = pressing && accept_wrench(s);
-    s->status |= pressing && !s->pressing ? (uint32_t)ID(STATUS_FEEDFORWARD_REFUSED) : 0u;
+    s->planned = planned && s->commanded && accept_plan(s);
+    if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
+        s->status |= ID(STATUS_FEEDFORWARD_REFUSED);
+    }
+    s->m->planning = planned && s->commanded ? s->m->planning : 0;
     s->pressing = s->pressing && s->commanded;
+}
+
+/* Return whether the governor keeps up with the plan: the equilibrium is KEPT_UP sample times of travel behind. */
+static int keeps_up(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    const double *const q0 = s->input->q0;
+    double behind = HUGE_VAL;
+    if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
+        behind = travel_between(s->c, q0, q0, m->equilibrium, s->goal);
+    } else if (m->joined) {
+        behind = travel_between(s->c, m->posture, q0, m->equilibrium, NULL);
+    }
+    return behind <= KEPT_UP * s->c->sample_time;
+}
+
+/*
+ * Take velocity and acceleration of the reference from the plan where the governor keeps up with it, and compute the
+ * torque M ddr that carries the arm. Else the reference has the governor's velocity and no acceleration.
+ */
+static void follow_plan(step_t *s, int moved)
+{
+    const double *const velocity = s->input->velocity, *const limits = s->c->reference_velocity_limit;
+    double speed = 1.0;
+    if (!s->planned) {
+        return;
+    }
+    s->planned = moved && keeps_up(s);
+    if (!s->planned) {
+        s->status |= ID(STATUS_FEEDFORWARD_LIMITED);
+        return;
+    }
+    for (int i = 0; i < N; ++i) {
+        speed = fmax(speed, fabs(velocity[i]) / limits[i]);
+    }
+    for (int i = 0; i < N; ++i) {
+        s->out->reference_velocity[i] = velocity[i] / speed;
+    }
+    memcpy(s->out->reference_acceleration, s->input->acceleration, sizeof s->out->reference_acceleration);
+    multiply_vector(s->out->mass_matrix, s->input->acceleration, s->carried);
 }
 
 /*
@@ -2830,7 +2957,7 @@ static void limit_torque(step_t *s, const double *last)
 
 /*
  * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded wrench,
- * 2 these with all the damping. Return whether the available energy covers it.
+ * 2 these with the damping and the torque that carries the arm along a plan. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
@@ -2843,7 +2970,7 @@ static int try_torque(step_t *s, const double *last, double share)
         if (share < 1.0) {
             out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = springs + (share - 1.0) * out->damping_torque[i];
+            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i]);
         }
     }
     limit_torque(s, last);
@@ -2852,8 +2979,8 @@ static int try_torque(step_t *s, const double *last, double share)
 }
 
 /*
- * Reduce a torque that is not covered: first the damping, then the springs' torque. feed: the damping's share for the
- * reference is reduced with it.
+ * Reduce a torque that is not covered: first the damping and the plan's torque, then the springs'. feed: the reference's
+ * share of these is reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
 {
@@ -2876,6 +3003,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     }
     for (int i = 0; i < N; ++i) {
         s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
+        s->carried[i] *= fmax(share - 1.0, 0.0);
         feed[i] *= fmax(share - 1.0, 0.0);
     }
 }
@@ -2953,7 +3081,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     output_t *const out = s->out;
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
-    double pull[N], follow[N] = {0.0}, slip[N], feed[N];
+    double pull[N], follow[N] = {0.0}, slip[N], lead[N], feed[N];
     compute_inertia(c, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         slip[i] = m->posture[i] - m->q[i];
@@ -2968,6 +3096,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     }
     smooth_velocity(s);
     compute_reference_velocity(s, moved, by_pose, follow);
+    follow_plan(s, moved);
     for (int i = 0; i < N; ++i) {
         slip[i] = out->reference_velocity[i] - s->velocity[i];
         out->elastic_torque[i] = m->scale * pull[i];
@@ -2980,10 +3109,14 @@ static void compute_torque(step_t *s, const double *last, int moved)
     note_load(s, m->elastic_energy);
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
+    memcpy(lead, feed, sizeof lead);
+    add_scaled(N, 1.0, s->carried, feed);
     if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
-        /* the damper must not do work that is not left: it holds the arm as if the reference stood */
+        /* work that is not left must not be done: the damper holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        add_scaled(N, -1.0, feed, out->damping_torque);
+        memset(out->reference_acceleration, 0, sizeof out->reference_acceleration);
+        add_scaled(N, -1.0, lead, out->damping_torque);
+        memset(s->carried, 0, sizeof s->carried);
         memset(feed, 0, sizeof feed);
         s->status |= ID(STATUS_GOVERNOR);
     }
@@ -2991,6 +3124,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
+    add_scaled(N, 1.0, s->carried, out->feedforward_torque);
     report_force(s);
 }
 
@@ -3139,6 +3273,7 @@ static void step_with_sample(step_t *s, const double *last)
         measure_inertia(s, s->input->q);
         adopt_limits(s, s->input->q);
     }
+    s->elapsed = s->c->sample_time * (1 + m->gap);
     book_interval(s, s->input->q);
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);

@@ -128,8 +128,8 @@ enum {
     IIWA14_STATUS_REPEATED = 1 << 20, /* the sample repeats the last state, as state_period allows: the torque is held */
     IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
     IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
-    IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command is not used: not finite, above heaviest_wrench, or with the paper's law */
-    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24 /* wrench_command is held back by tank, reserve or effort limits */
+    IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command */
+    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24 /* wrench_command is held back by tank, reserve or effort limits, or the governor does not keep up with the plan */
 };
 
 /* Modes of a step. */
@@ -339,6 +339,13 @@ typedef struct {
     /* [N m or N] torque that the caller adds (gravity, Coriolis, feed-forward), inside the effort and rate
      * limits; its work is the caller's, outside the energy account. */
     double torque_offset[7];
+    /* [rad/s or m/s] velocity of a planned q0, or with an equilibrium the joint velocity that follows it; 0
+     * without a plan; at most velocity_limit, and refused where it does not agree with the motion of the
+     * command. */
+    double velocity[7];
+    /* [rad/s^2 or m/s^2] derivative of velocity: the torque M acceleration carries the arm; at most
+     * velocity_limit / ramp_time. */
+    double acceleration[7];
     /* [N, N m] (force, moment) that the TIP IS TO EXERT on the environment, hybrid axes, beside the springs; at
      * most heaviest_wrench; its work is paid from the tank, which fades it out below 3/4 of tank_initial. */
     double wrench_command[6];
@@ -392,6 +399,8 @@ typedef struct {
     double reference[7];
     /* [rad/s or m/s] velocity dr of the reference; the damping acts on dr - velocity. */
     double reference_velocity[7];
+    /* [rad/s^2 or m/s^2] acceleration ddr of a plan in force; 0 without. */
+    double reference_acceleration[7];
     /* [m] (4 x 4) pose where the spring is at rest now. */
     double equilibrium[16];
     /* [N/m] (3 x 3) stiffness Kt in force, with its caps, before the scale. */
@@ -411,7 +420,7 @@ typedef struct {
     double offset_torque[7];
     /* [N m or N] torque of the joint limit avoidance. */
     double limit_torque[7];
-    /* [N m or N] torque of wrench_command. */
+    /* [N m or N] torque of wrench_command, and M ddr of a plan. */
     double feedforward_torque[7];
     /* [N, N m] wrench_command in force. */
     double wrench_command[6];
@@ -491,6 +500,10 @@ typedef struct {
     double translation_stiffness[9];
     double rotation_stiffness[9];
     double tool_pose[16];
+    double posture_drift[7];
+    double velocity_drift[7];
+    double plan_velocity[7];
+    double tip_drift[6];
     double spring_limits[2];
     double scale;
     double elastic_energy;
@@ -546,6 +559,7 @@ typedef struct {
     int32_t call_gap;
     int32_t capped;
     int32_t by_pose;
+    int32_t planning;
 } iiwa14_impedance_memory;
 
 typedef struct {

@@ -430,6 +430,19 @@ INPUT: tuple[Field, ...] = (
         "the caller's, outside the energy account",
     ),
     Field(
+        "velocity",
+        _N,
+        "rad/s or m/s",
+        "velocity of a planned q0, or with an equilibrium the joint velocity that follows it; 0 without a plan; at "
+        "most velocity_limit, and refused where it does not agree with the motion of the command",
+    ),
+    Field(
+        "acceleration",
+        _N,
+        "rad/s^2 or m/s^2",
+        "derivative of velocity: the torque M acceleration carries the arm; at most velocity_limit / ramp_time",
+    ),
+    Field(
         "wrench_command",
         _WRENCH,
         "N, N m",
@@ -507,6 +520,7 @@ OUTPUT: tuple[Field, ...] = (
     ),
     Field("reference", _N, "rad or m", "posture r that the springs pull to", memory="posture"),
     Field("reference_velocity", _N, "rad/s or m/s", "velocity dr of the reference; the damping acts on dr - velocity"),
+    Field("reference_acceleration", _N, "rad/s^2 or m/s^2", "acceleration ddr of a plan in force; 0 without"),
     Field("equilibrium", _POSE, "m", "pose where the spring is at rest now", memory="="),
     Field(
         "translation_stiffness", _SPRING, "N/m", "stiffness Kt in force, with its caps, before the scale", memory="="
@@ -536,7 +550,7 @@ OUTPUT: tuple[Field, ...] = (
     ),
     Field("offset_torque", _N, "N m or N", "torque_offset in force"),
     Field("limit_torque", _N, "N m or N", "torque of the joint limit avoidance"),
-    Field("feedforward_torque", _N, "N m or N", "torque of wrench_command"),
+    Field("feedforward_torque", _N, "N m or N", "torque of wrench_command, and M ddr of a plan"),
     Field("wrench_command", _WRENCH, "N, N m", "wrench_command in force"),
     Field("spring_wrench", _WRENCH, "N, N m", "wrench l dU that the environment applies at rest, hybrid axes"),
     Field("wrench", _WRENCH, "N, N m", "measured wrench that was believed; 0 without"),
@@ -609,8 +623,15 @@ STATUS: tuple[tuple[str, str], ...] = (
     ("repeated", "the sample repeats the last state, as state_period allows: the torque is held"),
     ("overspeed", "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"),
     ("offset_limited", "torque_offset is held back by the effort or the rate limit"),
-    ("feedforward_refused", "wrench_command is not used: not finite, above heaviest_wrench, or with the paper's law"),
-    ("feedforward_limited", "wrench_command is held back by tank, reserve or effort limits"),
+    (
+        "feedforward_refused",
+        "wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a "
+        "velocity that does not agree with the motion of the command",
+    ),
+    (
+        "feedforward_limited",
+        "wrench_command is held back by tank, reserve or effort limits, or the governor does not keep up with the plan",
+    ),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
 

@@ -116,7 +116,7 @@ double farthest_motion(const memory_t *m, int i)
 }
 
 /*
- * Bound the reference work of the damper's shares in transit; the newest, feed, acts for the given number of
+ * Bound the reference work of its shares of the torques in transit; the newest, feed, acts for the given number of
  * intervals.
  */
 double worst_feed_work(const memory_t *m, const double *feed, int intervals)
@@ -301,7 +301,7 @@ void bridge_missing_calls(step_t *s, const double *last, int missing)
 
 /*
  * Book the interval that ends at the believed position q. The damper lies between the arm and the moving reference: the
- * work of its share for the reference, feed = B dr, over the arm's motion is the reference's. The account begins, or
+ * work of the reference's share, feed = B dr + M ddr, over the arm's motion is the reference's. The account begins, or
  * begins anew, at a position with no known motion to it.
  */
 void book_interval(step_t *s, const double *q)

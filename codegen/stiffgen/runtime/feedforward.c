@@ -1,4 +1,4 @@
-/* Feed-forward: a wrench that the tips are to exert. */
+/* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan. */
 #include "impedance.h"
 
 /* Return whether numbers are all zero; NaN is not. */
@@ -23,13 +23,134 @@ static int accept_wrench(const step_t *s)
     return good;
 }
 
+/*
+ * Add to a drift what a plan states less what came of it; both fade with PLAN_MEMORY. Return whether the drift is at most
+ * `most`.
+ */
+static int track_drift(double stated, double made, double elapsed, double most, double *drift)
+{
+    const double kept = fmax(1.0 - elapsed / PLAN_MEMORY, 0.0);
+    *drift = clamp(kept * *drift + stated - made, -2.0 * most, 2.0 * most);
+    return fabs(*drift) <= most;
+}
+
+/* Track how far the velocity of the plan and the motion of its target disagree. Return whether they agree. */
+static int track_target(const step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    int agree = 1;
+    if (in->command == ID(COMMAND_POSITION)) {
+        for (int i = 0; i < N; ++i) {
+            const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * c->velocity_limit[i];
+            agree &= track_drift(in->velocity[i] * s->elapsed, moved, s->elapsed, most, &m->posture_drift[i]);
+        }
+        return agree;
+    }
+    double J[6 * N * TIPS], twist[6];
+    robot_jacobians(m->q, m->tool_pose, J);
+    for (int k = 0; k < 6 * TIPS; ++k) {
+        const double most = PLAN_DRIFT * (k % 6 < 3 ? c->tip_velocity_limit : c->tip_rotation_limit);
+        if (k % 6 == 0) {
+            pose_difference(m->wanted_equilibrium + 16 * (k / 6), s->goal + 16 * (k / 6), twist);
+        }
+        const double stated = dot(N, J + k * N, in->velocity) * s->elapsed;
+        agree &= track_drift(stated, twist[k % 6], s->elapsed, most, &m->tip_drift[k]);
+    }
+    return agree;
+}
+
+/*
+ * Accept velocity and acceleration of a plan: within limits, and in agreement with the motion of the command. A velocity
+ * that stays while the command stands still is stale, and so is an acceleration that the velocity does not follow.
+ */
+static int accept_plan(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const input_t *const in = s->input;
+    const int accelerated = !are_zero(N, in->acceleration), begins = m->planning != in->command;
+    int good = c->law == ID(LAW_POTENTIAL);
+    for (int i = 0; i < N; ++i) {
+        good = good && fabs(in->velocity[i]) <= c->velocity_limit[i];
+        good = good && fabs(in->acceleration[i]) <= c->velocity_limit[i] / c->ramp_time;
+    }
+    if (!good) {
+        return 0;
+    }
+    m->planning = in->command;
+    if (begins) {
+        memset(m->posture_drift, 0, sizeof m->posture_drift);
+        memset(m->tip_drift, 0, sizeof m->tip_drift);
+        memset(m->velocity_drift, 0, sizeof m->velocity_drift);
+    } else {
+        good = track_target(s);
+    }
+    for (int i = 0; i < N; ++i) {
+        const double most = PLAN_JUMP * c->velocity_limit[i], changed = in->velocity[i] - m->plan_velocity[i];
+        const double stated = in->acceleration[i] * s->elapsed;
+        m->velocity_drift[i] *= accelerated ? 1.0 : 0.0;
+        if (accelerated && !begins) {
+            good &= track_drift(stated, changed, s->elapsed, most, &m->velocity_drift[i]);
+        }
+    }
+    memcpy(m->plan_velocity, in->velocity, sizeof m->plan_velocity);
+    return good;
+}
+
 /* Accept the feed-forward of an accepted command. What is refused counts as not given. */
 void accept_feedforward(step_t *s)
 {
     const int pressing = !are_zero(6 * TIPS, s->input->wrench_command);
+    const int planned = !are_zero(N, s->input->velocity) || !are_zero(N, s->input->acceleration);
     s->pressing = pressing && accept_wrench(s);
-    s->status |= pressing && !s->pressing ? (uint32_t)ID(STATUS_FEEDFORWARD_REFUSED) : 0u;
+    s->planned = planned && s->commanded && accept_plan(s);
+    if ((pressing && !s->pressing) || (planned && s->commanded && !s->planned)) {
+        s->status |= ID(STATUS_FEEDFORWARD_REFUSED);
+    }
+    s->m->planning = planned && s->commanded ? s->m->planning : 0;
     s->pressing = s->pressing && s->commanded;
+}
+
+/* Return whether the governor keeps up with the plan: the equilibrium is KEPT_UP sample times of travel behind. */
+static int keeps_up(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    const double *const q0 = s->input->q0;
+    double behind = HUGE_VAL;
+    if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {
+        behind = travel_between(s->c, q0, q0, m->equilibrium, s->goal);
+    } else if (m->joined) {
+        behind = travel_between(s->c, m->posture, q0, m->equilibrium, NULL);
+    }
+    return behind <= KEPT_UP * s->c->sample_time;
+}
+
+/*
+ * Take velocity and acceleration of the reference from the plan where the governor keeps up with it, and compute the
+ * torque M ddr that carries the arm. Else the reference has the governor's velocity and no acceleration.
+ */
+void follow_plan(step_t *s, int moved)
+{
+    const double *const velocity = s->input->velocity, *const limits = s->c->reference_velocity_limit;
+    double speed = 1.0;
+    if (!s->planned) {
+        return;
+    }
+    s->planned = moved && keeps_up(s);
+    if (!s->planned) {
+        s->status |= ID(STATUS_FEEDFORWARD_LIMITED);
+        return;
+    }
+    for (int i = 0; i < N; ++i) {
+        speed = fmax(speed, fabs(velocity[i]) / limits[i]);
+    }
+    for (int i = 0; i < N; ++i) {
+        s->out->reference_velocity[i] = velocity[i] / speed;
+    }
+    memcpy(s->out->reference_acceleration, s->input->acceleration, sizeof s->out->reference_acceleration);
+    multiply_vector(s->out->mass_matrix, s->input->acceleration, s->carried);
 }
 
 /*

@@ -163,8 +163,8 @@ static int update_velocities(step_t *s, int by_posture)
  * Return the time [s] that the governor's velocity limits need for the largest of the motions between postures and
  * poses.
  */
-static double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
-                             const double *goal_pose)
+double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
+                      const double *goal_pose)
 {
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     double away[N], twist[6];

@@ -33,6 +33,9 @@ static const double GOVERNOR = 0.8;   /* share of its velocity limits that the e
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
+/* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
+ * acceleration may, [s] in which a disagreement fades, and sample times of travel that the equilibrium may be behind. */
+static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */
@@ -57,6 +60,7 @@ typedef struct {
     int jumped;    /* the position is out of reach from the last known one */
     int commanded; /* the command is accepted */
     int pressing;  /* a wrench_command is accepted */
+    int planned;   /* velocity and acceleration of a plan are accepted, and in force */
     int held;      /* a fault is latched, and the springs hold the arm */
     int timed;     /* the sample's counter tells which calls are missing */
     int joint;     /* of the finding about the sample, or NO_JOINT */
@@ -68,6 +72,8 @@ typedef struct {
     double old_equilibrium[16 * TIPS];
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
+    double elapsed;        /* [s] from the sample before */
+    double carried[N];     /* [N m] torque of the plan's acceleration */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
 } step_t;
@@ -184,6 +190,8 @@ int accept_command(step_t *s);
 /* governor.c */
 void pose_difference(const double *from, const double *to, double *twist);
 void move_pose(const double *pose, const double *twist, double *moved);
+double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
+                      const double *goal_pose);
 void move_equilibrium(step_t *s);
 void settle_springs(step_t *s);
 
@@ -199,6 +207,7 @@ void brake_fast_joints(step_t *s);
 
 /* feedforward.c */
 void accept_feedforward(step_t *s);
+void follow_plan(step_t *s, int moved);
 void press_tips(step_t *s);
 
 /* torque.c */

@@ -85,6 +85,7 @@ static void step_with_sample(step_t *s, const double *last)
         measure_inertia(s, s->input->q);
         adopt_limits(s, s->input->q);
     }
+    s->elapsed = s->c->sample_time * (1 + m->gap);
     book_interval(s, s->input->q);
     remember_sample(s);
     s->commanded = s->believed && accept_command(s);

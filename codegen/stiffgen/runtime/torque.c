@@ -30,7 +30,7 @@ void limit_torque(step_t *s, const double *last)
 
 /*
  * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded wrench,
- * 2 these with all the damping. Return whether the available energy covers it.
+ * 2 these with the damping and the torque that carries the arm along a plan. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
@@ -43,7 +43,7 @@ static int try_torque(step_t *s, const double *last, double share)
         if (share < 1.0) {
             out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = springs + (share - 1.0) * out->damping_torque[i];
+            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i]);
         }
     }
     limit_torque(s, last);
@@ -52,8 +52,8 @@ static int try_torque(step_t *s, const double *last, double share)
 }
 
 /*
- * Reduce a torque that is not covered: first the damping, then the springs' torque. feed: the damping's share for the
- * reference is reduced with it.
+ * Reduce a torque that is not covered: first the damping and the plan's torque, then the springs'. feed: the reference's
+ * share of these is reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
 {
@@ -76,6 +76,7 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
     }
     for (int i = 0; i < N; ++i) {
         s->out->damping_torque[i] *= fmax(share - 1.0, 0.0);
+        s->carried[i] *= fmax(share - 1.0, 0.0);
         feed[i] *= fmax(share - 1.0, 0.0);
     }
 }
@@ -153,7 +154,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     output_t *const out = s->out;
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
-    double pull[N], follow[N] = {0.0}, slip[N], feed[N];
+    double pull[N], follow[N] = {0.0}, slip[N], lead[N], feed[N];
     compute_inertia(c, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         slip[i] = m->posture[i] - m->q[i];
@@ -168,6 +169,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     }
     smooth_velocity(s);
     compute_reference_velocity(s, moved, by_pose, follow);
+    follow_plan(s, moved);
     for (int i = 0; i < N; ++i) {
         slip[i] = out->reference_velocity[i] - s->velocity[i];
         out->elastic_torque[i] = m->scale * pull[i];
@@ -180,10 +182,14 @@ void compute_torque(step_t *s, const double *last, int moved)
     note_load(s, m->elastic_energy);
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
+    memcpy(lead, feed, sizeof lead);
+    add_scaled(N, 1.0, s->carried, feed);
     if (worst_feed_work(m, feed, m->call_gap) > m->engagement) {
-        /* the damper must not do work that is not left: it holds the arm as if the reference stood */
+        /* work that is not left must not be done: the damper holds the arm as if the reference stood */
         memset(out->reference_velocity, 0, sizeof out->reference_velocity);
-        add_scaled(N, -1.0, feed, out->damping_torque);
+        memset(out->reference_acceleration, 0, sizeof out->reference_acceleration);
+        add_scaled(N, -1.0, lead, out->damping_torque);
+        memset(s->carried, 0, sizeof s->carried);
         memset(feed, 0, sizeof feed);
         s->status |= ID(STATUS_GOVERNOR);
     }
@@ -191,5 +197,6 @@ void compute_torque(step_t *s, const double *last, int moved)
         reduce_torque(s, last, feed);
     }
     shift_history(m, s->transit, feed);
+    add_scaled(N, 1.0, s->carried, out->feedforward_torque);
     report_force(s);
 }

@@ -2461,6 +2461,8 @@ static const field fields[] = {
     {"input", "q0", "f8", offsetof(iiwa14_impedance_input, q0), 1, {7, 1, 1}},
     {"input", "equilibrium", "f8", offsetof(iiwa14_impedance_input, equilibrium), 2, {4, 4, 1}},
     {"input", "torque_offset", "f8", offsetof(iiwa14_impedance_input, torque_offset), 1, {7, 1, 1}},
+    {"input", "velocity", "f8", offsetof(iiwa14_impedance_input, velocity), 1, {7, 1, 1}},
+    {"input", "acceleration", "f8", offsetof(iiwa14_impedance_input, acceleration), 1, {7, 1, 1}},
     {"input", "wrench_command", "f8", offsetof(iiwa14_impedance_input, wrench_command), 1, {6, 1, 1}},
     {"input", "translation_stiffness", "f8", offsetof(iiwa14_impedance_input, translation_stiffness), 2, {3, 3, 1}},
     {"input", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_input, rotation_stiffness), 2, {3, 3, 1}},
@@ -2482,6 +2484,7 @@ static const field fields[] = {
     {"output", "velocity", "f8", offsetof(iiwa14_impedance_output, velocity), 1, {7, 1, 1}},
     {"output", "reference", "f8", offsetof(iiwa14_impedance_output, reference), 1, {7, 1, 1}},
     {"output", "reference_velocity", "f8", offsetof(iiwa14_impedance_output, reference_velocity), 1, {7, 1, 1}},
+    {"output", "reference_acceleration", "f8", offsetof(iiwa14_impedance_output, reference_acceleration), 1, {7, 1, 1}},
     {"output", "equilibrium", "f8", offsetof(iiwa14_impedance_output, equilibrium), 2, {4, 4, 1}},
     {"output", "translation_stiffness", "f8", offsetof(iiwa14_impedance_output, translation_stiffness), 2, {3, 3, 1}},
     {"output", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_output, rotation_stiffness), 2, {3, 3, 1}},
@@ -2556,8 +2559,8 @@ static const status statuses[] = {
     {"repeated", IIWA14_STATUS_REPEATED, "the sample repeats the last state, as state_period allows: the torque is held"},
     {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
-    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command is not used: not finite, above heaviest_wrench, or with the paper's law"},
-    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve or effort limits"},
+    {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command"},
+    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve or effort limits, or the governor does not keep up with the plan"},
 };
 
 static const choice outcomes[] = {
@@ -2840,7 +2843,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "89af88c068e97b2c") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "1cc98c832c0dd9ee") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

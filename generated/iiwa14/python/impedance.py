@@ -264,6 +264,8 @@ class Impedance:
         task_stiffness: ArrayLike | None = None,
         torque_offset: ArrayLike | None = None,
         wrench_command: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
         counter: int | None = None,
     ) -> Record:
         """Do one step.
@@ -271,8 +273,9 @@ class Impedance:
         Pass either ``q0`` (n), or ``equilibrium`` (4, 4) with ``posture`` (n). The potential law needs both stiffnesses,
         each (3, 3), and reports a ``wrench`` (6). The paper's law needs ``wrench`` and ``task_stiffness`` (6, 6).
         ``torque_offset`` (n) is added to the torque, inside its limits. ``wrench_command`` (6) is a wrench that the tip is
-        to exert on the environment. ``counter`` numbers the samples; without it, each call counts as the next sample.
-        With several tips, arrays per tip have the tips as their first axis. Fields of the result are attributes
+        to exert on the environment. ``velocity`` and ``acceleration`` (n) are those of a planned ``q0``, or of the joints
+        that follow a planned ``equilibrium``. ``counter`` numbers the samples; without it, each call counts as the next
+        sample. With several tips, arrays per tip have the tips as their first axis. Fields of the result are attributes
         (``.torque``, ``.status``).
         """
         values = {name: value for name, value in locals().items() if name != "self" and value is not None}

@@ -69,6 +69,8 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
     memcpy(in.translation_stiffness, sample->translation, sizeof in.translation_stiffness);
     memcpy(in.rotation_stiffness, sample->rotation, sizeof in.rotation_stiffness);
     memcpy(in.wrench, sample->wrench, sizeof in.wrench);
+    memcpy(in.velocity, sample->velocity, sizeof in.velocity);
+    memcpy(in.acceleration, sample->acceleration, sizeof in.acceleration);
     memcpy(in.wrench_command, sample->wrench_command, sizeof in.wrench_command);
     task_stiffness(sample, in.equilibrium, in.task_stiffness);
     if (sample->reset) {
@@ -85,6 +87,7 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
         command->feed[i] = 0.0;
         for (int j = 0; j < N; ++j) {
             command->feed[i] += out->damping[i * N + j] * out->reference_velocity[j];
+            command->feed[i] += out->mass_matrix[i * N + j] * out->reference_acceleration[j];
         }
     }
     command->scale = out->scale;

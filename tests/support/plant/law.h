@@ -18,6 +18,7 @@ typedef struct {
     double wanted_rate[N];     /* [rad/s] */
     int pose;                  /* 1: the equilibrium is given as that pose, and the posture apart */
     double posture[N];         /* [rad] only then */
+    double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
     double wrench_command[6];  /* [N, N m] wrench that the tip is to exert, base axes */
     double wrench[6];          /* [N, N m] measured wrench of the environment on the robot, base axes */
     double translation[9];     /* [N/m] base axes */
@@ -31,7 +32,7 @@ typedef struct {
     double equilibrium[16];    /* [m] pose in use */
     double translation[9], rotation[9]; /* [N/m], [N m/rad] in use */
     double joint[N];           /* [N m/rad] posture stiffness */
-    double feed[N];            /* [N m] damping times the velocity of the reference, in the torque */
+    double feed[N];            /* [N m] damping times velocity, and inertia times acceleration, of the reference */
     double scale;              /* [1] of the elastic energy: below 1 while it is released */
     double energy;             /* [J] elastic and of the limits, by the law's account */
     double tank, deficit;      /* [J] */
