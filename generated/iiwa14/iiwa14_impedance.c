@@ -82,7 +82,7 @@ typedef struct {
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
-    double carried[N];     /* [N m] torque of the plan's acceleration */
+    double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
 } step_t;
@@ -169,6 +169,13 @@ static void robot_mass_matrix(const double *q, double *mass_matrix)
     iiwa14_mass_matrix(q, mass_matrix);
 }
 
+/* Compute C(q, dq) dq: the bias forces without gravity. */
+static void robot_coriolis(const double *q, const double *velocity, double *forces)
+{
+    static const double no_gravity[3] = {0.0, 0.0, 0.0};
+    iiwa14_bias_forces(q, velocity, no_gravity, forces);
+}
+
 static const double *robot_tool(const input_t *input)
 {
     (void)input;
@@ -251,6 +258,9 @@ static int check_fields(const config_t *c)
     }
     if (!doubles_within(&c->joint_damping, 1, 0.0, 10000.0)) {
         return ID(E_CONFIG_JOINT_DAMPING);
+    }
+    if (!integers_within(&c->coriolis, 1, 1, 2)) {
+        return ID(E_CONFIG_CORIOLIS);
     }
     if (!doubles_within(c->motor_inertia, sizeof c->motor_inertia / sizeof c->motor_inertia[0], 0.0, 10000.0)) {
         return ID(E_CONFIG_MOTOR_INERTIA);
@@ -2714,7 +2724,7 @@ static void vary_scale(step_t *s, const double *pull, double energy, double cap)
     }
 }
 
-/* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan. */
+/* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan, Coriolis forces. */
 
 /* Return whether numbers are all zero; NaN is not. */
 static int are_zero(int count, const double *x)
@@ -2926,6 +2936,19 @@ static void press_tips(step_t *s)
     add_scaled(6 * TIPS, m->press_share, s->input->wrench_command, s->out->wrench_command);
 }
 
+/*
+ * Add the Coriolis and centrifugal forces C(q, dq) dq at the velocity of the damping, so that the arm moves as if its
+ * inertia did not change on the way. They do work on the way from one inertia to another: the tank pays, as for wrenches.
+ */
+static void compensate_coriolis(step_t *s)
+{
+    double forces[N];
+    if (s->c->coriolis == ID(CORIOLIS_ON) && s->m->engaged && s->m->fault == ID(FAULT_NONE)) {
+        robot_coriolis(s->m->q, s->velocity, forces);
+        add_scaled(N, fade_with_tank(s), forces, s->carried);
+    }
+}
+
 /* Torque: springs, feed-forward, damping and limit avoidance, within the reserve and all limits. */
 
 /* Move a torque one step towards zero at the rate limit. */
@@ -2979,7 +3002,7 @@ static int try_torque(step_t *s, const double *last, double share)
 }
 
 /*
- * Reduce a torque that is not covered: first the damping and the plan's torque, then the springs'. feed: the reference's
+ * Reduce a torque that is not covered: first the damping with plan and Coriolis forces, then the springs'. feed: the reference's
  * share of these is reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
@@ -3120,6 +3143,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         memset(feed, 0, sizeof feed);
         s->status |= ID(STATUS_GOVERNOR);
     }
+    compensate_coriolis(s);
     if (!try_torque(s, last, 2.0) && !paper) {
         reduce_torque(s, last, feed);
     }
@@ -3456,6 +3480,7 @@ void iiwa14_impedance_default_config(config_t *config)
     config->stiffness_time = 0.002;
     config->damping_design = IIWA14_DAMPING_DESIGN_MODAL;
     config->joint_damping = 0.1;
+    config->coriolis = IIWA14_CORIOLIS_OFF;
     config->position_tolerance = 0.1;
     config->limit_zone = 0.1;
     config->tip_velocity_limit = 1.0;
@@ -3581,6 +3606,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "task_damping: every entry must lie between -100000 and 100000";
     case IIWA14_E_CONFIG_JOINT_DAMPING:
         return "joint_damping: must lie between 0 and 10000";
+    case IIWA14_E_CONFIG_CORIOLIS:
+        return "coriolis: must be off or on";
     case IIWA14_E_CONFIG_MOTOR_INERTIA:
         return "motor_inertia: every entry must lie between 0 and 10000";
     case IIWA14_E_CONFIG_LOWER_LIMIT:

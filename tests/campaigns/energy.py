@@ -6,8 +6,9 @@
 A schedule says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm that is moved
 whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
 jitter, missed samples, calls left out, velocities that lie, resets. Configurations vary in delay, missed_limit, rate
-limits, limit zones, damping, tank and engagement. Wrenches that the tip is to exert come and go. The work that the
-robot puts out at its port is summed from the exact positions and the torque that acted, and compared with
+limits, limit zones, damping, tank and engagement, with Coriolis forces and without. Wrenches that the tip is to exert,
+velocities and accelerations of plans come and go, and lie. The work that the robot puts out at its port is summed from
+the exact positions and the torque that acted, and compared with
 
     start + tank_initial + engagement_limit (returns from a fault + 1 if the start is not where the arm is wanted)
 
@@ -46,7 +47,7 @@ LIVE = 20
 CLIMBED = (
     "damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit",
     "torque_rate_limit", "limit_zone", "limit_stiffness", "delay_samples", "missed_limit",
-    "call_gap_limit",
+    "call_gap_limit", "coriolis",
 )  # fmt: skip
 """Fields of the configuration that a climb changes; tank and engagement limit stay."""
 
@@ -136,6 +137,8 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
         made["pose"] = int(random.random() < 0.3)
         made["posture"] = Q0 + random.uniform(-0.8, 0.8, N)
         made["wanted_rate"] = random.normal(size=N) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.4)
+        if random.random() < 0.6:
+            made |= _plan(random, made["wanted_rate"])
         made["jitter"] = 10 ** random.uniform(-13, -1) * (random.random() < 0.4)
     return made
 
@@ -145,6 +148,15 @@ def _wrench(random: Random) -> np.ndarray:
     parts = [size * direction / np.linalg.norm(direction) * random.random() ** 0.5
              for size, direction in ((100.0, random.normal(size=3)), (20.0, random.normal(size=3)))]  # fmt: skip
     return np.concatenate(parts) * (random.random() < 0.8) * (1 - 1e-9)
+
+
+def _plan(random: Random, rate: np.ndarray) -> dict[str, Any]:
+    """Return velocity and acceleration of a plan that moves at a rate; half of them lie."""
+    velocity = rate if random.random() < 0.5 else random.normal(size=N) * 10 ** random.uniform(-3, 0.3)
+    return {
+        "velocity": np.clip(velocity, -1.4, 1.4),
+        "acceleration": np.clip(random.normal(size=N) * 10 ** random.uniform(-2, 1.5), -30, 30) * random.integers(0, 2),
+    }
 
 
 def _at_limits(random: Random, loop: Loop) -> np.ndarray:
@@ -172,6 +184,7 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
             "tank_maximum": 4.0,
             "delay_samples": delay,
             "motor_inertia": motor,
+            "coriolis": int(random.integers(1, 3)),
             "damping_ratio": float(random.uniform(0, 1.5)),
             "joint_damping": float(10 ** random.uniform(-2, 0)),
             "posture_stiffness": float(10 ** random.uniform(-1, 2)),
@@ -337,7 +350,21 @@ def presses(random: Random, loop: Loop) -> Schedule:
     return _ordered(made)
 
 
-PATTERNS = (laps, pumping, shaking, zones, gaps, streams, presses)
+def plans(random: Random, loop: Loop) -> Schedule:
+    """Draw targets that move to and fro at a rate, with a plan stated anew at each turn; the arm may be led."""
+    made, half = _base(random, loop), int(random.integers(20, 400))
+    rate = random.normal(size=N) * 10 ** random.uniform(-2, 0)
+    led = random.random() < 0.7
+    for k, start in enumerate(range(1, SAMPLES - half + 1, half)):
+        sign = (-1) ** k
+        one = {"start": start, "wanted": Q0 + (0.0 if k % 2 == 0 else 1e-3 * half) * rate, "wanted_rate": sign * rate}
+        plan = _plan(random, sign * rate) if random.random() < 0.9 else {"velocity": np.zeros(N)}
+        way = {"driven": 1, "driven_by": 1e4, "driven_to": random.uniform(-0.9, 0.9, N) * loop.velocity} if led else {}
+        made.parts.append(one | plan | way)
+    return _ordered(made)
+
+
+PATTERNS = (laps, pumping, shaking, zones, gaps, streams, presses, plans)
 
 
 def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bool) -> Schedule:
@@ -375,6 +402,8 @@ def _change_config(random: Random, new: Schedule) -> None:
     name = CLIMBED[random.integers(len(CLIMBED))]
     if name == "delay_samples":
         new.config[name] = new.episode["delay"] = int(random.integers(0, 3))
+    elif name == "coriolis":
+        new.config[name] = 3 - new.config[name]
     elif name in ("missed_limit", "call_gap_limit"):
         new.config[name] = int(random.integers(1, 7))
     else:
@@ -388,6 +417,8 @@ def _shake(random: Random, one: dict[str, Any]) -> None:
             one[name] = one[name] * (1 + size * random.normal(size=np.shape(one[name])))
     if random.random() < 0.1:
         one["wrench_command"] = _wrench(random)
+    if "velocity" in one and random.random() < 0.2:
+        one |= _plan(random, one.get("wanted_rate", np.zeros(N)))
     if random.random() < 0.3 and one.get("driven"):
         one["driven_to"] = -one["driven_to"]
     for name in ("driven_by", "hand_stiffness", "hand_damping", "translation", "rotation"):
@@ -400,7 +431,7 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     most = min(chosen.config.get(name, 3) for name in ("missed_limit", "call_gap_limit")) - 1
     parts = [{**one, "skip": min(one.get("skip", 0), most)} for one in chosen.parts]
     constant = not any("wanted" in one for one in parts[1:]) and not any(
-        np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate")
+        np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate", "velocity", "acceleration")
     )
     away = int(bool(np.any(np.asarray(chosen.episode["q"]) != parts[0]["wanted"])))
     limit, tank = chosen.config["engagement_limit"], chosen.config["tank_initial"]

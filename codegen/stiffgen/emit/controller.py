@@ -36,8 +36,8 @@ _PARTS = (
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
 CONTROLLER_KERNELS = (
-    "mass_matrix", "hybrid.jacobian", "hybrid.joint_stiffness", "hybrid.joint_stiffness_uncorrected", "spring.energy",
-    "spring.wrench", "spring.torque", "spring.linearization", "posture.energy",
+    "mass_matrix", "bias_forces", "hybrid.jacobian", "hybrid.joint_stiffness", "hybrid.joint_stiffness_uncorrected",
+    "spring.energy", "spring.wrench", "spring.torque", "spring.linearization", "posture.energy",
 )  # fmt: skip
 """Functions that the controller calls, besides the poses of the tips."""
 BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "torque", "linearization"))

@@ -126,6 +126,13 @@ CONFIG: tuple[Field, ...] = (
         1e5,
     ),
     Field("joint_damping", _SCALAR, "N m s/rad", "damping d of every joint, added as d I", "0.1", 0.0, 1e4),
+    _choice(
+        "coriolis",
+        "whether the torque compensates Coriolis and centrifugal forces; on: C(q, dq) dq is added, paid from the tank; "
+        "off where the robot does so itself",
+        ("off", "on"),
+        "off",
+    ),
     Field(
         "motor_inertia",
         _N,
@@ -550,7 +557,7 @@ OUTPUT: tuple[Field, ...] = (
     ),
     Field("offset_torque", _N, "N m or N", "torque_offset in force"),
     Field("limit_torque", _N, "N m or N", "torque of the joint limit avoidance"),
-    Field("feedforward_torque", _N, "N m or N", "torque of wrench_command, and M ddr of a plan"),
+    Field("feedforward_torque", _N, "N m or N", "torque of wrench_command, M ddr of a plan, Coriolis forces"),
     Field("wrench_command", _WRENCH, "N, N m", "wrench_command in force"),
     Field("spring_wrench", _WRENCH, "N, N m", "wrench l dU that the environment applies at rest, hybrid axes"),
     Field("wrench", _WRENCH, "N, N m", "measured wrench that was believed; 0 without"),

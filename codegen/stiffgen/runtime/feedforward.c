@@ -1,4 +1,4 @@
-/* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan. */
+/* Feed-forward: a wrench that the tips are to exert, velocity and acceleration of a plan, Coriolis forces. */
 #include "impedance.h"
 
 /* Return whether numbers are all zero; NaN is not. */
@@ -209,4 +209,17 @@ void press_tips(step_t *s)
     m->press_share = fmin(share, m->press_share + s->c->sample_time / SCALE_TIME);
     add_scaled(N, m->press_share, press, s->out->feedforward_torque);
     add_scaled(6 * TIPS, m->press_share, s->input->wrench_command, s->out->wrench_command);
+}
+
+/*
+ * Add the Coriolis and centrifugal forces C(q, dq) dq at the velocity of the damping, so that the arm moves as if its
+ * inertia did not change on the way. They do work on the way from one inertia to another: the tank pays, as for wrenches.
+ */
+void compensate_coriolis(step_t *s)
+{
+    double forces[N];
+    if (s->c->coriolis == ID(CORIOLIS_ON) && s->m->engaged && s->m->fault == ID(FAULT_NONE)) {
+        robot_coriolis(s->m->q, s->velocity, forces);
+        add_scaled(N, fade_with_tank(s), forces, s->carried);
+    }
 }

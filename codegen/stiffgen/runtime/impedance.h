@@ -73,7 +73,7 @@ typedef struct {
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
-    double carried[N];     /* [N m] torque of the plan's acceleration */
+    double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
 } step_t;
@@ -99,6 +99,7 @@ double robot_spring(const double *q, const double *tool, const double *equilibri
 int robot_has_bounded_spring(void);
 double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
 void robot_mass_matrix(const double *q, double *mass_matrix);
+void robot_coriolis(const double *q, const double *velocity, double *forces);
 const double *robot_tool(const input_t *input);
 const double *robot_translation_axes(const double *pose, const double *equilibrium);
 const double *robot_rotation_axes(const double *pose, const double *equilibrium);
@@ -209,6 +210,7 @@ void brake_fast_joints(step_t *s);
 void accept_feedforward(step_t *s);
 void follow_plan(step_t *s, int moved);
 void press_tips(step_t *s);
+void compensate_coriolis(step_t *s);
 
 /* torque.c */
 void step_towards_zero(const double *last, const double *rate, double *torque);

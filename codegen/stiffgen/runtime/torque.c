@@ -52,7 +52,7 @@ static int try_torque(step_t *s, const double *last, double share)
 }
 
 /*
- * Reduce a torque that is not covered: first the damping and the plan's torque, then the springs'. feed: the reference's
+ * Reduce a torque that is not covered: first the damping with plan and Coriolis forces, then the springs'. feed: the reference's
  * share of these is reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
@@ -193,6 +193,7 @@ void compute_torque(step_t *s, const double *last, int moved)
         memset(feed, 0, sizeof feed);
         s->status |= ID(STATUS_GOVERNOR);
     }
+    compensate_coriolis(s);
     if (!try_torque(s, last, 2.0) && !paper) {
         reduce_torque(s, last, feed);
     }

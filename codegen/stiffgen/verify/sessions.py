@@ -232,6 +232,7 @@ class _Session:
         self.goal = self.q + 0.0
         self.absent = self.held = self.stuck = 0
         self.pressed = np.zeros(6 * len(self.chain.tips))
+        self.rate, self.stated = np.zeros(self.chain.dof), np.zeros((2, self.chain.dof))
         self.stuck_field = "q"
         self.command = 2 if random.random() < 0.3 else 1
         self.tools = np.stack([_pose(random, 0.1) for _ in self.chain.tips])
@@ -247,6 +248,15 @@ class _Session:
         self.stiffness = (roots @ np.swapaxes(roots, 2, 3) / 3) * scale[:, None, None, None]
         if random.random() < 0.1:
             self.stiffness[:, :, 0, 0] *= -1.0
+
+    def _choose_plan(self) -> None:
+        """Choose the rate of the goal, and what the plan states of it: the truth, something else, or nothing."""
+        random, most = self.random, np.nan_to_num(np.array(self.config.velocity_limit))
+        self.rate = random.uniform(-0.3, 0.3, self.chain.dof) * most * random.integers(0, 2)
+        stated = self.rate if random.random() < 0.7 else random.uniform(-0.1, 0.1, self.chain.dof) * most
+        turn = random.uniform(-1.1, 1.1, self.chain.dof) * most / max(self.config.ramp_time, 1e-4)
+        size = random.choice([0.0, 0.01, 0.3, 1.0], p=[0.4, 0.3, 0.2, 0.1])
+        self.stated = np.stack([stated, size * turn]) * float(random.random() < 0.7)
 
     def step(self, number: int) -> bool:
         """Step both controllers once; return whether all their outputs are the same."""
@@ -281,6 +291,8 @@ class _Session:
         if random.random() < 0.02:
             size = np.repeat(self.config.heaviest_wrench, 3) * random.choice([0.0, 0.1, 0.7])
             self.pressed = (random.uniform(-1.0, 1.0, (len(self.chain.tips), 6)) * size).ravel()
+        if random.random() < 0.02:
+            self._choose_plan()
         if random.random() < 0.03 * rate:
             share = 0.02 if self.calm else random.choice([0, 0.3])
             self.load = random.normal(size=self.chain.dof) * np.array(self.config.effort_limit) * share
@@ -356,6 +368,8 @@ class _Session:
         if self.chain.runtime_tool:
             fill(given.tool_pose, self.tools)
         fill(given.wrench_command, self.pressed)
+        fill(given.velocity, self.stated[0])
+        fill(given.acceleration, self.stated[1])
         given.wrench_valid = int(self.config.law == 2 or random.random() < 0.3)
         fill(given.wrench, random.normal(size=6 * len(self.chain.tips)) * 10.0 ** random.uniform(0, 2.3))
         root = np.diag([20.0] * 3 + [3.0] * 3) + random.normal(size=(6, 6))
@@ -395,7 +409,7 @@ class _Session:
             given.dq[joint] += 5.0 * float(random.normal())
         elif event < 0.06:
             fields = ["q0", "translation_stiffness", "rotation_stiffness", "wrench", "equilibrium", "task_stiffness"]
-            fields += ["wrench_command"]
+            fields += ["wrench_command", "velocity", "acceleration"]
             _put(random.choice(fields), given, int(random.integers(6)), bad)
             given.task_stiffness[int(random.integers(36))] *= random.choice([1.0, -1.0, 1e3])
         elif event < 0.061:
@@ -416,8 +430,9 @@ class _Session:
             each.state[place] = each.state[place] * 1.5 + 0.125
 
     def _move(self) -> None:
-        """Move the arm for one sample time: the controller's torque, a load, friction and diagonal inertia."""
+        """Move arm and goal for one sample time: the controller's torque, a load, friction and diagonal inertia."""
         time = min(float(self.config.sample_time), 0.02) if self.config.sample_time > 0 else 1e-3
+        self.goal = self.goal + time * self.rate
         torque = np.nan_to_num(np.array(self.output.torque))
         n = self.chain.dof
         inertia = np.maximum(np.diag(np.array(self.output.mass_matrix).reshape(n, n)), 0.3)

@@ -2420,6 +2420,7 @@ static const field fields[] = {
     {"config", "damping_ratio", "f8", offsetof(iiwa14_impedance_config, damping_ratio), 1, {7, 1, 1}},
     {"config", "task_damping", "f8", offsetof(iiwa14_impedance_config, task_damping), 2, {6, 6, 1}},
     {"config", "joint_damping", "f8", offsetof(iiwa14_impedance_config, joint_damping), 0, {1, 1, 1}},
+    {"config", "coriolis", "i4", offsetof(iiwa14_impedance_config, coriolis), 0, {1, 1, 1}},
     {"config", "motor_inertia", "f8", offsetof(iiwa14_impedance_config, motor_inertia), 1, {7, 1, 1}},
     {"config", "lower_limit", "f8", offsetof(iiwa14_impedance_config, lower_limit), 1, {7, 1, 1}},
     {"config", "upper_limit", "f8", offsetof(iiwa14_impedance_config, upper_limit), 1, {7, 1, 1}},
@@ -2529,6 +2530,8 @@ static const choice choices[] = {
     {"stiffness_cap", "accept", IIWA14_STIFFNESS_CAP_ACCEPT},
     {"damping_design", "modal", IIWA14_DAMPING_DESIGN_MODAL},
     {"damping_design", "task", IIWA14_DAMPING_DESIGN_TASK},
+    {"coriolis", "off", IIWA14_CORIOLIS_OFF},
+    {"coriolis", "on", IIWA14_CORIOLIS_ON},
     {"communication_reaction", "release", IIWA14_COMMUNICATION_REACTION_RELEASE},
     {"communication_reaction", "hold", IIWA14_COMMUNICATION_REACTION_HOLD},
     {"command", "position", IIWA14_COMMAND_POSITION},
@@ -2843,7 +2846,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "1cc98c832c0dd9ee") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "27238922886e5296") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

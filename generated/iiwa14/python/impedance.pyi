@@ -136,6 +136,10 @@ class Config:
     @joint_damping.setter
     def joint_damping(self, value: ArrayLike) -> None: ...
     @property
+    def coriolis(self) -> str: ...
+    @coriolis.setter
+    def coriolis(self, value: ArrayLike) -> None: ...
+    @property
     def motor_inertia(self) -> NDArray[np.float64]: ...
     @motor_inertia.setter
     def motor_inertia(self, value: ArrayLike) -> None: ...
@@ -401,6 +405,7 @@ class Impedance:
         damping_ratio: ArrayLike = ...,
         task_damping: ArrayLike = ...,
         joint_damping: ArrayLike = ...,
+        coriolis: Literal["off", "on"] = ...,
         motor_inertia: ArrayLike = ...,
         lower_limit: ArrayLike = ...,
         upper_limit: ArrayLike = ...,

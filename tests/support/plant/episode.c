@@ -53,6 +53,8 @@ static void measure(const episode_t *e, const segment_t *s, const motion_t *moti
     sample->valid = !s->missed;
     sample->pose = s->pose;
     memcpy(sample->posture, s->posture, sizeof sample->posture);
+    memcpy(sample->velocity, s->velocity, sizeof sample->velocity);
+    memcpy(sample->acceleration, s->acceleration, sizeof sample->acceleration);
     memcpy(sample->wrench_command, s->wrench_command, sizeof sample->wrench_command);
     memcpy(sample->translation, s->translation, sizeof sample->translation);
     memcpy(sample->rotation, s->rotation, sizeof sample->rotation);

@@ -34,6 +34,7 @@ typedef struct {
     double translation[9], rotation[9];
     double load[6], push[N];
     double wrench_command[6];    /* [N, N m] */
+    double velocity[N], acceleration[N]; /* [rad/s], [rad/s^2] of the plan, as stated */
     double hand_target[N], hand_stiffness, hand_damping;
     double wrench_bias[6];       /* [N, N m] added to what is measured */
     double q_offset[N], dq_offset[N]; /* added to the measurement; NaN for a NaN */

@@ -103,6 +103,13 @@ void robot_mass_matrix(const double *q, double *mass_matrix)
     }
 }
 
+void robot_coriolis(const double *q, const double *velocity, double *forces)
+{
+    (void)q;
+    (void)velocity;
+    memset(forces, 0, N * sizeof(double));
+}
+
 const double *robot_tool(const input_t *input)
 {
     (void)input;
