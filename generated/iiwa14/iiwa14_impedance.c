@@ -43,8 +43,9 @@ static const double BRAKED = 0.9;     /* share of the velocity limits from which
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 /* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
- * acceleration may, [s] in which a disagreement fades, and sample times of travel that the equilibrium may be behind. */
-static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, KEPT_UP = 2.0;
+ * acceleration may, [s] in which a disagreement fades, [s] that a command may stand still with a velocity, and sample
+ * times of travel that the equilibrium may be behind. */
+static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */
@@ -2759,31 +2760,46 @@ static int track_drift(double stated, double made, double elapsed, double most, 
     return fabs(*drift) <= most;
 }
 
-/* Track how far the velocity of the plan and the motion of its target disagree. Return whether they agree. */
-static int track_target(const step_t *s)
+/* Track how far the velocity of the plan and the motion of the tips' equilibria disagree. Return whether they agree. */
+static int track_tips(const step_t *s, int *moves)
 {
-    const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const input_t *const in = s->input;
+    double J[6 * N * TIPS], twist[6] = {0.0};
     int agree = 1;
-    if (in->command == ID(COMMAND_POSITION)) {
-        for (int i = 0; i < N; ++i) {
-            const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * c->velocity_limit[i];
-            agree &= track_drift(in->velocity[i] * s->elapsed, moved, s->elapsed, most, &m->posture_drift[i]);
-        }
-        return agree;
-    }
-    double J[6 * N * TIPS], twist[6];
     robot_jacobians(m->q, m->tool_pose, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
-        const double most = PLAN_DRIFT * (k % 6 < 3 ? c->tip_velocity_limit : c->tip_rotation_limit);
+        const double most = PLAN_DRIFT * (k % 6 < 3 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit);
         if (k % 6 == 0) {
             pose_difference(m->wanted_equilibrium + 16 * (k / 6), s->goal + 16 * (k / 6), twist);
         }
-        const double stated = dot(N, J + k * N, in->velocity) * s->elapsed;
+        const double stated = dot(N, J + k * N, s->input->velocity) * s->elapsed;
         agree &= track_drift(stated, twist[k % 6], s->elapsed, most, &m->tip_drift[k]);
+        *moves |= twist[k % 6] != 0.0;
     }
     return agree;
+}
+
+/*
+ * Track how far the velocity of the plan and the motion of its target disagree, and how long the target has been
+ * standing still although the velocity is not zero. Return whether both are as a plan may be.
+ */
+static int track_target(const step_t *s)
+{
+    const input_t *const in = s->input;
+    memory_t *const m = s->m;
+    const int by_pose = in->command == ID(COMMAND_EQUILIBRIUM);
+    int agree = 1, moves = are_zero(N, in->velocity);
+    for (int i = 0; i < N; ++i) {
+        const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
+        const double stated = by_pose ? moved : in->velocity[i] * s->elapsed;
+        agree &= track_drift(stated, moved, s->elapsed, most, &m->posture_drift[i]);
+        moves |= moved != 0.0;
+    }
+    if (by_pose) {
+        agree &= track_tips(s, &moves);
+    }
+    m->plan_still = moves ? 0.0 : m->plan_still + s->elapsed;
+    return agree && m->plan_still <= PLAN_STILL;
 }
 
 /*
@@ -2809,6 +2825,7 @@ static int accept_plan(step_t *s)
         memset(m->posture_drift, 0, sizeof m->posture_drift);
         memset(m->tip_drift, 0, sizeof m->tip_drift);
         memset(m->velocity_drift, 0, sizeof m->velocity_drift);
+        m->plan_still = 0.0;
     } else {
         good = track_target(s);
     }

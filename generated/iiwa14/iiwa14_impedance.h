@@ -526,6 +526,7 @@ typedef struct {
     double load;
     double load_energy;
     double press_share;
+    double plan_still;
     double port_total;
     double sampling_total;
     double reference_total;

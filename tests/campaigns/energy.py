@@ -351,16 +351,19 @@ def presses(random: Random, loop: Loop) -> Schedule:
 
 
 def plans(random: Random, loop: Loop) -> Schedule:
-    """Draw targets that move to and fro at a rate, with a plan stated anew at each turn; the arm may be led."""
+    """Draw targets that move to and fro with a plan stated at each turn; the arm may be led, also along the plan."""
     made, half = _base(random, loop), int(random.integers(20, 400))
-    rate = random.normal(size=N) * 10 ** random.uniform(-2, 0)
-    led = random.random() < 0.7
+    rate = random.normal(size=N) * 10 ** random.uniform(-4, 0)
+    kind, steady = random.integers(0, 3), random.uniform(-1, 1, N) * 0.5 * loop.velocity
+    made.parts[0] |= _springs(random, 1, 0.1) if kind == 2 else {}
     for k, start in enumerate(range(1, SAMPLES - half + 1, half)):
         sign = (-1) ** k
         one = {"start": start, "wanted": Q0 + (0.0 if k % 2 == 0 else 1e-3 * half) * rate, "wanted_rate": sign * rate}
-        plan = _plan(random, sign * rate) if random.random() < 0.9 else {"velocity": np.zeros(N)}
-        way = {"driven": 1, "driven_by": 1e4, "driven_to": random.uniform(-0.9, 0.9, N) * loop.velocity} if led else {}
-        made.parts.append(one | plan | way)
+        plan, led = _plan(random, sign * rate), random.uniform(-0.9, 0.9, N) * loop.velocity
+        if kind == 2:  # an acceleration that stays below what is refused, and an arm that goes along
+            plan = {"velocity": sign * rate, "acceleration": sign * steady}
+            led = 0.4 * sign * np.sign(steady) * loop.velocity
+        made.parts.append(one | plan | ({"driven": 1, "driven_by": 1e4, "driven_to": led} if kind else {}))
     return _ordered(made)
 
 

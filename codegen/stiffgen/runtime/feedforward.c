@@ -34,31 +34,46 @@ static int track_drift(double stated, double made, double elapsed, double most, 
     return fabs(*drift) <= most;
 }
 
-/* Track how far the velocity of the plan and the motion of its target disagree. Return whether they agree. */
-static int track_target(const step_t *s)
+/* Track how far the velocity of the plan and the motion of the tips' equilibria disagree. Return whether they agree. */
+static int track_tips(const step_t *s, int *moves)
 {
-    const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const input_t *const in = s->input;
+    double J[6 * N * TIPS], twist[6] = {0.0};
     int agree = 1;
-    if (in->command == ID(COMMAND_POSITION)) {
-        for (int i = 0; i < N; ++i) {
-            const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * c->velocity_limit[i];
-            agree &= track_drift(in->velocity[i] * s->elapsed, moved, s->elapsed, most, &m->posture_drift[i]);
-        }
-        return agree;
-    }
-    double J[6 * N * TIPS], twist[6];
     robot_jacobians(m->q, m->tool_pose, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
-        const double most = PLAN_DRIFT * (k % 6 < 3 ? c->tip_velocity_limit : c->tip_rotation_limit);
+        const double most = PLAN_DRIFT * (k % 6 < 3 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit);
         if (k % 6 == 0) {
             pose_difference(m->wanted_equilibrium + 16 * (k / 6), s->goal + 16 * (k / 6), twist);
         }
-        const double stated = dot(N, J + k * N, in->velocity) * s->elapsed;
+        const double stated = dot(N, J + k * N, s->input->velocity) * s->elapsed;
         agree &= track_drift(stated, twist[k % 6], s->elapsed, most, &m->tip_drift[k]);
+        *moves |= twist[k % 6] != 0.0;
     }
     return agree;
+}
+
+/*
+ * Track how far the velocity of the plan and the motion of its target disagree, and how long the target has been
+ * standing still although the velocity is not zero. Return whether both are as a plan may be.
+ */
+static int track_target(const step_t *s)
+{
+    const input_t *const in = s->input;
+    memory_t *const m = s->m;
+    const int by_pose = in->command == ID(COMMAND_EQUILIBRIUM);
+    int agree = 1, moves = are_zero(N, in->velocity);
+    for (int i = 0; i < N; ++i) {
+        const double moved = in->q0[i] - m->wanted_posture[i], most = PLAN_DRIFT * s->c->velocity_limit[i];
+        const double stated = by_pose ? moved : in->velocity[i] * s->elapsed;
+        agree &= track_drift(stated, moved, s->elapsed, most, &m->posture_drift[i]);
+        moves |= moved != 0.0;
+    }
+    if (by_pose) {
+        agree &= track_tips(s, &moves);
+    }
+    m->plan_still = moves ? 0.0 : m->plan_still + s->elapsed;
+    return agree && m->plan_still <= PLAN_STILL;
 }
 
 /*
@@ -84,6 +99,7 @@ static int accept_plan(step_t *s)
         memset(m->posture_drift, 0, sizeof m->posture_drift);
         memset(m->tip_drift, 0, sizeof m->tip_drift);
         memset(m->velocity_drift, 0, sizeof m->velocity_drift);
+        m->plan_still = 0.0;
     } else {
         good = track_target(s);
     }

@@ -34,8 +34,9 @@ static const double BRAKED = 0.9;     /* share of the velocity limits from which
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
 /* Plan: [s] of a velocity limit that a velocity and the command's motion may disagree by, share of it that velocity and
- * acceleration may, [s] in which a disagreement fades, and sample times of travel that the equilibrium may be behind. */
-static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, KEPT_UP = 2.0;
+ * acceleration may, [s] in which a disagreement fades, [s] that a command may stand still with a velocity, and sample
+ * times of travel that the equilibrium may be behind. */
+static const double PLAN_DRIFT = 0.05, PLAN_JUMP = 0.25, PLAN_MEMORY = 0.5, PLAN_STILL = 0.1, KEPT_UP = 2.0;
 static const double COVERED = 0.7;    /* share of the available energy for the springs; the damping has the remainder */
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */

@@ -2846,7 +2846,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "27238922886e5296") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "a020e12faa62f40b") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

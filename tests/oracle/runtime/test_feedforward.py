@@ -149,3 +149,159 @@ def test_wrenches_keep_the_limits(robot: ModuleType) -> None:
         last = out.torque
     assert limited > 100
     assert not out.fault
+
+
+# ---- plans
+
+
+Plan = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def line(loop: Loop, way: list[float], speed: float = 0.5) -> Plan:
+    """Return q, dq, ddq of a plan that moves the tip along 0.3 m without a turn, smooth, up to a speed."""
+    start, q, rows = loop.pose(Q0), Q0.copy(), []
+    time = np.clip(1e-3 * np.arange(1600) / (1.875 * 0.3 / speed), 0, 1)
+    for share in 10 * time**3 - 15 * time**4 + 6 * time**5:
+        for _ in range(3):
+            here = loop.pose(q)
+            turn = start[:3, :3] @ here[:3, :3].T
+            spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+            away = start[:3, 3] + 0.3 * share * np.array(way) - here[:3, 3]
+            q = q + np.linalg.pinv(loop.jacobian(q)) @ np.concatenate([away, spin])
+        rows.append(q)
+    velocity = np.gradient(np.array(rows), 1e-3, axis=0)
+    return np.array(rows), velocity, np.gradient(velocity, 1e-3, axis=0)
+
+
+def track(loop: Loop, plan: Plan, stiffness: float, stated: Any = None, **config: Any) -> tuple[float, int]:
+    """Follow a plan; ``stated`` makes inputs from k. Return the tip's rms error [m] and all status bits together."""
+    step, (wanted, _, _) = loop.stepper(loop.default(motor_inertia=0.1, **config)), plan
+    q, v, away, status = wanted[0].copy(), np.zeros(N), [], 0
+    springs = {"translation": stiffness * np.eye(3), "rotation": stiffness / 20 * np.eye(3)}
+    for k in range(len(wanted)):
+        command = step(q=q, dq=v, wanted=wanted[k], posture=wanted[k], **springs, **(stated(k) if stated and k else {}))
+        assert not command.faulted, k
+        status |= command.status
+        advance(loop, q, v, np.array(command.torque))
+        away.append(loop.pose(q)[:3, 3] - loop.pose(wanted[min(k + 1, len(wanted) - 1)])[:3, 3])
+    return float(np.sqrt(np.mean(np.sum(np.square(away), axis=1)))), status
+
+
+@pytest.mark.parametrize("pose", [0, 1])
+@pytest.mark.parametrize("way", [[0, 1, 0], [0, 0, -1]])
+def test_a_line_at_half_a_metre_per_second(robot: ModuleType, loop: Loop, way: list[float], pose: int) -> None:
+    """Velocity and acceleration of the plan leave a third of the error, Coriolis forces a tenth of it."""
+    plan = line(loop, way)
+
+    def stated(k: int) -> dict[str, Any]:
+        return {"velocity": plan[1][k], "acceleration": plan[2][k], "pose": pose}
+
+    before, _ = track(loop, plan, 400.0, lambda k: {"pose": pose})
+    after, status = track(loop, plan, 400.0, stated)
+    whole, _ = track(loop, plan, 400.0, stated, coriolis=2)
+    held = robot.Status.FEEDFORWARD_LIMITED | robot.Status.FEEDFORWARD_REFUSED
+    assert before > 0.009 and after < before / 3 and whole < before / 10
+    assert not status & held
+
+
+@pytest.mark.parametrize("engagement", [0.05, 1.0])
+def test_the_engagement_pays_for_an_acceleration(loop: Loop, engagement: float) -> None:
+    """The arm is led along an acceleration that a slow plan states: what is put out is missing in the engagement."""
+    sides, rate, tank = np.array([1, 1, -1, 1, 1, -1, 1.0]), np.full(N, 1e-4), 0.5
+    parts: list[dict[str, Any]] = [{"wanted": Q0, "translation": np.eye(3), "rotation": 0.1 * np.eye(3)}]
+    for k, start in enumerate(range(300, 3000, 200)):
+        sign = (-1.0) ** k
+        plan = {"velocity": sign * rate, "acceleration": sign * 0.45 * sides * loop.velocity}
+        wanted = {"wanted": Q0 + (0.0 if k % 2 == 0 else 0.2) * rate, "wanted_rate": sign * rate}
+        along = {"driven": 1, "driven_by": 1e5, "driven_to": sign * 0.4 * sides * loop.velocity}
+        parts.append({"start": start, **wanted, **plan, **along})
+    settings = {"tank_initial": tank, "tank_maximum": tank, "engagement_limit": engagement, "posture_stiffness": 0.01}
+    settings |= {"damping_ratio": 0.0, "joint_damping": 0.0}
+    summary, outputs = loop.run(3000, loop.segments(*parts), None, loop.config(**settings), outputs=True)
+    assert np.any(outputs["reference_acceleration"])
+    assert outputs["engagement"].min() >= 0
+    assert 0.6 * engagement < summary.port_most <= engagement + 1e-9
+
+
+@pytest.mark.parametrize("name", ["velocity", "acceleration"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 100.0])
+def test_a_plan_that_is_refused_acts_like_none(robot: ModuleType, name: str, value: float) -> None:
+    controller, plain = robot.Impedance(), robot.Impedance()
+    spoiled = {"velocity": np.full(N, 0.1), "acceleration": np.zeros(N)}
+    spoiled[name][3] = value
+    for k in range(100):
+        moving = {"q": Q0, "dq": np.zeros(N), "q0": Q0 + 1e-4 * k, **SPRINGS}
+        out, without = controller.step(**moving, **spoiled), plain.step(**moving)
+        assert out.status & robot.Status.FEEDFORWARD_REFUSED
+        assert not out.status & robot.Status.COMMAND_REFUSED
+        np.testing.assert_array_equal(out.torque, without.torque)
+
+
+@pytest.mark.parametrize("by_pose", [False, True])
+def test_a_stale_velocity_is_refused(robot: ModuleType, by_pose: bool) -> None:
+    """The planner dies in the middle of a motion, and the loop repeats its last command."""
+    controller, rate = robot.Impedance(), 0.3 * np.array([0, 1, 0, 1, 0, 0, 0])
+    refused = []
+    for k in range(1500):
+        q0 = Q0 + 1e-3 * min(k, 500) * rate
+        goal = {"equilibrium": robot.forward_kinematics(q0), "posture": q0} if by_pose and k else {"q0": q0}
+        out = controller.step(q=q0, dq=rate * (0 < k <= 500), **goal, **SPRINGS, velocity=rate)
+        assert not out.fault
+        refused.append(bool(out.status & robot.Status.FEEDFORWARD_REFUSED))
+    assert not any(refused[:550]) and all(refused[1000:])
+    assert not out.reference_velocity.any()
+
+
+def test_a_stale_acceleration_is_refused(robot: ModuleType) -> None:
+    controller, rate = robot.Impedance(), np.full(N, 0.2)
+    for k in range(1000):
+        q0 = Q0 + 1e-3 * k * rate
+        out = controller.step(q=q0, dq=rate, q0=q0, **SPRINGS, velocity=rate, acceleration=np.full(N, 3.0))
+        assert bool(out.status & robot.Status.FEEDFORWARD_REFUSED) == (k >= 200) or 50 < k < 200
+    assert not out.reference_acceleration.any()
+
+
+def test_a_plan_that_the_governor_does_not_follow(robot: ModuleType) -> None:
+    """A plan at 1.2 of the governor's velocity: no acceleration is added, and the status says so."""
+    controller, first = robot.Impedance(), np.eye(N)[0]
+    rate = 1.2 * 0.8 * controller.config.reference_velocity_limit * first
+    for k in range(300):
+        plan = {"velocity": rate, "acceleration": 0.1 * first}
+        out = controller.step(q=Q0, dq=np.zeros(N), q0=Q0 + 1e-3 * k * rate, **SPRINGS, **plan)
+    assert out.status & robot.Status.FEEDFORWARD_LIMITED
+    assert not out.status & robot.Status.FEEDFORWARD_REFUSED
+    assert not out.reference_acceleration.any()
+
+
+# ---- Coriolis forces
+
+
+def test_coriolis_forces_are_compensated(robot: ModuleType, loop: Loop) -> None:
+    """The torque gains the forces of the plant, which are made from differences of its mass matrix."""
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        q, v = Q0 + random.uniform(-0.3, 0.3, N), random.uniform(-0.4, 0.4, N) * robot.VELOCITY
+        on, off = robot.Impedance(coriolis="on"), robot.Impedance()
+        for k in range(3):
+            given = {"q": q + 1e-3 * k * v, "dq": v, "q0": q, **SPRINGS}
+            out, without = on.step(**given), off.step(**given)
+        np.testing.assert_allclose(out.feedforward_torque, loop.bias(q + 2e-3 * v, v), atol=1e-6)
+        difference = out.torque - without.torque
+        free = ~((np.abs(difference - out.feedforward_torque) > 1e-6) & bool(out.status & robot.Status.RATE_LIMITED))
+        np.testing.assert_allclose(difference[free], out.feedforward_torque[free], atol=1e-6)
+        assert not out.fault
+
+
+def test_the_tank_pays_for_coriolis_forces(loop: Loop) -> None:
+    """Led to and fro between postures of different inertia; all that is put out is missing in the tank."""
+    settings = {"coriolis": 2, "tank_initial": 3.0, "tank_maximum": 1e3, "damping_ratio": 0.0, "joint_damping": 0.0}
+    step, work, torque, last = loop.stepper(loop.default(motor_inertia=0.1, **settings)), 0.0, np.zeros(N), Q0
+    for k in range(6000):
+        phase, rise = 2e-3 * np.pi * k, min(1.0, k / 500)
+        q = Q0 + rise * np.array([0.2 * np.sin(phase), 0, 0, 0.2 * np.sin(phase + 1.0), 0, 0, 0])
+        work += float(torque @ (q - last))
+        command = step(q=q, dq=1e3 * (q - last), wanted=Q0, translation=np.eye(3), rotation=np.eye(3))
+        torque, last = np.array(command.torque), q
+        assert command.tank + command.energy + work == pytest.approx(3.0, abs=1e-9)
+        assert not command.faulted
+    assert command.tank > 1.4
