@@ -2905,13 +2905,32 @@ static double fade_with_tank(const step_t *s)
 }
 
 /*
- * Return the largest share of the torque press, beside springs and limit avoidance, that tank, effort limits and reserve
- * allow. The reserve is convex in the share, so a share is allowed below each one that is.
+ * Return the share of the wrenches that the speed of the tips allows: where contact is lost, a tip must not run away.
+ * All of it up to half of tip_velocity_limit and tip_rotation_limit along the wrench, none from the limits on.
  */
-static double share_wrench(const step_t *s, const double *press)
+static double fade_with_speed(const step_t *s, const double *J)
+{
+    double most = 0.0;
+    for (int k = 0; k < 2 * TIPS; ++k) {
+        const double *const part = s->input->wrench_command + 3 * k, size = norm(3, part);
+        const double limit = k % 2 == 0 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit;
+        double power = 0.0;
+        for (int i = 0; i < 3; ++i) {
+            power += part[i] * dot(N, J + (3 * k + i) * N, s->velocity);
+        }
+        most = size > 0.0 ? fmax(most, power / (size * limit)) : most;
+    }
+    return clamp(2.0 - 2.0 * most, 0.0, 1.0);
+}
+
+/*
+ * Return the largest share of the torque press, up to `most`, beside springs and limit avoidance, that effort limits and
+ * reserve allow. The reserve is convex in the share, so a share is allowed below each one that is.
+ */
+static double share_wrench(const step_t *s, const double *press, double most)
 {
     const memory_t *const m = s->m;
-    double share = fade_with_tank(s), base[N], torque[N], parts[3];
+    double share = most, base[N], torque[N], parts[3];
     for (int i = 0; i < N; ++i) {
         base[i] = s->out->elastic_torque[i] + s->out->limit_torque[i];
         const double other = base[i] + m->offset[i], size = fabs(press[i]);
@@ -2946,7 +2965,7 @@ static void press_tips(step_t *s)
     for (int k = 0; k < 6 * TIPS; ++k) {
         add_scaled(N, s->input->wrench_command[k], J + k * N, press);
     }
-    const double share = share_wrench(s, press);
+    const double share = share_wrench(s, press, fmin(fade_with_tank(s), fade_with_speed(s, J)));
     s->status |= share < 1.0 ? (uint32_t)ID(STATUS_FEEDFORWARD_LIMITED) : 0u;
     m->press_share = fmin(share, m->press_share + s->c->sample_time / SCALE_TIME);
     add_scaled(N, m->press_share, press, s->out->feedforward_torque);

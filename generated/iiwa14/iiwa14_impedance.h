@@ -131,7 +131,7 @@ enum {
     IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
     IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
     IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command */
-    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24 /* wrench_command is held back by tank, reserve or effort limits, or the governor does not keep up with the plan */
+    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24 /* wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan */
 };
 
 /* Modes of a step. */
@@ -352,7 +352,8 @@ typedef struct {
      * velocity_limit / ramp_time. */
     double acceleration[7];
     /* [N, N m] (force, moment) that the TIP IS TO EXERT on the environment, hybrid axes, beside the springs; at
-     * most heaviest_wrench; its work is paid from the tank, which fades it out below 3/4 of tank_initial. */
+     * most heaviest_wrench; it fades out from half of the tip's velocity limits on, and below 3/4 of
+     * tank_initial, since the tank pays for its work. */
     double wrench_command[6];
     /* [N/m] (3 x 3) wanted stiffness Kt, in the axes of the spring kernels (default: base); symmetric, positive
      * semidefinite. */

@@ -454,7 +454,8 @@ INPUT: tuple[Field, ...] = (
         _WRENCH,
         "N, N m",
         "(force, moment) that the TIP IS TO EXERT on the environment, hybrid axes, beside the springs; at most "
-        "heaviest_wrench; its work is paid from the tank, which fades it out below 3/4 of tank_initial",
+        "heaviest_wrench; it fades out from half of the tip's velocity limits on, and below 3/4 of tank_initial, since "
+        "the tank pays for its work",
     ),
     Field(
         "tool_pose",
@@ -637,7 +638,7 @@ STATUS: tuple[tuple[str, str], ...] = (
     ),
     (
         "feedforward_limited",
-        "wrench_command is held back by tank, reserve or effort limits, or the governor does not keep up with the plan",
+        "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan",
     ),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""

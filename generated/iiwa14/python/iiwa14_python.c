@@ -2563,7 +2563,7 @@ static const status statuses[] = {
     {"overspeed", IIWA14_STATUS_OVERSPEED, "a joint is beyond its velocity limit and is braked: a fault after overspeed_time"},
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
     {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command"},
-    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve or effort limits, or the governor does not keep up with the plan"},
+    {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan"},
 };
 
 static const choice outcomes[] = {
@@ -2846,7 +2846,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "a020e12faa62f40b") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "74a66e13d835c9f0") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

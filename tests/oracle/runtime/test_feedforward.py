@@ -87,6 +87,28 @@ def test_a_closed_orbit_costs_the_tank_what_it_puts_out(loop: Loop, wrench: list
     assert turn < (0.0 if wrench[5] == 0 else 0.2 * swing)  # the damping takes some
 
 
+@pytest.mark.parametrize("force", [20.0, 95.0])
+def test_a_wrench_without_contact_does_not_run_away(loop: Loop, force: float) -> None:
+    """Without springs, nothing holds the tip: it keeps its velocity limit, and the tank its half."""
+    step, q, v, fastest, work, tank = (
+        loop.stepper(loop.default(motor_inertia=0.1)),
+        Q0.copy(),
+        np.zeros(N),
+        0.0,
+        0.0,
+        0.0,
+    )
+    for _ in range(1500):
+        command = step(q=q, dq=v, wanted=Q0, translation=np.zeros((3, 3)), rotation=20 * np.eye(3),
+                       wrench_command=[0, 0, -force, 0, 0, 0])  # fmt: skip
+        advance(loop, q, v, np.array(command.torque))
+        fastest = max(fastest, float(np.linalg.norm(loop.jacobian(q)[:3] @ v)))
+        work, tank = work + 1e-3 * float(np.array(command.torque) @ v), max(tank, command.tank)
+        assert not command.faulted
+        assert work < 0.5 * tank
+    assert 0.3 < fastest < 1.0
+
+
 def test_a_tip_that_is_led_away_gets_half_the_tank(loop: Loop) -> None:
     """Without springs, the tip is led along a force that turns; half of the tank stays."""
     settings = loop.default(motor_inertia=0.1, posture_stiffness=0.0, damping_ratio=0.0, joint_damping=0.0)
