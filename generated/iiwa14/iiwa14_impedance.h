@@ -345,11 +345,11 @@ typedef struct {
      * limits; its work is the caller's, outside the energy account. */
     double torque_offset[7];
     /* [rad/s or m/s] velocity of a planned q0, or with an equilibrium the joint velocity that follows it; 0
-     * without a plan; at most velocity_limit, and refused where it does not agree with the motion of the
+     * without a plan; at most reference_velocity_limit; refused where it does not agree with the motion of the
      * command. */
     double velocity[7];
     /* [rad/s^2 or m/s^2] derivative of velocity: the torque M acceleration carries the arm; at most
-     * velocity_limit / ramp_time. */
+     * reference_velocity_limit / ramp_time. */
     double acceleration[7];
     /* [N, N m] (force, moment) that the TIP IS TO EXERT on the environment, hybrid axes, beside the springs; at
      * most heaviest_wrench; it fades out from half of the tip's velocity limits on, and below 3/4 of

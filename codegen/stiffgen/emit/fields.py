@@ -441,13 +441,14 @@ INPUT: tuple[Field, ...] = (
         _N,
         "rad/s or m/s",
         "velocity of a planned q0, or with an equilibrium the joint velocity that follows it; 0 without a plan; at "
-        "most velocity_limit, and refused where it does not agree with the motion of the command",
+        "most reference_velocity_limit; refused where it does not agree with the motion of the command",
     ),
     Field(
         "acceleration",
         _N,
         "rad/s^2 or m/s^2",
-        "derivative of velocity: the torque M acceleration carries the arm; at most velocity_limit / ramp_time",
+        "derivative of velocity: the torque M acceleration carries the arm; at most reference_velocity_limit / "
+        "ramp_time",
     ),
     Field(
         "wrench_command",

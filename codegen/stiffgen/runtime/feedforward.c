@@ -88,8 +88,8 @@ static int accept_plan(step_t *s)
     const int accelerated = !are_zero(N, in->acceleration), begins = m->planning != in->command;
     int good = c->law == ID(LAW_POTENTIAL);
     for (int i = 0; i < N; ++i) {
-        good = good && fabs(in->velocity[i]) <= c->velocity_limit[i];
-        good = good && fabs(in->acceleration[i]) <= c->velocity_limit[i] / c->ramp_time;
+        good = good && fabs(in->velocity[i]) <= c->reference_velocity_limit[i];
+        good = good && fabs(in->acceleration[i]) <= c->reference_velocity_limit[i] / c->ramp_time;
     }
     if (!good) {
         return 0;
@@ -149,8 +149,6 @@ static int keeps_up(const step_t *s)
  */
 void follow_plan(step_t *s, int moved)
 {
-    const double *const velocity = s->input->velocity, *const limits = s->c->reference_velocity_limit;
-    double speed = 1.0;
     if (!s->planned) {
         return;
     }
@@ -159,12 +157,7 @@ void follow_plan(step_t *s, int moved)
         s->status |= ID(STATUS_FEEDFORWARD_LIMITED);
         return;
     }
-    for (int i = 0; i < N; ++i) {
-        speed = fmax(speed, fabs(velocity[i]) / limits[i]);
-    }
-    for (int i = 0; i < N; ++i) {
-        s->out->reference_velocity[i] = velocity[i] / speed;
-    }
+    memcpy(s->out->reference_velocity, s->input->velocity, sizeof s->out->reference_velocity);
     memcpy(s->out->reference_acceleration, s->input->acceleration, sizeof s->out->reference_acceleration);
     multiply_vector(s->out->mass_matrix, s->input->acceleration, s->carried);
 }
