@@ -30,7 +30,7 @@ void limit_torque(step_t *s, const double *last)
 
 /*
  * Try the torque with a share of what is wanted: 0 the torque that goes to zero, 1 the springs and the commanded wrench,
- * 2 these with the damping and the torque that carries the arm along a plan. Return whether the available energy covers it.
+ * 2 these with damping, plan and Coriolis forces. Return whether the available energy covers it.
  */
 static int try_torque(step_t *s, const double *last, double share)
 {
@@ -52,8 +52,8 @@ static int try_torque(step_t *s, const double *last, double share)
 }
 
 /*
- * Reduce a torque that is not covered: first the damping with plan and Coriolis forces, then the springs'. feed: the reference's
- * share of these is reduced with them.
+ * Reduce a torque that is not covered: first damping, plan and Coriolis forces, then springs and wrench. feed: the
+ * reference's share of the former is reduced with them.
  */
 static void reduce_torque(step_t *s, const double *last, double *feed)
 {
