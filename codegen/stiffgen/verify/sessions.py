@@ -423,11 +423,14 @@ class _Session:
             self.dq[joint] += 3.0 * float(random.normal())
 
     def _overwrite_state(self) -> None:
-        """Overwrite the same bytes of both states, among them single copies of the last torque."""
+        """Overwrite the same bytes of both states, such as a copy of the last torque, or two of the three."""
         random, n = self.random, self.chain.dof
         place = int(random.integers(6 * n)) if random.random() < 0.7 else int(random.integers(6 * n, 40 * n))
+        twice = place < n and random.random() < 0.3
+        value = random.choice([math.nan, math.inf, 1e300]) if twice else None
         for each in self.both:
-            each.state[place] = each.state[place] * 1.5 + 0.125
+            for number in (place, place + n) if twice else (place,):
+                each.state[number] = each.state[number] * 1.5 + 0.125 if value is None else value
 
     def _move(self) -> None:
         """Move arm and goal for one sample time: the controller's torque, a load, friction and diagonal inertia."""
