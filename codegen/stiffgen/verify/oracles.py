@@ -130,17 +130,29 @@ class _ResultComparison:
 
     def check(self, name: str, value: Any, reference: Array, result: str = "", *, rounded: str = "constants") -> Check:
         """Compare a result of a kernel: the only one, or the one with a name; ``rounded``: see `rounding_errors`."""
-        title = self.prefix + name + (f", {result}" if result else "")
+        errors = partial(self.errors, name, value, result, rounded=rounded)
+        return _but_for_rounding(self._title(name, result), self.oracle, value, reference, errors)
+
+    def check_form(self, name: str, value: Any, other: _ResultComparison, of: str, reference: Array) -> Check:
+        """Compare the only result of a kernel with that of another one, ``of``, which has rounding of its own."""
 
         def errors() -> Array:
-            (kernel,) = (each for each in chain_kernels(self.chain, self.options) if each.qualified_name == name)
-            which = [each.name for each in kernel.results].index(result) if result else 0
-            found = _rounding(self.chain, kernel, list(self.arguments), scalar_of(value), which, rounded=rounded)
-            # Entries that are zero for orthonormal rotations are rounding in the reference.
-            whole = np.nan_to_num(found.reshape(len(found), -1), nan=0.0, posinf=0.0).max(axis=1)
-            return np.broadcast_to(whole.reshape(-1, *[1] * (found.ndim - 1)), found.shape)
+            own = self.errors(name, value, rounded="arguments")
+            return np.asarray(np.hypot(own, other.errors(of, reference, rounded="arguments")))
 
-        return _but_for_rounding(title, self.oracle, value, reference, errors)
+        return _but_for_rounding(self._title(of), self.oracle, value, reference, errors)
+
+    def errors(self, name: str, value: Any, result: str = "", *, rounded: str) -> Array:
+        """Return the standard errors of a result's samples, the largest of a sample for all its entries."""
+        (kernel,) = (each for each in chain_kernels(self.chain, self.options) if each.qualified_name == name)
+        which = [each.name for each in kernel.results].index(result) if result else 0
+        found = _rounding(self.chain, kernel, list(self.arguments), scalar_of(value), which, rounded=rounded)
+        # Entries that are zero for orthonormal rotations are rounding in the reference.
+        whole = np.nan_to_num(found.reshape(len(found), -1), nan=0.0, posinf=0.0).max(axis=1)
+        return np.broadcast_to(whole.reshape(-1, *[1] * (found.ndim - 1)), found.shape)
+
+    def _title(self, name: str, result: str = "") -> str:
+        return self.prefix + name + (f", {result}" if result else "")
 
 
 def _joint_potential_checks(kernels: Kernels, chain: Chain, samples: Samples) -> list[Check]:
@@ -165,7 +177,7 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
     body_kernel, hybrid_kernel = (f"{prefix}{rep}_joint_stiffness" for rep in ("body", "hybrid"))
     wrench, covariant, hessian = references.potential
     rotation = references.pose[:, :3, :3]
-    turn = np.zeros((len(rotation), 6, 6))
+    turn = np.zeros((len(rotation), 6, 6), dtype=rotation.dtype)
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation
     back = np.swapaxes(turn, 1, 2)
 
@@ -178,9 +190,12 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
     seen = wrench.astype(float), covariant.astype(float)
     in_body = np.einsum("sji,sj->si", turn, samples.wrench).astype(float)
     stiffness_in_body = (back @ samples.task_stiffness @ turn).astype(float)
-    as_body = kernels[body_kernel](*seen_from_tip, in_body, stiffness_in_body)
-    as_hybrid = np.asarray(kernels[hybrid_kernel](*posture, samples.wrench, samples.task_stiffness), dtype=float)
-    compare = _ResultComparison(chain, None, prefix, "body form, turned", (*seen_from_tip, in_body, stiffness_in_body))
+    body_arguments = (*seen_from_tip, in_body, stiffness_in_body)
+    hybrid_arguments = (*posture, samples.wrench, samples.task_stiffness)
+    as_body, as_hybrid = kernels[body_kernel](*body_arguments), np.asarray(kernels[hybrid_kernel](*hybrid_arguments))
+    body, hybrid = (
+        _ResultComparison(chain, None, prefix, "body form, turned", each) for each in (body_arguments, hybrid_arguments)
+    )
     return [
         _of_one(
             kernels, chain, prefix, "body_joint_stiffness", oracle, hessian, *seen_from_tip, *seen, rounded="arguments"
@@ -188,7 +203,7 @@ def _potential_checks(kernels: Kernels, references: References, prefix: str) -> 
         _of_one(
             kernels, chain, prefix, "hybrid_joint_stiffness", oracle, hessian, *posture, *in_hybrid, rounded="arguments"
         ),
-        replace(compare.check("body_joint_stiffness", as_body, as_hybrid, rounded="arguments"), kernel=hybrid_kernel),
+        body.check_form("body_joint_stiffness", as_body, hybrid, "hybrid_joint_stiffness", as_hybrid),
     ]
 
 

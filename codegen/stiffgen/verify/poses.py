@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Compute poses and Jacobians as plain 4x4 products and their derivatives, for the references of kernels."""
+"""Compute poses and Jacobians as plain 4x4 products and their derivatives, for the references of kernels.
+
+Rotations and axes of a chain are orthonormal up to the rounding of doubles. A derivative takes what is missing for a
+motion, and where the true result is small or zero that is all of it. The references have constants with more digits,
+which are orthonormal.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +16,7 @@ import numpy as np
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.connection import Representation
 from stiffgen.verify.result import Array
+from stiffgen.verify.rounding import long_constant
 
 
 def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[ca.SX]:
@@ -21,7 +27,7 @@ def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[
     for joint in chain.joints[own:]:
         pose = joints[joint.parent] if joint.parent >= 0 else base
         position = joint.multiplier * q[joint.coordinate - own] + joint.offset
-        axis = ca.DM(joint.axis)
+        axis = _unit(joint.axis)
         motion = ca.SX.eye(4)
         if joint.type == "prismatic":
             motion[:3, 3] = axis * position
@@ -38,9 +44,22 @@ def product_of_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> 
     return joint_poses(chain, q, base_pose)[tip.joint] @ homogeneous(chain.tip_rotation, chain.tip_translation)
 
 
-def homogeneous(rotation: Any, translation: Any) -> ca.DM:
-    """Return the pose (4x4) of a rotation and a translation."""
-    return ca.vertcat(ca.horzcat(ca.DM(rotation), ca.DM(translation)), ca.DM([[0, 0, 0, 1]]))
+def homogeneous(rotation: Any, translation: Any) -> ca.SX:
+    """Return the pose (4x4) of a rotation, made orthonormal, and a translation."""
+    return ca.vertcat(ca.horzcat(_orthonormal(rotation), ca.DM(translation)), ca.DM([[0, 0, 0, 1]]))
+
+
+def _orthonormal(rotation: Any) -> ca.SX:
+    """Return the rotation next to a matrix that is one up to rounding, by Newton's method."""
+    R = np.array(rotation, dtype=np.longdouble)
+    for _ in range(2):
+        R = R @ (3 * np.eye(3, dtype=np.longdouble) - R.T @ R) / 2
+    return long_constant(R)
+
+
+def _unit(axis: Any) -> ca.SX:
+    a = np.array(axis, dtype=np.longdouble)
+    return long_constant(a / np.sqrt(a @ a))
 
 
 def _vee(matrix: ca.SX) -> ca.SX:

@@ -28,6 +28,9 @@ from stiffgen.verify.result import Array
 SIGMAS = 8.0
 """Multiple of the estimated size beyond which a difference is not rounding."""
 
+ONE = ca.SX.sym("one")
+"""A symbol that is 1: CasADi adds constants in doubles, but leaves a + b ONE, which has more digits."""
+
 _Values = tuple[Array, ...]
 _Rule = tuple[Callable[..., Array], Callable[..., _Values]]
 
@@ -272,12 +275,19 @@ def in_form_of(name: str, values: Array) -> Array:
     return values[..., 0, 0] if name.endswith("energy") else values[..., 0]
 
 
+def long_constant(values: NDArray[np.longdouble]) -> ca.SX:
+    """Return a constant of which `evaluate_longer` sees more digits than a double has."""
+    leading = np.asarray(values, dtype=float)
+    rest = np.asarray(values - leading, dtype=float)
+    return ca.DM(leading) + ca.DM(rest) * ONE if rest.any() else ca.SX(ca.DM(leading))
+
+
 def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequence[Array]) -> Array:
     """Evaluate a matrix of the entries of some symbols at many states, in the longest numbers that this machine has.
 
     Args:
         symbols: column vectors.
-        expression: matrix of their entries.
+        expression: matrix of their entries, and of `ONE`.
         columns: values of each symbol, (entries, states).
 
     Returns:
@@ -286,7 +296,8 @@ def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequen
 
     """
     count, (rows, width) = columns[0].shape[1], expression.shape
-    function = ca.Function("f", [ca.vertcat(*symbols)], [ca.vec(ca.densify(expression))], {"cse": True})
+    columns = [*columns, np.ones((1, count))]
+    function = ca.Function("f", [ca.vertcat(*symbols, ONE)], [ca.vec(ca.densify(expression))], {"cse": True})
     try:
         with np.errstate(all="ignore"):  # in branches that are not selected
             entries, shorter = (
