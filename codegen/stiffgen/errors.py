@@ -77,7 +77,7 @@ class LoopWarning(DescriptionWarning):
         UserWarning.__init__(
             self,
             f"{self.file}: {len(self.problems)} constraints that close loops are left out, and joints of a loop are "
-            f"independent of each other: {listed(self.problems, 4)}",
+            f"independent of each other: {listed(self.problems, 4)}; --close-loops closes them",
         )
 
 

@@ -37,6 +37,9 @@ def load_chain(
     ignore: Sequence[str] = (),
     arguments: Mapping[str, str] | None = None,
     package_path: Sequence[str | Path] = (),
+    close_loops: bool = False,
+    loop: Sequence[str] = (),
+    actuated: Sequence[str] = (),
 ) -> Chain:
     """Read the chain between two links of a robot's file, or the tree between a base and several tips.
 
@@ -56,6 +59,10 @@ def load_chain(
         ignore: names of unknown elements that resemble a URDF's own and are none.
         arguments: values of a xacro template's arguments, by name.
         package_path: folders in which a template's packages are looked for, before ROS_PACKAGE_PATH.
+        close_loops: close the loops of an MJCF file (equality connect and weld).
+        loop: loops to close, each "LINK:X,Y,Z=LINK:X,Y,Z": two points of two links that coincide [m].
+        actuated: joints of closed loops that have a motor (default: those with an actuator in an MJCF file); all other
+            joints of the loops are passive.
 
     Returns:
         The chain; q holds its moving joints from base to tip, a mimic joint following its master's entry. Joints off
@@ -64,11 +71,12 @@ def load_chain(
     Raises:
         DescriptionError: the file cannot be used (all problems that can change this chain are named).
         ChainError: no such link or joint, no moving joint between base and tip, a joint type that has no
-            coordinate, or a tool or lock that cannot be.
+            coordinate, a tool or lock that cannot be, or a loop that does not close, locks a motor or leaves a passive
+            joint free.
 
     Warns:
         DescriptionWarning: the file has problems that cannot change this chain.
-        LoopWarning: the file has constraints that close loops, which all functions leave out.
+        LoopWarning: the file has constraints that close loops, which all functions leave out (``close_loops``).
 
     """
     options = ChainOptions(
@@ -82,6 +90,9 @@ def load_chain(
         tuple(ignore),
         arguments or {},
         tuple(package_path),
+        close_loops,
+        tuple(loop),
+        tuple(actuated),
     )
     return read_chain(urdf, options)
 
@@ -95,8 +106,8 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     selection = select(description, options)
     if selection.beside:
         warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
-    if description.loops:
-        warnings.warn(LoopWarning(description.file, description.loops), stacklevel=3)
+    if description.loops and not selection.loops:
+        warnings.warn(LoopWarning(description.file, [loop.text for loop in description.loops]), stacklevel=3)
     return assemble(description, options, selection, _RESERVED)
 
 

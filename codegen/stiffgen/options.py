@@ -89,6 +89,19 @@ class GenerationOptions:
             "folder of ROS packages that a xacro template includes; repeatable", metavar="DIR", action="append"
         ),
     )
+    close_loops: bool = field(
+        default=False, metadata=_help("close the loops of an MJCF file: adds functions in motor coordinates")
+    )
+    loop: Sequence[str] = field(
+        default=(),
+        metadata=_help(
+            "two points of two links that coincide [m]; repeatable", metavar="LINK:X,Y,Z=LINK:X,Y,Z", action="append"
+        ),
+    )
+    actuated: str | Sequence[str] = field(
+        default=(),
+        metadata=_help("joints of closed loops with a motor, with commas (default: as in MJCF)", metavar="JOINTS"),
+    )
     tool: Tool | None = field(default=None, metadata=_python_only("tool mounted on the tip link"))
     runtime_tool: bool = field(
         default=False, metadata=_python_only("pass the tool's pose to the functions, as an argument after q")
@@ -161,6 +174,9 @@ class GenerationOptions:
             tuple(self.ignore),
             self.arguments or {},
             tuple(self.package_path),
+            self.close_loops,
+            tuple(self.loop),
+            tuple(self.actuated.split(",") if isinstance(self.actuated, str) else self.actuated),
         )
 
     @property

@@ -103,6 +103,8 @@ def _generation_options(options: argparse.Namespace, progress: Progress) -> Gene
             "arguments": options.arguments,
             "package_path": options.package_path or (),
             "lock": _locks(options.lock or []),
+            "loop": options.loop or (),
+            "actuated": options.actuated or (),
             "ranges": replace(Ranges(), **dict(options.ranges or [])),
             "tool": tool_of(options),
             "runtime_tool": options.tool == "runtime",

@@ -58,9 +58,9 @@ def run(options: argparse.Namespace) -> int:
         print("\n" + "\n".join(description.remarks))
     if description.loops:
         print(
-            f"\n{len(description.loops)} constraints that close loops are left out; joints of a loop are independent:"
+            f"\n{len(description.loops)} constraints close loops; without --close-loops they are left out:"
         )
-        print("\n".join(f"  {printable(loop)}" for loop in description.loops))
+        print("\n".join(f"  {printable(loop.text)}" for loop in description.loops))
     if not description.problems:
         return 0
     print(f"\n{len(description.problems)} problems; chains that a problem can affect are rejected:")

@@ -43,6 +43,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kinematics import Section
 from stiffgen.symbolic.program import Array, Operand, Over, as_operand, entries_of
 from stiffgen.symbolic.steps import (
+    ClosedLoops,
     Gather,
     Map,
     Reduce,
@@ -397,6 +398,7 @@ def _result_shape(step: Sum, k: int) -> tuple[int, ...]:
 
 RULES: Rules = {
     StraightLine: _straight_line,
+    ClosedLoops: _straight_line,
     Map: _map,
     SparseSum: _sparse_sum,
     SumJoints: _sum_joints,

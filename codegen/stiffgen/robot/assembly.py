@@ -7,8 +7,10 @@ from collections.abc import Container, Sequence
 from dataclasses import replace
 
 from stiffgen.names import identifier
-from stiffgen.robot.chain import BASE_JOINTS, Body, Chain, ChainOptions, Coordinate, Joint, Tip, Tool
+from stiffgen.robot.chain import BASE_JOINTS, Body, Chain, ChainOptions, Coordinate, Joint, Loop, Tip, Tool
 from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.linkage import Linkage
+from stiffgen.robot.loops import build_loop, wanted_motors
 from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
 from stiffgen.robot.selection import Selection
 
@@ -26,13 +28,15 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
     joints = [_joint(selection, tree, index, each) for index, each in enumerate(inertias[selection.floating :])]
     if selection.floating:
         joints = [*_base_joints(selection.base, inertias[0]), *map(_on_base, joints)]
+    coordinates = tuple(_coordinate(description.joints[name], selection) for name in selection.masters)
+    loops, actuated, start = _closed_loops(description, options, selection, coordinates)
     moving_links = [link for links in selection.carried.values() for link, _ in links]
     return Chain(
         robot=description.robot,
         base=selection.base,
         tips=_tips(selection, tree, tool, reserved),
         joints=tuple(joints),
-        coordinates=tuple(_coordinate(description.joints[name], selection) for name in selection.masters),
+        coordinates=coordinates,
         massless=tuple(link for link in moving_links if description.inertials[link] is None),
         source=description.file,
         digest=description.digest,
@@ -44,7 +48,29 @@ def assemble(description: Description, options: ChainOptions, selection: Selecti
         ignored=options.ignore,
         inputs=description.inputs,
         arguments=description.arguments,
+        loops=loops,
+        actuated=actuated,
+        start=start,
     )
+
+
+def _closed_loops(
+    description: Description, options: ChainOptions, selection: Selection, coordinates: tuple[Coordinate, ...]
+) -> tuple[tuple[Loop, ...], tuple[int, ...], tuple[float, ...]]:
+    """Return the closed loops with independent equations, the indices of the motors, and a start for closing them.
+
+    The start is rounded: it has the same digits on every machine, and closing it takes one step.
+    """
+    if not selection.loops:
+        return (), (), ()
+    base_joints = BASE_JOINTS if selection.floating else 0
+    masters = list(selection.masters)
+    loops = tuple(build_loop(loop, selection.couplings, masters, base_joints) for loop in selection.loops)
+    elements = [description.joints[name] for name in masters]
+    motors = wanted_motors(description.file, loops, elements, base_joints, options.actuated)
+    linkage = Linkage(description.file, loops, coordinates, base_joints)
+    loops, actuated, start = linkage.study([each.reference for each in elements], motors)
+    return loops, actuated, tuple(round(float(value), 6) + 0.0 for value in start)
 
 
 def _tips(selection: Selection, tree: _Tree, tool: Tool | None, reserved: Container[str]) -> tuple[Tip, ...]:

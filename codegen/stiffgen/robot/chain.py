@@ -122,6 +122,34 @@ class Tool:
 
 
 @dataclass(frozen=True)
+class LoopEnd:
+    """End of a loop: the joints that move the end relative to the last link that both ends share, and its frame.
+
+    The pose of the first joint is that in the shared link's frame; ``rotation`` and ``translation`` [m] place the end
+    in the frame of the last joint (of the shared link without joints).
+    """
+
+    joints: tuple[Joint, ...]
+    rotation: Matrix
+    translation: Vector
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Closed loop: two frames whose origins coincide and, for a weld, whose axes do too.
+
+    ``rows`` are the independent equations: 0..2 are the distances of the origins along x, y, z of the shared link, 3..5
+    the rotations between the frames about these axes. All other equations follow from them.
+    """
+
+    name: str
+    first: LoopEnd
+    second: LoopEnd
+    rows: tuple[int, ...]
+    is_weld: bool = False
+
+
+@dataclass(frozen=True)
 class ChainOptions:
     """Options that select a chain in a description, documented in :func:`stiffgen.load_chain`."""
 
@@ -135,6 +163,9 @@ class ChainOptions:
     ignore: tuple[str, ...] = ()
     arguments: Mapping[str, str] = field(default_factory=dict)
     package_path: tuple[str | Path, ...] = ()
+    close_loops: bool = False
+    loop: tuple[str, ...] = ()
+    actuated: tuple[str, ...] = ()
 
     @property
     def reading(self) -> Reading:
@@ -147,7 +178,7 @@ class Chain:
     """Kinematic chain from link ``base`` to a tip, or tree from ``base`` to several tips.
 
     A side joint is on no path to a tip but shares a coordinate with a path through ``<mimic>`` (the second finger of a
-    gripper): it moves masses but no tip.
+    gripper), or belongs to a closed loop: it moves masses but no tip.
 
     A floating base has six joints. Their unit rates form its body twist (linear first, in the base link's axes), their
     positions are always zero, and the last one carries the base link.
@@ -171,6 +202,9 @@ class Chain:
         ignored: unknown elements that the user excluded from the checks.
         inputs: files that the file includes.
         arguments: values of a xacro template's arguments.
+        loops: closed loops.
+        actuated: indices of the motors' entries of q, in order; () without loops.
+        start: entries of q near a closed configuration, from which Newton's method closes the loops.
 
     """
 
@@ -190,6 +224,14 @@ class Chain:
     ignored: tuple[str, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
+    loops: tuple[Loop, ...] = ()
+    actuated: tuple[int, ...] = ()
+    start: tuple[float, ...] = ()
+
+    @property
+    def motors(self) -> tuple[int, ...]:
+        """Velocity coordinates of the motors: those of a floating base, then the actuated joints."""
+        return (*range(self.base_joints), *(self.base_joints + k for k in self.actuated))
 
     @property
     def base_joints(self) -> int:

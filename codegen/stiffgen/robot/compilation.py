@@ -41,7 +41,6 @@ def _compiled(file: Path) -> dict[str, Any]:
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(file))
-    loops = list(_loops(mujoco, spec))
     used, stand_ins = _strip(mujoco, spec, all_missing=False)
     try:
         model = spec.compile()
@@ -58,20 +57,10 @@ def _compiled(file: Path) -> dict[str, Any]:
         "model": {
             "name": file.stem if name in ("", "MuJoCo Model") else name,
             **_content(mujoco, model),
-            "loops": loops,
         },
         "files": sorted(files.items()),
         "stand_ins": stand_ins,
     }
-
-
-def _loops(mujoco: Any, spec: Any) -> Iterator[str]:
-    """Yield kind, name and ends of the constraints between bodies or sites, which the tree cannot express."""
-    kinds = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
-    for equality in spec.equalities:
-        if equality.type in kinds and equality.active:
-            name = f" '{equality.name}'" if equality.name else ""
-            yield f"{kinds[equality.type]}{name} ({equality.name1}, {equality.name2 or 'world'})"
 
 
 def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[tuple[str, str]]]:
@@ -83,9 +72,9 @@ def _strip(mujoco: Any, spec: Any, all_missing: bool) -> tuple[list[Path], list[
         muscle = mujoco.mjtGain.mjGAIN_MUSCLE
         if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or actuator.gaintype == muscle or actuator.plugin.active:
             spec.delete(actuator)
-    couplings = (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON)
+    kept = (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON, mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
     for equality in list(spec.equalities):
-        if equality.type not in couplings:
+        if equality.type not in kept:
             spec.delete(equality)
     meshes = {mesh.name: mesh for mesh in spec.meshes}
     used: dict[str, list[Path]] = {}
@@ -204,6 +193,7 @@ def _content(mujoco: Any, model: Any) -> dict[str, Any]:
         "joints": joints,
         "sites": sites,
         "couplings": list(_couplings(mujoco, model)),
+        "loops": list(_loops(mujoco, model)),
         "actuators": list(_actuators(mujoco, model)),
     }
 
@@ -211,6 +201,8 @@ def _content(mujoco: Any, model: Any) -> dict[str, Any]:
 def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
     """Yield the constraints between joints: 0 = terms of joints + polynomial, at the joints' reference positions."""
     for k in range(model.neq):
+        if model.eq_type[k] not in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
+            continue
         is_joint = model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
         first, second = ([(int(i), 1.0)] for i in (model.eq_obj1id[k], model.eq_obj2id[k]))
         if not is_joint:
@@ -224,6 +216,28 @@ def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
         }
 
 
+def _loops(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
+    """Yield the active constraints between bodies or sites: kind, name, and the two frames that they unite."""
+    kinds = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
+    upright = [1.0, 0.0, 0.0, 0.0]
+    for k in range(model.neq):
+        kind, ids = kinds.get(mujoco.mjtEq(int(model.eq_type[k]))), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+        if kind is None or not model.eq_active0[k]:
+            continue
+        data = model.eq_data[k].tolist()
+        if model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_SITE:
+            names = [model.site(i).name for i in ids]
+            frames = [(int(model.site_bodyid[i]), model.site_pos[i].tolist(), model.site_quat[i].tolist()) for i in ids]
+        else:  # a weld stores its point in the second body first, and the orientation of the second body in the first
+            names = [model.body(i).name for i in ids]
+            places = (data[3:6], data[:3]) if kind == "weld" else (data[:3], data[3:6])
+            turns = (data[6:10] if kind == "weld" else upright, upright)
+            frames = list(zip(ids, places, turns, strict=True))
+        name = f" '{model.equality(k).name}'" if model.equality(k).name else ""
+        ends = [{"body": body, "pos": pos, "quat": quat} for body, pos, quat in frames]
+        yield {"text": f"{kind}{name} ({names[0]}, {names[1]})", "weld": kind == "weld", "ends": ends}
+
+
 def _wrap(mujoco: Any, model: Any, tendon: int) -> Iterator[tuple[int, float]]:
     """Yield joint and coefficient of a fixed tendon; -1 for a spatial one."""
     if tendon < 0:
@@ -235,7 +249,7 @@ def _wrap(mujoco: Any, model: Any, tendon: int) -> Iterator[tuple[int, float]]:
 
 
 def _actuators(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
-    """Yield joint and largest force of the actuators that have a bound."""
+    """Yield joint and largest force of the actuators; None for a force without a bound."""
     for k in range(model.nu):
         forces = []
         if model.actuator_forcelimited[k]:
@@ -244,9 +258,8 @@ def _actuators(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
         is_motor = is_motor and model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
         if is_motor and model.actuator_ctrllimited[k] and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE:
             forces.append(float(abs(model.actuator_gainprm[k][0] * model.actuator_ctrlrange[k]).max()))
-        if forces:
-            gear = float(abs(model.actuator_gear[k][0]))
-            yield {"joint": int(model.actuator_trnid[k][0]), "force": min(forces) * gear}
+        gear = float(abs(model.actuator_gear[k][0]))
+        yield {"joint": int(model.actuator_trnid[k][0]), "force": min(forces) * gear if forces else None}
 
 
 def main() -> None:

@@ -73,7 +73,8 @@ class JointElement:
 
     ``axis`` has unit length, or is zero for a joint that does not move. Missing limits are infinite; if only one
     position limit is missing, it is 0. ``motor_inertia`` is the inertia of the motor's rotor, reflected to the joint
-    [kg m^2 or kg]; a URDF has none.
+    [kg m^2 or kg]; a URDF has none. ``has_motor``: an actuator of an MJCF file acts on the joint; ``reference`` is its
+    position in the file's own configuration, in which the loops of the file are closed [rad or m].
     """
 
     name: str
@@ -89,6 +90,30 @@ class JointElement:
     effort: float
     mimic: Mimic | None
     motor_inertia: float = 0.0
+    has_motor: bool = False
+    reference: float = 0.0
+
+
+@dataclass(frozen=True)
+class LoopEndElement:
+    """Frame of a link at which a loop closes: position [m] and orientation in the link's frame."""
+
+    link: str
+    xyz: Vector
+    orientation: Orientation = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class LoopElement:
+    """Constraint that closes a loop: the origins of two frames coincide and, for a weld, their axes too.
+
+    ``text`` names the constraint and its ends, for messages.
+    """
+
+    text: str
+    first: LoopEndElement
+    second: LoopEndElement
+    is_weld: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,7 +142,7 @@ class Description:
     ``joints`` is keyed by joint name, ``inertials`` by link name (None for a link without inertia). ``digest`` is the
     SHA-256 of the file, ``inputs`` are the files that it includes, ``arguments`` the values of a template's arguments.
     ``notes`` name ignored elements of vendors; ``remarks`` name what the functions leave out (friction, springs).
-    ``loops`` name the constraints that close loops; the functions leave them out, too, and q moves the tree freely.
+    ``loops`` are the constraints that close loops; without --close-loops the functions leave them out, too.
     """
 
     file: str
@@ -128,7 +153,7 @@ class Description:
     problems: tuple[Problem, ...]
     notes: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
-    loops: tuple[str, ...] = ()
+    loops: tuple[LoopElement, ...] = ()
     inputs: tuple[Input, ...] = ()
     arguments: tuple[tuple[str, str], ...] = ()
 

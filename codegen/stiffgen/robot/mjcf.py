@@ -23,6 +23,8 @@ from stiffgen.robot.description import (
     Description,
     Inertial,
     JointElement,
+    LoopElement,
+    LoopEndElement,
     Mimic,
     Problem,
     Quaternion,
@@ -71,7 +73,7 @@ def read_mjcf(path: Path, data: bytes) -> Description:
         joints=tree.joints,
         problems=(*_missing_meshes(tree, answer["stand_ins"]), *tree.problems),
         remarks=tuple(_remarks(model)),
-        loops=tuple(model["loops"]),
+        loops=tuple(map(tree.loop, model["loops"])),
         inputs=portable_inputs(file, answer["files"]),
     )
 
@@ -101,9 +103,11 @@ class _Tree:
         self.names = _unique(model["joints"], "joint", set())
         self._couplings = self._solved_couplings()
         self._efforts: dict[int, float] = {}
+        self._motors = {actuator["joint"] for actuator in model["actuators"]}
         for actuator in model["actuators"]:
             joint = actuator["joint"]
-            self._efforts[joint] = self._efforts.get(joint, 0.0) + actuator["force"]
+            if actuator["force"] is not None:
+                self._efforts[joint] = self._efforts.get(joint, 0.0) + actuator["force"]
         for index in range(len(self.bodies)):
             self._add_body(index)
         for site, name in zip(model["sites"], _unique(model["sites"], "site", set(self.inertials)), strict=True):
@@ -184,7 +188,17 @@ class _Tree:
             effort=min(max(forces), self._efforts.get(k, math.inf)),
             mimic=mimic,
             motor_inertia=joint["armature"] if moves else 0.0,
+            has_motor=k in self._motors,
+            reference=joint["reference"] if moves else 0.0,
         )
+
+    def loop(self, constraint: dict[str, Any]) -> LoopElement:
+        """Return the constraint that closes a loop."""
+        first, second = (
+            LoopEndElement(self.bodies[end["body"]], _vector(end["pos"]), _quaternion(end["quat"]))
+            for end in constraint["ends"]
+        )
+        return LoopElement(constraint["text"], first, second, constraint["weld"])
 
     def _solved_couplings(self) -> dict[int, Mimic | float]:
         """Return the mimic relation, or the constant position, of each joint that a linear constraint determines."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiffgen.errors import ChainError, DescriptionError, listed, printable
@@ -11,6 +11,7 @@ from stiffgen.robot.chain import MAX_MOVING_JOINTS, ChainOptions, Tool
 from stiffgen.robot.couplings import Couplings
 from stiffgen.robot.description import LARGEST, MOVING_TYPES, Description, JointElement
 from stiffgen.robot.geometry import physical_inertia
+from stiffgen.robot.loops import SelectedLoop, select_loops
 
 Carried = dict[str, list[tuple[str, JointElement | None]]]
 """Links that move rigidly with each moving joint, by joint name: parents first, each with its parent joint.
@@ -31,11 +32,13 @@ class Selection:
         couplings: mimic relations and locks.
         paths: joints from the base to each tip.
         moving: moving joints on the paths.
-        side: moving joints on no path that share a coordinate with a path through ``<mimic>``; empty without masses.
+        side: moving joints on no path that share a coordinate with a path through ``<mimic>``, or belong to a closed
+            loop; empty without masses.
         masters: joints that are coordinates.
         carried: links that move rigidly with each moving joint; empty without masses.
         beside: problems of the file that cannot change this chain (all other problems reject it).
         floating: whether the base floats.
+        loops: closed loops.
 
     """
 
@@ -49,6 +52,7 @@ class Selection:
     carried: Carried
     beside: tuple[str, ...]
     floating: bool = False
+    loops: tuple[SelectedLoop, ...] = ()
 
 
 def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selection:
@@ -72,12 +76,16 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     paths = [_path(description, base, link) for link in tips]
     elements = list({element.name: element for path in paths for element in path}.values())
     moving = [element for element in elements if couplings.moves(element)]
-    masters = dict.fromkeys(couplings[element].master.name for element in moving)
+    loops = select_loops(description, options, couplings, base, moving)
+    of_loops = {element.name: element for loop in loops for element in loop.joints}
+    moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
+    masters = dict.fromkeys(couplings[element].master.name for element in moving_all)
     beyond = _joints_beyond(description, base)
-    side = _side_joints(description, couplings, base, beyond, moving) if options.masses else []
+    side = _side_joints(description, couplings, base, beyond, moving, masters) if options.masses else []
     _check_count(file, base, tips, [*moving, *side])
     carried = carried_links(description, [*moving, *side], base if floating else None) if options.masses else {}
-    beside = _beside(description, couplings, [*elements, *side], moving, carried, beyond if options.masses else [])
+    used = [*elements, *of_loops.values(), *side]
+    beside = _beside(description, couplings, used, moving_all, carried, beyond if options.masses else [])
     _check_tips_move(description, couplings, base, tips, paths)
     return Selection(
         base=base,
@@ -90,6 +98,7 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
         carried=carried,
         beside=beside,
         floating=floating,
+        loops=loops,
     )
 
 
@@ -139,10 +148,10 @@ def _side_joints(
     base: str,
     beyond: list[JointElement],
     moving: list[JointElement],
+    masters: Container[str],
 ) -> list[JointElement]:
-    """Return the moving joints on no path that share a coordinate with a path, parents first."""
+    """Return the moving joints on no path that a coordinate (of ``masters``) moves, parents first."""
     on_paths = {element.name for element in moving}
-    masters = {couplings[element].master.name for element in moving}
     side = [
         element
         for element in description.joints.values()
@@ -193,7 +202,7 @@ def _beside(
         description: the file's content.
         couplings: mimic relations and locks.
         elements: joints on the paths, and side joints.
-        moving: moving joints on the paths.
+        moving: moving joints on the paths and in closed loops.
         carried: links that move with moving joints; empty without masses.
         beyond: joints that might be side joints if a faulty mimic relation were corrected.
 

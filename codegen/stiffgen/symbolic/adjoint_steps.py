@@ -11,11 +11,23 @@ import casadi as ca
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import kinematics
 from stiffgen.symbolic.arguments import BASE_POSE, Q
+from stiffgen.symbolic.closure import motor_gradient
 from stiffgen.symbolic.connection import Representation
 from stiffgen.symbolic.gradients import Gradients, bar_name, column, extents, shown, symbols
 from stiffgen.symbolic.kinematics import Expressions
 from stiffgen.symbolic.program import Array, Operand, Over, Step, pruned
-from stiffgen.symbolic.steps import Gather, Map, Reduce, Scan, Shared, SparseSum, StraightLine, SumJoints, Weights
+from stiffgen.symbolic.steps import (
+    ClosedLoops,
+    Gather,
+    Map,
+    Reduce,
+    Scan,
+    Shared,
+    SparseSum,
+    StraightLine,
+    SumJoints,
+    Weights,
+)
 
 
 def _any_map(run: Gradients, step: Map) -> None:
@@ -159,6 +171,18 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result))
 
 
+def _closed_loops(run: Gradients, step: ClosedLoops) -> None:
+    """Append the product with G = dq/da at the closed configuration (theorem of implicit functions)."""
+    (closed,), (motors, _) = step.outputs, step.arguments
+    bars = tuple(run.bars[closed.name])
+
+    def expressions(chain: Chain, q: ca.SX, *values: ca.SX) -> Expressions:
+        return Expressions(motor_gradient(chain, q, sum(values, ca.SX.zeros(closed.size))), ())
+
+    heading = "gradient with respect to the motors: G^T cotangent"
+    run.steps.append(StraightLine((run.new(motors),), expressions, (closed, *bars), heading=heading))
+
+
 def _dependencies(run: Gradients, step: StraightLine, variables: tuple[Array, ...]) -> tuple[Array, ...]:
     """Return the variables on which a step depends: none for the forces of bodies without mass."""
     symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
@@ -294,5 +318,6 @@ RULES: dict[type[Step], Callable[[Gradients, Any], None]] = {
     SparseSum: _sparse_sum,
     SumJoints: _sum_joints,
     StraightLine: _any_straight_line,
+    ClosedLoops: _closed_loops,
 }
 """Reverse rule per type of step. Types that occur only in reverse programs have no rule."""

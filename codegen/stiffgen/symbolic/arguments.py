@@ -13,8 +13,9 @@ from stiffgen.symbolic.program import Array
 Extent = int | str
 """Extent of an array: an integer, or one of three names.
 
-"n": number of velocity coordinates; "q": number of joint positions (fewer on a floating base); "triangle": number of
-entries in the upper triangle of an n x n matrix.
+"n": number of velocity coordinates; "q": number of joint positions (fewer on a floating base). With closed loops, "a":
+number of velocity coordinates of the motors, "actuated": number of motors' positions, "equations": number of independent
+equations of the loops. "triangle", "a_triangle": entries in the upper triangle of an n x n or a x a matrix.
 """
 
 
@@ -79,14 +80,17 @@ class Argument:
         if not self.symmetric:
             return self
         rows = self.shape[0]
-        extent = "triangle" if isinstance(rows, str) else rows * (rows + 1) // 2
+        triangles = {"n": "triangle", "a": "a_triangle"}
+        extent = triangles[rows] if isinstance(rows, str) else rows * (rows + 1) // 2
         meaning = f"{self.meaning}: its upper triangle, row by row"
         return replace(self, shape=(extent,), symmetric=False, meaning=meaning)
 
     def array(self, chain: Chain) -> Array:
         """Return the argument as an array of the chain's sizes."""
-        n = chain.dof
+        n, a = chain.dof, len(chain.motors)
         sizes = {"n": n, "q": len(chain.coordinates), "triangle": n * (n + 1) // 2}
+        sizes |= {"a": a, "actuated": len(chain.actuated), "a_triangle": a * (a + 1) // 2}
+        sizes |= {"equations": sum(len(loop.rows) for loop in chain.loops)}
         shape = tuple(sizes[e] if isinstance(e, str) else e for e in self.shape)
         return Array(self.name, shape, self.symbol, self.symmetric)
 

@@ -21,6 +21,7 @@ from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
 from stiffgen.symbolic.kernel import PACKED, Kernel
+from stiffgen.symbolic.motor_kernels import GROUP, motor_kernels
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.products import products
 from stiffgen.symbolic.program import Program
@@ -384,7 +385,7 @@ def _serial(
 KERNELS: tuple[Kernel, ...] = _serial()
 """Kernels of a chain with one tip, in the order of printing."""
 
-RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | {PACKED.lstrip("_")}
+RESERVED_NAMES = frozenset(kernel.group or kernel.name for kernel in KERNELS) | {PACKED.lstrip("_"), GROUP, "close"}
 """Names in a robot's module that are forbidden for tips and potentials."""
 
 _ARGUMENT_NAMES = frozenset(
@@ -418,7 +419,7 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     options = options or SpringOptions()
     springs = options.springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
-    kernels = _select(_all_kernels(chain, springs), options.groups)
+    kernels = _select((*_all_kernels(chain, springs), *motor_kernels(chain, springs)), options.groups)
     if chain.floating:
         kernels = tuple(map(_on_floating_base, kernels))
     if options.derivatives:

@@ -108,6 +108,14 @@ class StraightLine(Step):
 
 
 @dataclass(frozen=True)
+class ClosedLoops(StraightLine):
+    """Joint positions that close the loops: arguments are the positions of the motors and a configuration.
+
+    The output depends on the motors alone; its derivative is that of the closed loops, not of the statements.
+    """
+
+
+@dataclass(frozen=True)
 class Map(_OnOperands):
     """Map ``output = expression(*operands)`` over an index set; ``mirror`` copies each output [i, j] to [j, i]."""
 
