@@ -10,7 +10,7 @@ from typing import Concatenate, ParamSpec
 from stiffgen.emit.build import build_module
 from stiffgen.emit.manifest import DAMAGE, MANIFEST, chain_from_manifest, read_manifest, scalar_of_manifest
 from stiffgen.emit.render import render
-from stiffgen.errors import OutputError, listed
+from stiffgen.errors import ChainError, OutputError, listed
 from stiffgen.folder import swapped_in, unwritable
 from stiffgen.loading import read_chain
 from stiffgen.lower.scalar import DOUBLE, Scalar
@@ -60,6 +60,11 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
     scalar = options.number
     options.progress(f"reading {Path(urdf).name}")
     chain = read_chain(urdf, options.chain)
+    if chain.loops and options.controller:
+        raise ChainError(
+            f"{chain.source}: the impedance controller commands every joint of q, and passive joints of closed loops "
+            "have no motor; leave it out (--no-controller) and use the functions in the group motors"
+        )
     name = identifier(chain.robot) if options.name is None else checked_identifier(options.name)
     folder = Path(options.output) / name
     try:

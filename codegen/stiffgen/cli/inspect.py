@@ -57,9 +57,7 @@ def run(options: argparse.Namespace) -> int:
     if description.remarks:
         print("\n" + "\n".join(description.remarks))
     if description.loops:
-        print(
-            f"\n{len(description.loops)} constraints close loops; without --close-loops they are left out:"
-        )
+        print(f"\n{len(description.loops)} constraints close loops; without --close-loops they are left out:")
         print("\n".join(f"  {printable(loop.text)}" for loop in description.loops))
     if not description.problems:
         return 0

@@ -21,7 +21,8 @@ from stiffgen.robot.chain import Chain
 
 MANIFEST = "manifest.json"
 _GENERATOR = "stiffgen"
-_OPTIONAL = ("ignored", "inputs", "arguments", "loops", "actuated", "start")  # fields of a chain that are written where they are not empty
+_OPTIONAL = ("ignored", "inputs", "arguments", "loops", "actuated", "start")
+"""Fields of a chain that are written where they are not empty."""
 _MOST_BYTES = 1 << 26
 DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """Errors with which a damaged manifest, or one of another version, ends."""

@@ -190,9 +190,10 @@ class Lowering:
             self.function.declare(Declaration(Declared.ALIAS, array, local=storage.local))
 
     def stored(self, outputs: Iterable[Array], arguments: Iterable[Array]) -> None:
-        """Note results that may overflow. Sines of q are bounded, and so is what depends on them alone."""
+        """Note results that may overflow. Sines of q are bounded, and so is what depends on them without division."""
         slides = any(joint.prismatic for joint in self.chain.joints[self.chain.base_joints :])
-        if slides or any(array.name != "q" for array in arguments):
+        divides = bool(self.chain.loops)
+        if slides or divides or any(array.name != "q" for array in arguments):
             for storage in map(self.storage, outputs):
                 storage.overflows |= storage.is_result
 

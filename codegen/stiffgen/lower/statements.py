@@ -54,7 +54,8 @@ def _inputs(f: Lowering, step: StraightLine) -> tuple[_Inputs, list[ca.SX], list
     and what earlier steps wrote comes from guarded numbers.
     """
     base = f.chain.base_joints
-    sliding = {joint.coordinate - base for joint in f.chain.joints[base:] if joint.prismatic}
+    in_loops = (joint for loop in f.chain.loops for end in (loop.first, loop.second) for joint in end.joints)
+    sliding = {joint.coordinate - base for joint in (*f.chain.joints[base:], *in_loops) if joint.prismatic}
     inputs: _Inputs = []
     values, spans = list[ca.SX](), list[tuple[range, Entry]]()
     for array in step.arguments:
@@ -96,7 +97,7 @@ def _outputs(
     for number, (array, storage) in enumerate(zip(step.outputs, storages, strict=True)):
         is_column, operand, zeros = number < step.columns, Operand(array, ""), set[int]()
         values = entries[start : start + array.size]
-        if not (is_column or storage.is_result or storage.whole):
+        if not (is_column or storage.is_result or storage.whole or storage.by_joints):
             zeros = storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
             storage.zero_rows = False
         mirrored = array.shape[0] if array.symmetric and storage.is_result else 0

@@ -9,9 +9,9 @@ from dataclasses import replace
 from stiffgen.names import identifier
 from stiffgen.robot.chain import BASE_JOINTS, Body, Chain, ChainOptions, Coordinate, Joint, Loop, Tip, Tool
 from stiffgen.robot.description import Description, JointElement
+from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
 from stiffgen.robot.linkage import Linkage
 from stiffgen.robot.loops import build_loop, wanted_motors
-from stiffgen.robot.geometry import IDENTITY, Inertia, Pose, Real, mpf
 from stiffgen.robot.selection import Selection
 
 

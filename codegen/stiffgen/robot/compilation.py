@@ -201,7 +201,7 @@ def _content(mujoco: Any, model: Any) -> dict[str, Any]:
 def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
     """Yield the constraints between joints: 0 = terms of joints + polynomial, at the joints' reference positions."""
     for k in range(model.neq):
-        if model.eq_type[k] not in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
+        if mujoco.mjtEq(int(model.eq_type[k])) not in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
             continue
         is_joint = model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
         first, second = ([(int(i), 1.0)] for i in (model.eq_obj1id[k], model.eq_obj2id[k]))

@@ -118,8 +118,8 @@ class Linkage:
         worst = max(self.loops, key=lambda loop: replace(self, loops=(loop,)).gap(best))
         names = dict.fromkeys(joint.name for end in (worst.first, worst.second) for joint in end.joints)
         raise ChainError(
-            f"{self.file}: {worst.name} does not close: its ends stay {smallest:.2g} (m or rad) apart wherever joints "
-            f"{listed(list(names))} stand; correct the points, the lengths or the joints' limits"
+            f"{self.file}: {printable(worst.name)} does not close: its ends stay {smallest:.2g} (m or rad) apart "
+            f"wherever joints {listed(list(names))} stand; correct the points, the lengths or the joints' limits"
         )
 
     def _states_near(self, start: _Array, random: np.random.Generator) -> list[_Array]:
@@ -142,8 +142,10 @@ class Linkage:
         """Refuse motors that the loops lock, and passive joints that no motor determines."""
         passive = [k for k in range(len(self.coordinates)) if k not in motors]
         generic = max(jacobians, key=lambda C: float(np.linalg.svd(C, compute_uv=False)[-1]))
-        left, sizes, right = np.linalg.svd(generic[:, passive]) if passive else (np.eye(len(generic)), [], np.eye(0))
-        rank = sum(size > _INDEPENDENT * max(sizes) for size in sizes)
+        left, right, rank = np.eye(len(generic)), np.eye(0), 0
+        if passive:
+            left, sizes, right = np.linalg.svd(generic[:, passive])
+            rank = int((sizes > _INDEPENDENT * sizes.max()).sum())
         if rank < len(passive):
             index = passive[int(np.abs(right[rank:]).max(axis=0).argmax())]
             raise ChainError(
@@ -156,8 +158,8 @@ class Linkage:
             name = self.coordinates[int(held.argmax())].name
             raise ChainError(
                 f"{self.file}: the closed loops are overconstrained: motor '{printable(name)}' cannot move by itself, "
-                f"since {len(generic)} equations hold {len(passive)} passive joints; leave {len(generic) - rank} joints "
-                "out of --actuated, or a loop out"
+                f"since {len(generic)} equations hold {len(passive)} passive joints; leave {len(generic) - rank} "
+                "joints out of --actuated, or a loop out"
             )
 
     def _with_rows(self, rows: list[int]) -> tuple[Loop, ...]:
@@ -166,7 +168,7 @@ class Linkage:
             own = tuple(row for k, row in enumerate(loop.rows) if first + k in rows)
             first += len(loop.rows)
             loops.append(replace(loop, rows=own))
-        return tuple(loop for loop in loops if loop.rows)
+        return tuple(loops)
 
 
 def _independent(jacobians: list[_Array]) -> list[int]:

@@ -15,6 +15,8 @@ from stiffgen.robot.geometry import Pose
 
 _NUMBERS = ",".join(3 * ("([^,:=]+)",))
 _LOOP = re.compile(f"(.+):{_NUMBERS}=(.+):{_NUMBERS}")
+OWN_LOOP = "loop "
+"""Beginning of the names of loops that ``--loop`` describes; the option's text follows."""
 _NO_BODY = Body(0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
 
 
@@ -46,7 +48,7 @@ def read_loop(text: str) -> LoopElement:
         ends = LoopEndElement(first, (x, y, z)), LoopEndElement(second, (float(u), float(v), float(w)))
     except ValueError:
         raise ChainError(f"--loop {printable(text)}: is not LINK:X,Y,Z=LINK:X,Y,Z (numbers in metres)") from None
-    return LoopElement(f"loop {printable(text)}", *ends)
+    return LoopElement(OWN_LOOP + text, *ends)
 
 
 def select_loops(
@@ -107,15 +109,17 @@ def _selected(description: Description, element: LoopElement, base: str) -> Sele
         first, second = first[1:], second[1:]
     shared = first[0].parent if first else second[0].parent if second else element.first.link
     beyond = base in (shared, *(joint.parent for joint in _above(description, shared)))
-    moving = [joint for joint in (*first, *second) if joint.type != "fixed"]
+    name, moving = printable(element.text), [joint for joint in (*first, *second) if joint.type != "fixed"]
     if not moving or (not beyond and any(base == joint.child for joint in (*first, *second))):
         fault = f"starts at '{printable(shared)}', before base '{printable(base)}'" if moving else "has no moving joint"
-        raise ChainError(f"{description.file}: {element.text} {fault}; choose a base nearer the root, or leave it out")
+        raise ChainError(
+            f"{description.file}: {printable(element.text)} {fault}; choose a base nearer the root, or leave it out"
+        )
     without = [joint for joint in moving if joint.type not in MOVING_TYPES]
     if without:
         raise ChainError(
-            f"{description.file}: {element.text}: joint '{printable(without[0].name)}' is {without[0].type}, which has "
-            "no single coordinate; replace it by hinges with one coordinate each (links without mass between them), "
+            f"{description.file}: {name}: joint '{printable(without[0].name)}' is {without[0].type}, which has no "
+            "single coordinate; replace it by hinges with one coordinate each (links without mass between them), "
             "or leave the loop open (without --close-loops)"
         )
     return SelectedLoop(element, tuple(first), tuple(second))
@@ -134,7 +138,7 @@ def build_loop(loop: SelectedLoop, couplings: Couplings, masters: Sequence[str],
 def _end(
     path: Sequence[JointElement], end: LoopEndElement, couplings: Couplings, masters: Sequence[str], base_joints: int
 ) -> LoopEnd:
-    pose, joints = Pose.identity(), []
+    pose, joints = Pose.identity(), list[Joint]()
     for element in path:
         if not couplings.moves(element):
             pose = pose @ couplings.pose_at_rest(element)

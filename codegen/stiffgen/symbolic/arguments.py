@@ -14,8 +14,8 @@ Extent = int | str
 """Extent of an array: an integer, or one of three names.
 
 "n": number of velocity coordinates; "q": number of joint positions (fewer on a floating base). With closed loops, "a":
-number of velocity coordinates of the motors, "actuated": number of motors' positions, "equations": number of independent
-equations of the loops. "triangle", "a_triangle": entries in the upper triangle of an n x n or a x a matrix.
+number of velocity coordinates of the motors, "actuated": number of motors' positions, "equations": number of
+independent equations of the loops. "triangle", "a_triangle": entries in the upper triangle of an n x n or a x a matrix.
 """
 
 

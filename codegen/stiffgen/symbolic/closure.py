@@ -10,9 +10,9 @@ coordinates a and the passive ones p,
     stiffness of the motors     d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G
 
 The sum is the kinematic stiffness of the closure. For one loop with the multipliers F = (f, m) at both ends, it is the
-difference of the kinematic stiffnesses of the two ends under the wrench F, of which G^T (...) G sees the symmetric part:
+difference of the kinematic stiffnesses of the two ends under the wrench F. Only the symmetric part matters:
 
-    f . (a_i x v_j) + m . (a_i x a_j) / 2           joint i before joint j, axes a, velocities v of the end at unit rates
+    f . (a_i x v_j) + m . (a_i x a_j) / 2       joint i before joint j, axes a, velocities v of the end at unit rates
 
 All vectors are in the axes of the last link that both ends share, so that joints before that link do not enter.
 
@@ -274,8 +274,6 @@ def _reflected(v: list[ca.SX], scale: ca.SX, b: list[ca.SX]) -> list[ca.SX]:
     if product.is_zero():
         return b
     return [y if x.is_zero() else y - product * x for x, y in zip(v, b, strict=True)]
-
-
 
 
 def motor_gradient(chain: Chain, q: ca.SX, gradient: ca.SX) -> ca.SX:

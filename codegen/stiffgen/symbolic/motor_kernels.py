@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import casadi as ca
+
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import arguments, joint_potentials, motor_programs, programs
 from stiffgen.symbolic.arguments import Argument, configuration_arguments
@@ -22,23 +24,28 @@ _MOTORS = "entries in the order of q"
 _MULTIPLIERS = Argument(
     "multipliers", ("equations",), "N, N m", "forces (moments) that hold the loops closed: lambda, one per equation"
 )
-_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq of all joints", per_configuration=True)
+_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq of all joints", symbol="gq", per_configuration=True)
 _HESSIAN = Argument(
-    "hessian", ("n", "n"), "N m/rad", "d2U/dq2 of all joints; only the upper triangle is read", triangle=True,
-    per_configuration=True,
+    "hessian", ("n", "n"), "N m/rad", "d2U/dq2 of all joints; only the upper triangle is read", symbol="Hq",
+    triangle=True, per_configuration=True,
 )  # fmt: skip
 _VELOCITY = Argument(
-    "motor_velocity", ("a",), "rad/s or m/s", f"rates of the motors, {_MOTORS}", per_configuration=True,
+    "motor_velocity", ("a",), "rad/s or m/s", f"rates of the motors, {_MOTORS}", symbol="da",
+    per_configuration=True,
     floating_meaning=f"twist of the base link (linear, angular) in its own axes, then rates of the motors, {_MOTORS}",
 )  # fmt: skip
-_ACTUATED = Argument("actuated", ("actuated",), "rad or m", f"positions of the motors, {_MOTORS}", per_configuration=True)
+_ACTUATED = Argument(
+    "actuated", ("actuated",), "rad or m", f"positions of the motors, {_MOTORS}", symbol="a", per_configuration=True
+)
 _START = Argument(
-    "start", ("q",), "rad or m", "joint positions near the solution; the entries of the motors are not read",
-    per_configuration=True,
+    "start", ("q",), "rad or m", "closed joint positions from which the motors move to theirs",
+    symbol="start", per_configuration=True,
 )  # fmt: skip
 _TORQUE = Argument("torque", ("a",), "N m or N", f"-dU/da of the motors, {_MOTORS}")
 _OF_MOTORS = Argument("motor_gradient", ("a",), "N m or N", f"dU/da of the motors, {_MOTORS}")
-_STIFFNESS = Argument("joint_stiffness", ("a", "a"), "N m/rad", "d2U/da2 of the motors, bitwise symmetric", symmetric=True)
+_STIFFNESS = Argument(
+    "joint_stiffness", ("a", "a"), "N m/rad", "d2U/da2 of the motors, bitwise symmetric", symmetric=True
+)
 _FORMULA = "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G, lambda = C_p^-T dU/dp"
 _TREE = {
     name: Argument(f"{name}_of_tree", shape, "", "", symmetric=len(shape) == 2)
@@ -79,7 +86,7 @@ def _of_loops() -> tuple[Kernel, ...]:
     jacobian = Argument("jacobian", ("n", "a"), "rad or m per rad or m", "G = dq/da, rows of the motors are those of 1")
     condition = Argument("condition", (), "1", "largest condition number of the passive joints' equations, 1 at best")
 
-    def of_closure(result: Argument, summary: str, equation: str, value: Callable[[Closure], object]) -> Kernel:
+    def of_closure(result: Argument, summary: str, equation: str, value: Callable[[Closure], ca.SX]) -> Kernel:
         program = partial(motor_programs.of_closure, result=result, value=value, heading=equation)
         return _kernel(result.name, (arguments.Q,), (result,), summary, equation, program)
 
@@ -89,7 +96,7 @@ def _of_loops() -> tuple[Kernel, ...]:
         f"{motor_programs.LARGEST_STEP} (rad, m)",
         partial(motor_programs.close, actuated=_ACTUATED, start=_START, result=closed),
         f"NaN unless all residuals are below {motor_programs.CLOSED:g} (m, rad). A linkage has several branches: the "
-        "start decides. Take the last configuration, so that one or two steps suffice.",
+        "start decides. Take the last configuration in a control loop.",
         batch=True,
     )  # fmt: skip
     return (
@@ -130,8 +137,9 @@ def _of_wrench(chain: Chain) -> tuple[Kernel, ...]:
 
     def torque(chain: Chain) -> Program:
         gradient = _TREE["gradient"].array(chain)
-        tree = *programs.jacobian(chain, "hybrid", columns)[:1], *motor_programs.wrench_gradient(
-            chain, wrench.array(chain), gradient
+        tree = (
+            *programs.jacobian(chain, "hybrid", columns)[:1],
+            *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient),
         )
         return motor_programs.reduction(chain, tree, gradient, None, (_TORQUE,), "T", moved_only=True)
 
@@ -218,8 +226,9 @@ def _joint_potential(potential: JointPotential) -> tuple[Kernel, ...]:
             f"-dU/da, {potential.equation}", torque, potential.domain,
         ),
         _kernel(
-            f"{potential.name}_joint_stiffness", inputs, (_STIFFNESS,), f"Stiffness for the motors of {potential.title}.",
-            f"d2U/da2, {potential.equation}", stiffness, potential.domain,
+            f"{potential.name}_joint_stiffness", inputs, (_STIFFNESS,),
+            f"Stiffness for the motors of {potential.title}.", f"d2U/da2, {potential.equation}", stiffness,
+            potential.domain,
         ),
     )  # fmt: skip
 
@@ -228,9 +237,11 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
     """Return mass matrix, bias forces and gravity of the motors."""
     configuration = configuration_arguments(runtime_tool=False, floating=chain.floating)
     falling = (*configuration, arguments.GRAVITY)
-    mass = Argument("mass_matrix", ("a", "a"), "kg m^2", "mass matrix of the motors, bitwise symmetric", symmetric=True)
+    mass = Argument("mass_matrix", ("a", "a"), "kg m^2", "of the motors, bitwise symmetric", symmetric=True)
     bias = Argument("bias_forces", ("a",), "N m or N", "the sum with M dda is the motors' torque of the motion")
-    gradient = replace(_OF_MOTORS, name="gradient", meaning=f"dU/da: torque of the motors that balances gravity, {_MOTORS}")
+    gradient = replace(
+        _OF_MOTORS, name="gradient", meaning=f"dU/da: torque of the motors that balances gravity, {_MOTORS}"
+    )
     tree_mass = Argument("mass_matrix_of_tree", ("n", "n"), "", "", symmetric=True)
 
     def mass_program(chain: Chain) -> Program:

@@ -15,8 +15,10 @@ from stiffgen.symbolic.program import Array, Operand, Over, Program
 from stiffgen.symbolic.steps import ClosedLoops, Map, StraightLine, SumJoints
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
-STEPS = 10
-"""Largest number of Newton's steps of ``close``."""
+STEPS = 12
+"""Number of Newton's steps of ``close``."""
+TRACKING = 8
+"""Number of equal parts in which the motors move from the start to their positions, one Newton's step each."""
 LARGEST_STEP = 0.5
 """Largest step of the passive coordinates, as a root of the sum of their squares [rad, m]."""
 CLOSED = 1e-9
@@ -141,37 +143,50 @@ def bias_forces(chain: Chain, tree: Program, velocity: Argument, result: Argumen
 
 
 def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -> Program:
-    """Return the program of Newton's method for the passive joints, a fixed number of steps with bounded length."""
+    """Return the program of Newton's method for the passive joints: a fixed number of steps with bounded length.
+
+    The motors move from their start to their positions in ``TRACKING`` equal parts, so that the passive joints stay on
+    the branch of the start.
+    """
     motors, begin = actuated.array(chain), start.array(chain)
-    states = [Array(f"q{k}", begin.shape) for k in range(STEPS + 1)]
-    own, base = set(chain.actuated), chain.base_joints
+    states = [Array(f"q{k}", begin.shape, "y") for k in range(1, STEPS + 1)]
+    parts = [Array(f"motors{k}", motors.shape, "m") for k in range(1, TRACKING)]
 
-    def placed(chain: Chain, actuated: ca.SX, start: ca.SX) -> Expressions:
-        values = ca.SX(start)
-        for k, joint in enumerate(chain.actuated):
-            values[joint] = actuated[k]
-        return Expressions(ca.densify(values), ())
+    def spread(chain: Chain, actuated: ca.SX, start: ca.SX) -> Expressions:
+        before = ca.vertcat(*(start[joint] for joint in chain.actuated))
+        moved = (before + (actuated - before) * (k / TRACKING) for k in range(1, TRACKING))
+        return Expressions(ca.densify(ca.vertcat(*moved)), ())
 
-    def newton(chain: Chain, q: ca.SX) -> Expressions:
+    def newton(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:
+        q = _placed(chain, actuated, q)
         closure = Closure(chain, q)
-        step = closure.passive_rates(closure.residual())[base:]
+        step = closure.passive_rates(closure.residual())[chain.base_joints :]
         scale = 1 / ca.fmax(1, ca.sqrt(ca.sumsqr(step)) / LARGEST_STEP)
-        moved = [q[k] if k in own else q[k] + scale * step[k] for k in range(q.numel())]
+        moved = (q[k] if k in chain.actuated else q[k] + scale * step[k] for k in range(q.numel()))
         return _expressions(closure, ca.vertcat(*moved))
 
     def checked(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:
         closure = Closure(chain, q)
         is_closed = (ca.sumsqr(closure.residual()) <= CLOSED**2) * (closure.squared_gap() <= GAP**2)
-        return Expressions(ca.densify(q + (1 / is_closed - 1)), ())
+        return Expressions(ca.densify(_placed(chain, actuated, q) + ca.sqrt(is_closed - 1)), ())
 
     meaning = "One step of Newton's method for the passive joints"
+    targets = [*parts, *(STEPS - len(parts)) * [motors]]
     steps = [
-        StraightLine((after,), newton, (before,), "newton_step", meaning=meaning)
-        for before, after in zip(states, states[1:], strict=False)
+        StraightLine((after,), newton, (target, before), "newton_step", meaning=meaning)
+        for target, before, after in zip(targets, (begin, *states), states, strict=False)
     ]
-    first = StraightLine((states[0],), placed, (motors, begin), heading="motors as asked for, passive joints at start")
+    first = StraightLine(tuple(parts), spread, (motors, begin), heading="the motors on their way")
     last = ClosedLoops((result.array(chain),), checked, (motors, states[-1]), heading="NaN unless closed")
     return first, *steps, last
+
+
+def _placed(chain: Chain, actuated: ca.SX, q: ca.SX) -> ca.SX:
+    """Return joint positions with other positions of the motors."""
+    values = [q[k] for k in range(q.numel())]
+    for k, joint in enumerate(chain.actuated):
+        values[joint] = actuated[k]
+    return ca.vertcat(*values)
 
 
 def _upper(matrix: ca.SX, moved: set[int]) -> ca.SX:
@@ -187,5 +202,3 @@ def _congruence(closure: Closure, matrix: ca.SX) -> ca.SX:
     """Return G^T matrix G of a symmetric matrix, symmetric."""
     G = closure.motion()
     return ca.triu2symm(ca.triu(ca.densify(G.T @ (matrix @ G))))
-
-

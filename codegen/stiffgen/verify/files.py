@@ -23,6 +23,7 @@ from stiffgen.loading import load_chain
 from stiffgen.opened import GeneratedRobot
 from stiffgen.options import options_of_manifest
 from stiffgen.robot.chain import Chain
+from stiffgen.robot.loops import OWN_LOOP
 from stiffgen.verify.result import Check, faultless, left_out
 
 LIMITS = ("lower", "upper", "velocity", "effort")
@@ -108,7 +109,9 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         DescriptionError, ChainError: the URDF cannot be read, or no longer has such a chain.
 
     """
-    links = [tip.link for tip in chain.tips]
+    links, loops = [tip.link for tip in chain.tips], [loop.name for loop in chain.loops]
+    names = [coordinate.name for coordinate in chain.coordinates]
+    moved = {j.coordinate for loop in chain.loops for end in (loop.first, loop.second) for j in end.joints}
     fresh = load_chain(
         urdf,
         tip=links[0] if len(links) == 1 else links,
@@ -120,9 +123,12 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         floating_base=chain.floating,
         ignore=chain.ignored,
         arguments=dict(chain.arguments),
+        close_loops=any(not each.startswith(OWN_LOOP) for each in loops),
+        loop=[each.removeprefix(OWN_LOOP) for each in loops if each.startswith(OWN_LOOP)],
+        actuated=[name for k, name in enumerate(names) if chain.base_joints + k in moved and k in chain.actuated],
     )
-    names = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]
-    faults = [name for name in names if getattr(fresh, name) != getattr(chain, name)]
+    compared = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]
+    faults = [name for name in compared if getattr(fresh, name) != getattr(chain, name)]
     return faultless("chain", f"{urdf.name}, read again", faults)
 
 
@@ -174,6 +180,10 @@ def _python_faults(
     expected: dict[str, Any] = {"DOF": chain.dof, "JOINTS": tuple(joints), "BASE": chain.base}
     if len(links) == 1:
         expected["TIP"] = links[0]
+    if chain.loops:
+        expected["ACTUATED"] = tuple(joints[k] for k in chain.actuated)
+        if not np.array_equal(module.START, chain.start):
+            faults.append("START")
     for name, value in expected.items():
         found = getattr(module, name)
         if (tuple(found) if isinstance(value, tuple) else found) != value:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiffgen.robot.chain import Chain
-from stiffgen.symbolic.arguments import Argument
+from stiffgen.symbolic.arguments import Argument, configuration_arguments
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import SpringOptions
@@ -40,6 +40,7 @@ class Samples:
     base_pose: Array
     force_limit: Array
     moment_limit: Array
+    chain: Chain
 
     @staticmethod
     def draw(chain: Chain, count: int, seed: int) -> Samples:
@@ -52,6 +53,8 @@ class Samples:
         upper = [max(a, b) for a, b in zip(lower, upper, strict=True)]
         general = random.normal(size=(count, 6, 6)) * 100 + np.diag([700.0, 700, 800, 30, 30, 30])
         q = random.uniform(lower, upper, (count, len(chain.coordinates)))
+        if chain.loops:  # the loops' functions have singularities; near the closed configuration there are none
+            q = np.array(chain.start) + random.uniform(-0.15, 0.15, q.shape)
         # Each joint in turn is at or beyond its lower and its upper limit; sometimes none of them is.
         joints = np.random.default_rng([seed, 1])
         turn = (np.arange(count)[:, None] + np.arange(q.shape[1])) % 2 == 0
@@ -80,17 +83,39 @@ class Samples:
             base_pose=_random_poses(np.random.default_rng([seed, 2]), count),
             force_limit=np.random.default_rng([seed, 3]).uniform(20.0, 100.0, count),
             moment_limit=np.random.default_rng([seed, 4]).uniform(5.0, 20.0, count),
+            chain=chain,
         )
+
+    def at(self, q: Array) -> Samples:
+        """Return the samples with other joint positions."""
+        return replace(self, q=q)
+
+    @property
+    def configuration(self) -> tuple[str, ...]:
+        """Names of the configuration arguments."""
+        chain = self.chain
+        given = configuration_arguments(runtime_tool=chain.runtime_tool, floating=chain.floating)
+        return tuple(argument.name for argument in given)
+
+    def q_of_motors(self, seed: int) -> tuple[Array, Array]:
+        """Return positions of the motors near the chain's closed configuration, and that configuration."""
+        start = np.tile(self.chain.start, (len(self.q), 1))
+        random = np.random.default_rng([seed, 5])
+        return start[:, self.chain.actuated] + random.uniform(
+            -0.15, 0.15, (len(start), len(self.chain.actuated))
+        ), start
 
     def of(self, argument: Argument, seed: int) -> Array:
         """Return the values of a kernel's argument; parameters of a user's potential are drawn."""
+        if argument.name in ("actuated", "start"):
+            return self.q_of_motors(seed)[argument.name == "start"]
         known = getattr(self, argument.name, None)
         if known is not None and len(known.shape) == 1 + len(argument.shape):
             sizes = zip(argument.shape, known.shape[1:], strict=True)
             if all(extent in ("n", "q", size) for extent, size in sizes):
                 values: Array = known
                 return values
-        return _random_parameter(argument, len(self.q), seed, self.velocity.shape[1])
+        return _random_parameter(argument, len(self.q), seed, self.chain)
 
     def __getitem__(self, argument: str) -> Array:
         """Return the values of a kernel's argument by its name."""
@@ -113,9 +138,9 @@ def _random_poses(random: np.random.Generator, count: int) -> Array:
     return poses
 
 
-def _random_parameter(argument: Argument, count: int, seed: int, dof: int) -> Array:
+def _random_parameter(argument: Argument, count: int, seed: int, chain: Chain) -> Array:
     """Draw values of about 1: of both signs for cotangents, positive for parameters of a user's potential."""
-    extents = [dof if extent == "n" else int(extent) for extent in argument.shape]
+    extents = argument.array(chain).shape
     if argument.per_configuration:
         cotangents: Array = np.random.default_rng([seed, *argument.name.encode()]).normal(size=(count, *extents))
         return cotangents

@@ -28,6 +28,7 @@ from stiffgen.verify.files import (
     load_module,
     print_again,
 )
+from stiffgen.verify.loops import check_loops
 from stiffgen.verify.masses import check_masses
 from stiffgen.verify.missing import missing_functions, without_missing
 from stiffgen.verify.not_finite import check_not_finite
@@ -138,6 +139,11 @@ def _steps(robot: GeneratedRobot, urdf: Path | None, count: int, seed: int, buil
         ("stepping the controller", lambda: check_controller(robot, seed)),
         ("hostile sessions", lambda: check_sessions(robot, texts, seed, build / "sessions")),
     ]
+    if chain.loops:
+        projected = min(count, 50)
+        steps.append(
+            ("projecting closed loops", lambda: check_loops(missing | single, chain, projected, seed, springs))
+        )
     if springs.derivatives:
         steps.append(("differences of what has derivatives", lambda: check_derivatives(single, table, chain, pool)))
     if library is None:

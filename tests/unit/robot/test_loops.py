@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Loops of files and options: what is read, which equations and motors are chosen, and refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiffgen import StiffnessModel, load_chain
+from stiffgen.errors import ChainError, LoopWarning
+
+LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
+
+
+def bar(name: str, parent: str, xyz: str, axis: str = "0 0 1", kind: str = "revolute", limit: float = 3) -> str:
+    return (
+        f'<link name="{name}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}"/>'
+        f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/>'
+        f'<limit lower="-{limit}" upper="{limit}" effort="9" velocity="1"/></joint>'
+    )
+
+
+CRANK, COUPLER = bar("crank", "ground", "0 0 0"), bar("coupler", "crank", "0.15 0 0")
+ROCKER = bar("rocker", "ground", "0.3 0 0")
+
+
+def loaded(folder: Path, *bars: str, **options):
+    file = folder / "bars.urdf"
+    file.write_text(f'<robot name="bars"><link name="ground"/>{"".join(bars)}</robot>')
+    return load_chain(file, **{"tip": "coupler", "masses": False} | options)
+
+
+def test_a_planar_loop_has_two_equations(tmp_path):
+    chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=[LOOP], actuated=["crank"])
+    assert [each.name for each in chain.coordinates] == ["crank", "coupler", "rocker"]
+    assert chain.actuated == (0,)
+    (loop,) = chain.loops
+    assert loop.rows == (0, 1)
+    model = StiffnessModel(chain)
+    q = np.array(model.close(chain.start[0], chain.start)).ravel()
+    first = 0.15 * np.exp(1j * q[0]) + 0.35 * np.exp(1j * (q[0] + q[1]))
+    assert abs(first - 0.3 - 0.25 * np.exp(1j * q[2])) < 1e-12
+
+
+def test_at_a_dead_centre_nothing_is_a_number(tmp_path):
+    """With crank and coupler in line, the rocker as motor has no finite leverage on the crank."""
+    chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=[LOOP], actuated=["rocker"])
+    model = StiffnessModel(chain)
+    side = (0.5**2 + 0.3**2 - 0.25**2) / (2 * 0.5 * 0.3)  # triangle of ground, crank with coupler, and rocker
+    crank = np.arccos(side)
+    rocker = np.arctan2(0.5 * np.sin(crank), 0.5 * np.cos(crank) - 0.3)
+    dead = np.array([crank, 0.0, rocker])
+    assert np.abs(np.array(model.motors.residual(dead))).max() < 1e-15
+    load = dead, np.ones(6), np.eye(6)
+    assert np.isnan(np.array(model.motors.joint_stiffness(*load))).all()
+    near = np.add(dead, [0, 1e-3, 0])
+    assert 500 < float(model.motors.condition(near)) < 1e5
+    assert not float(model.motors.condition(dead)) < 1e9
+
+
+def test_positions_out_of_reach_are_not_numbers(tmp_path):
+    chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=["coupler:0.2,0,0=rocker:0.1,0,0"], actuated=["rocker"])
+    assert np.isnan(np.array(StiffnessModel(chain).close(0.0, chain.start))).all()  # 0.4 m from the crank's axis
+
+
+REFUSALS = {
+    "is not LINK:X,Y,Z=LINK:X,Y,Z": {"loop": ["coupler:0,0=rocker:0,0,0"]},
+    "does not exist": {"loop": ["copler:0,0,0=rocker:0,0,0"]},
+    "joint '.*' of a closed loop is passive but free": {"extra": bar("knee", "rocker", "0.1 0 0")},
+    "motor '.*' cannot move by itself": {"actuated": ["crank", "coupler"]},
+    "does not close: its ends stay 0.2": {"loop": ["coupler:0.35,0,0=rocker:0.25,0,0.2"]},
+    "--actuated crnk: is no joint of a closed loop; these are: crank, coupler, rocker": {"actuated": ["crnk"]},
+    "no joint of the closed loops has a motor": {"actuated": []},
+    "has no constraints that close loops": {"loop": []},
+    "has no moving joint": {"loop": ["ground:0,0,0=ground:1,0,0"]},
+    "starts at 'ground', before base 'crank'": {"base": "crank"},
+}
+
+
+@pytest.mark.parametrize("message", REFUSALS)
+def test_refused(message, tmp_path):
+    options = {"loop": [LOOP], "actuated": ["crank"]} | REFUSALS[message]
+    bars = [CRANK, COUPLER, ROCKER, options.pop("extra", "")]
+    if bars[3]:
+        options["loop"] = ["coupler:0.35,0,0=knee:0.15,0,0"]
+    with pytest.raises(ChainError, match=message):
+        loaded(tmp_path, *bars, **options)
+
+
+def test_a_ball_joint_in_a_loop_is_refused(tmp_path):
+    pytest.importorskip("mujoco")
+    file = four_bar(tmp_path, MJCF.replace('name="rocker" axis="0 0 1"', 'name="rocker" type="ball"'))
+    with pytest.raises(ChainError, match=r"joint 'rocker' is ball, .* replace it by hinges"):
+        load_chain(file, tip="coupler", close_loops=True)
+
+
+MJCF = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="crank"><joint name="crank" axis="0 0 1"/><inertial pos="0.1 0 0" mass="1" diaginertia=".1 .1 .1"/>
+ <body name="coupler" pos="0.15 0 0"><joint name="coupler" axis="0 0 1" ref="0.2"/>
+  <inertial pos="0.1 0 0" mass="1" diaginertia=".1 .1 .1"/>
+  <site name="end" pos="0.2 0.1 0" euler="0 0 0.7"/></body></body>
+<body name="rocker" pos="0.3 0 0" euler="0 0 1"><joint name="rocker" axis="0 0 1"/>
+ <inertial pos="0.1 0 0" mass="1" diaginertia=".1 .1 .1"/>
+ <body name="pin" pos="0.2 0 0"><joint name="pin" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>
+ <site name="other" pos="0.01 0.02 0" euler="0 0 0.3"/></body></body>
+</worldbody><equality>EQUALITY</equality><actuator><motor joint="crank"/></actuator></mujoco>"""
+EQUALITIES = {
+    "connect": ('<connect name="c" body1="coupler" body2="pin" anchor="0.1 0.05 0"/>', (0, 1)),
+    "weld": ('<weld body1="coupler" body2="pin" anchor="0.02 0.01 0" relpose="0.2 0.1 0 1 0 0 0.1"/>', (0, 1, 5)),
+    "weld of sites": ('<weld site1="end" site2="other"/>', (0, 1, 5)),
+    "connect of sites": ('<connect site1="end" site2="other"/>', (0, 1)),
+}
+
+
+def four_bar(folder: Path, text: str = MJCF, equality: str = EQUALITIES["weld"][0]) -> Path:
+    file = folder / "bars.xml"
+    file.write_text(text.replace("EQUALITY", equality))
+    return file
+
+
+@pytest.mark.parametrize("kind", EQUALITIES)
+def test_constraints_of_mujoco(kind, tmp_path):
+    """Closed configurations fulfil MuJoCo's own constraint; the pin is a motor where a point leaves it free."""
+    mujoco = pytest.importorskip("mujoco")
+    equality, rows = EQUALITIES[kind]
+    file = four_bar(tmp_path, equality=equality)
+    actuated = ["crank", "pin"] if kind.startswith("connect") else []
+    chain = load_chain(file, tip="coupler", close_loops=True, actuated=actuated)
+    assert chain.loops[0].rows == rows
+    assert [chain.coordinates[k].name for k in chain.actuated] == (actuated or ["crank"])
+    close = StiffnessModel(chain).close
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    names = [each.name for each in chain.coordinates]
+    for away in (-0.1, 0.0, 0.1):
+        start = np.array(chain.start)
+        q = np.array(close(start[list(chain.actuated)] + away, start)).ravel()
+        for k in range(model.njnt):
+            data.qpos[model.jnt_qposadr[k]] = q[names.index(model.joint(k).name)]
+        mujoco.mj_forward(model, data)
+        equations = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+        assert len(equations) and np.abs(equations).max() < 1e-9
+
+
+def test_without_the_option_loops_stay_open(tmp_path):
+    pytest.importorskip("mujoco")
+    with pytest.warns(LoopWarning, match="--close-loops closes them"):
+        chain = load_chain(four_bar(tmp_path), tip="coupler")
+    assert chain.loops == () and [each.name for each in chain.coordinates] == ["crank", "coupler"]
