@@ -15,13 +15,13 @@ from stiffgen.symbolic.program import Array, Operand, Over, Program
 from stiffgen.symbolic.steps import ClosedLoops, Map, StraightLine, SumJoints
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
-STEPS = 12
+STEPS = 14
 """Number of Newton's steps of ``close``."""
 TRACKING = 8
 """Number of equal parts in which the motors move from the start to their positions, one Newton's step each."""
 LARGEST_STEP = 0.5
 """Largest step of the passive coordinates, as a root of the sum of their squares [rad, m]."""
-CLOSED = 1e-9
+CLOSED = 1e-11
 """Largest residual of a closed configuration [m, rad]."""
 GAP = 1e-4
 """Largest distance of the ends of a closed loop with all equations [m, rad]: files round points and axes."""
