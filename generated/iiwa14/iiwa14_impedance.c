@@ -39,6 +39,8 @@ static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over 
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
+static const double FOLLOWED = 1e-3;     /* regularisation of the twists that dr follows, over their squares' sum */
+static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
@@ -117,7 +119,7 @@ static void robot_conventional_stiffness(const double *q, const double *tool, co
 }
 
 /*
- * Springs of all tips: energy alone; torque -dU/dq alone; energy, wrenches, torque and Hessian together. limits: largest
+ * Springs of all tips: energy alone; energy, wrenches, torque and Hessian together. limits: largest
  * force of every tip's bounded spring, then largest moments; NULL for springs without limits.
  */
 
@@ -134,14 +136,6 @@ static double robot_spring_energy(const double *q, const double *tool, const dou
     (void)limits;
     iiwa14_spring_energy(q, equilibrium, translation_stiffness, rotation_stiffness, &energy);
     return energy;
-}
-
-static void robot_spring_torque(const double *q, const double *tool, const double *equilibrium,
-    const double *translation_stiffness, const double *rotation_stiffness, const double *limits, double *torque)
-{
-    (void)tool;
-    (void)limits;
-    iiwa14_spring_torque(q, equilibrium, translation_stiffness, rotation_stiffness, torque);
 }
 
 static double robot_spring(const double *q, const double *tool, const double *equilibrium,
@@ -2025,19 +2019,6 @@ static void measure_inertia(step_t *s, const double *q)
     }
 }
 
-/* Replace a torque rate by the velocity K^-1 (torque rate) of an arm that follows the springs at rest. */
-static void follow_springs(const double *eigenvalues, const double *L, const double *rows, double mass, double *follow)
-{
-    double sum[N] = {0.0};
-    solve_lower(N, 1, L, follow);
-    for (int k = 0; k < N; ++k) {
-        const double l = eigenvalues[k];
-        add_scaled(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
-    }
-    solve_upper(N, L, sum);
-    memcpy(follow, sum, sizeof sum);
-}
-
 /* Compute J^T task_damping J, summed over the tips. */
 static void apply_task_damping(step_t *s)
 {
@@ -2069,11 +2050,10 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
 }
 
 /* Use the joint damping alone: the mass matrix is not positive definite. */
-static double damp_joints_only(step_t *s, double *follow)
+static double damp_joints_only(step_t *s)
 {
     s->status |= ID(STATUS_MASS_MATRIX);
     memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
-    memset(follow, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         s->out->damping[i * (N + 1)] = s->c->joint_damping;
     }
@@ -2083,10 +2063,9 @@ static double damp_joints_only(step_t *s, double *follow)
 /*
  * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
  * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
- * B is above LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that
- * follows it at rest. Return the largest scale that the sample time allows.
+ * B is above LARGEST_DAMPING / T. Return the largest scale that the sample time allows.
  */
-static double design_damping(step_t *s, double *follow)
+static double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
@@ -2096,7 +2075,7 @@ static double design_damping(step_t *s, double *follow)
     const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / (T + c->velocity_filter_time);
     /* only the symmetric part of the conventional formula has a say in the damping */
     if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
-        return damp_joints_only(s, follow);
+        return damp_joints_only(s);
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
@@ -2110,7 +2089,6 @@ static double design_damping(step_t *s, double *follow)
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);
     }
-    follow_springs(out->eigenvalues, L, rows, mass, follow);
     if (by_task) {
         apply_task_damping(s);
         if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
@@ -2136,6 +2114,66 @@ static double design_damping(step_t *s, double *follow)
         out->damping[i * (N + 1)] += d;
     }
     return scale;
+}
+
+/* Replace the tips' J (rows) by J L^-T, and form A, the sum of their squares; translation and rotation weigh alike. */
+static void weigh_twists(const double *L, double *J, double *weights, double *A)
+{
+    memset(A, 0, NN * sizeof(double));
+    weights[0] = weights[1] = 0.0;
+    for (int r = 0; r < 6 * TIPS; ++r) {
+        solve_lower(N, 1, L, J + r * N);
+        weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
+    }
+    for (int k = 0; k < 2; ++k) {
+        weights[k] = weights[k] > DBL_MIN ? 1.0 / weights[k] : 0.0;
+    }
+    for (int r = 0; r < 6 * TIPS; ++r) {
+        for (int i = 0; i < N; ++i) {
+            add_scaled(N, weights[r / 3 % 2] * J[r * N + i], J + r * N, A + i * N);
+        }
+    }
+}
+
+/*
+ * Compute dr, the joint velocity of the equilibrium's twists: among all with these twists the one with the least dr . B
+ * dr, by damped least squares. B dr then is J^T f: it acts at the tips alone, and a tip that is clamped does not drive
+ * the self-motion. Where a joint would exceed its limit, near singular postures, more regularisation takes the velocity
+ * of the weak modes away and leaves the strong ones.
+ */
+static void follow_twists(step_t *s, const double *twists, double *velocity)
+{
+    double *const L = s->scratch, *const A = L + NN, *const factor = L + 2 * NN;
+    double J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    const double *const limits = s->c->reference_velocity_limit;
+    memset(velocity, 0, N * sizeof(double));
+    if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
+        return;
+    }
+    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    weigh_twists(L, J, weights, A);
+    for (int r = 0; r < 6 * TIPS; ++r) {
+        add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
+    }
+    double shift = FOLLOWED;
+    for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
+        if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
+            memset(velocity, 0, N * sizeof(double));
+            return;
+        }
+        memcpy(velocity, wanted, sizeof wanted);
+        solve_lower(N, 1, factor, velocity);
+        solve_upper(N, factor, velocity);
+        solve_upper(N, L, velocity);
+        excess = 0.0;
+        for (int i = 0; i < N; ++i) {
+            excess = fmax(excess, fabs(velocity[i]) / limits[i]);
+        }
+        shift *= 10.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        velocity[i] /= fmax(excess, 1.0);
+    }
 }
 
 /*
@@ -3062,9 +3100,9 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
 
 /*
  * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture;
- * pull = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
+ * pull = -dU/dq. Return the energy.
  */
-static double pull_springs(step_t *s, const double *slip, int by_pose, double *pull, double *follow)
+static double pull_springs(step_t *s, const double *slip, double *pull)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -3084,31 +3122,32 @@ static double pull_springs(step_t *s, const double *slip, int by_pose, double *p
                               find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
-    if (by_pose) {
-        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                            find_spring_limits(m), follow);
-    }
     for (int i = 0; i < N; ++i) {
-        const double rate = (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i];
-        follow[i] = by_pose ? rate : 0.0;
         pull[i] += m->posture_stiffness[i] * slip[i];
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
     return energy;
 }
 
-/*
- * Compute the reference's velocity, within its limits: of the posture, or, if the equilibrium moves by poses, of an arm
- * that follows the springs.
- */
-static void compute_reference_velocity(step_t *s, int moved, int by_pose, const double *follow)
+/* Compute the reference's velocity, within its limits: of the posture, or of the equilibrium that moves by poses. */
+static void compute_reference_velocity(step_t *s, int moved, int by_pose)
 {
-    const double *velocity = by_pose ? follow : s->m->posture_velocity;
+    const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double speed = 1.0;
+    double twists[6 * TIPS], speed = 1.0;
+    if (by_pose) {
+        for (int t = 0; t < TIPS; ++t) {
+            pose_difference(s->old_equilibrium + 16 * t, s->m->equilibrium + 16 * t, twists + 6 * t);
+        }
+        for (int k = 0; k < 6 * TIPS; ++k) {
+            twists[k] /= s->c->sample_time;
+        }
+        follow_twists(s, twists, reference);
+        return;
+    }
     for (int i = 0; i < N; ++i) {
-        reference[i] = moved ? velocity[i] : 0.0;
-        speed = fmax(speed, fabs(reference[i]) / s->c->reference_velocity_limit[i]);
+        reference[i] = moved ? s->m->posture_velocity[i] : 0.0;
+        speed = fmax(speed, fabs(reference[i]) / limits[i]);
     }
     for (int i = 0; i < N; ++i) {
         reference[i] /= speed;
@@ -3133,13 +3172,13 @@ static void compute_torque(step_t *s, const double *last, int moved)
     output_t *const out = s->out;
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
-    double pull[N], follow[N] = {0.0}, slip[N], lead[N], feed[N];
+    double pull[N], slip[N], lead[N], feed[N];
     compute_inertia(c, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         slip[i] = m->posture[i] - m->q[i];
     }
-    const double energy = pull_springs(s, slip, by_pose, pull, follow);
-    const double cap = design_damping(s, follow);
+    const double energy = pull_springs(s, slip, pull);
+    const double cap = design_damping(s);
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
         latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
@@ -3147,7 +3186,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);
-    compute_reference_velocity(s, moved, by_pose, follow);
+    compute_reference_velocity(s, moved, by_pose);
     follow_plan(s, moved);
     for (int i = 0; i < N; ++i) {
         slip[i] = out->reference_velocity[i] - s->velocity[i];

@@ -38,6 +38,7 @@ CAMPAIGNS = {
     "fuzz": _campaign("fuzz_reader", "fuzz the URDF reader for ten minutes", None, "build/fuzz-corpus"),
     "fuzz-recordings": _campaign("fuzz_recordings", "read 200 000 damaged recordings", "1000"),
     "sine-cosine": _campaign("sine_cosine", "derive the polynomials of sine and cosine, and measure them"),
+    "poses": _campaign("poses", "command random poses and look where the arm rests", "--count 4 --seconds 3"),
     "spring-orbits": _campaign("spring_orbits", "compare the work of springs and laws on closed orbits"),
     "random-robots": _campaign(
         "long_run", "compare 100 000 random chains with Pinocchio", "--chains 2 --broken 2 --joints 4"

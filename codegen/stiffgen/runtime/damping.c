@@ -45,19 +45,6 @@ void measure_inertia(step_t *s, const double *q)
     }
 }
 
-/* Replace a torque rate by the velocity K^-1 (torque rate) of an arm that follows the springs at rest. */
-static void follow_springs(const double *eigenvalues, const double *L, const double *rows, double mass, double *follow)
-{
-    double sum[N] = {0.0};
-    solve_lower(N, 1, L, follow);
-    for (int k = 0; k < N; ++k) {
-        const double l = eigenvalues[k];
-        add_scaled(N, l > 1e-3 ? dot(N, rows + k * N, follow) / (l * mass) : 0.0, rows + k * N, sum);
-    }
-    solve_upper(N, L, sum);
-    memcpy(follow, sum, sizeof sum);
-}
-
 /* Compute J^T task_damping J, summed over the tips. */
 static void apply_task_damping(step_t *s)
 {
@@ -89,11 +76,10 @@ static void damp_modes(const config_t *c, const double *eigenvalues, double scal
 }
 
 /* Use the joint damping alone: the mass matrix is not positive definite. */
-static double damp_joints_only(step_t *s, double *follow)
+static double damp_joints_only(step_t *s)
 {
     s->status |= ID(STATUS_MASS_MATRIX);
     memset(s->out->eigenvalues, 0, sizeof s->out->eigenvalues);
-    memset(follow, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
         s->out->damping[i * (N + 1)] = s->c->joint_damping;
     }
@@ -103,10 +89,9 @@ static double damp_joints_only(step_t *s, double *follow)
 /*
  * Design the damping. Modal: B = M V diag(b) V^T M + d I with Kq v = lambda M v, V^T M V = I (Albu-Schaeffer and
  * others 2003). Task: B = J^T task_damping J + d I. Both are capped, except for the paper's law: no eigenvalue of M^-1
- * B is above LARGEST_DAMPING / T. follow: torque rate of the moved equilibrium; becomes the velocity of an arm that
- * follows it at rest. Return the largest scale that the sample time allows.
+ * B is above LARGEST_DAMPING / T. Return the largest scale that the sample time allows.
  */
-double design_damping(step_t *s, double *follow)
+double design_damping(step_t *s)
 {
     const config_t *const c = s->c;
     output_t *const out = s->out;
@@ -116,7 +101,7 @@ double design_damping(step_t *s, double *follow)
     const double T = c->sample_time, most = paper ? 1e6 : LARGEST_DAMPING / (T + c->velocity_filter_time);
     /* only the symmetric part of the conventional formula has a say in the damping */
     if (solve_pencil(N, out->joint_stiffness, out->mass_matrix, L, C, out->eigenvalues, rows, &mass) != 0) {
-        return damp_joints_only(s, follow);
+        return damp_joints_only(s);
     }
     const double delayed = 1.0 + 2.0 * c->delay_samples, stiffest = out->eigenvalues[N - 1] * T * T;
     s->status |= out->eigenvalues[0] < 0.0 ? (uint32_t)ID(STATUS_INDEFINITE) : 0u;
@@ -130,7 +115,6 @@ double design_damping(step_t *s, double *follow)
         d = 0.5 * most / trace;
         s->status |= ID(STATUS_DAMPING_CAPPED);
     }
-    follow_springs(out->eigenvalues, L, rows, mass, follow);
     if (by_task) {
         apply_task_damping(s);
         if (solve_pencil(N, out->damping, out->mass_matrix, L, C, b, rows, &mass) != 0) {
@@ -156,6 +140,66 @@ double design_damping(step_t *s, double *follow)
         out->damping[i * (N + 1)] += d;
     }
     return scale;
+}
+
+/* Replace the tips' J (rows) by J L^-T, and form A, the sum of their squares; translation and rotation weigh alike. */
+static void weigh_twists(const double *L, double *J, double *weights, double *A)
+{
+    memset(A, 0, NN * sizeof(double));
+    weights[0] = weights[1] = 0.0;
+    for (int r = 0; r < 6 * TIPS; ++r) {
+        solve_lower(N, 1, L, J + r * N);
+        weights[r / 3 % 2] += dot(N, J + r * N, J + r * N);
+    }
+    for (int k = 0; k < 2; ++k) {
+        weights[k] = weights[k] > DBL_MIN ? 1.0 / weights[k] : 0.0;
+    }
+    for (int r = 0; r < 6 * TIPS; ++r) {
+        for (int i = 0; i < N; ++i) {
+            add_scaled(N, weights[r / 3 % 2] * J[r * N + i], J + r * N, A + i * N);
+        }
+    }
+}
+
+/*
+ * Compute dr, the joint velocity of the equilibrium's twists: among all with these twists the one with the least dr . B
+ * dr, by damped least squares. B dr then is J^T f: it acts at the tips alone, and a tip that is clamped does not drive
+ * the self-motion. Where a joint would exceed its limit, near singular postures, more regularisation takes the velocity
+ * of the weak modes away and leaves the strong ones.
+ */
+void follow_twists(step_t *s, const double *twists, double *velocity)
+{
+    double *const L = s->scratch, *const A = L + NN, *const factor = L + 2 * NN;
+    double J[6 * N * TIPS], weights[2], wanted[N] = {0.0}, excess = HUGE_VAL;
+    const double *const limits = s->c->reference_velocity_limit;
+    memset(velocity, 0, N * sizeof(double));
+    if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
+        return;
+    }
+    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    weigh_twists(L, J, weights, A);
+    for (int r = 0; r < 6 * TIPS; ++r) {
+        add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
+    }
+    double shift = FOLLOWED;
+    for (int attempt = 0; attempt < 4 && excess > 1.0; ++attempt) {
+        if (factorise_cholesky(N, A, 1.0, shift, factor) != 0) {
+            memset(velocity, 0, N * sizeof(double));
+            return;
+        }
+        memcpy(velocity, wanted, sizeof wanted);
+        solve_lower(N, 1, factor, velocity);
+        solve_upper(N, factor, velocity);
+        solve_upper(N, L, velocity);
+        excess = 0.0;
+        for (int i = 0; i < N; ++i) {
+            excess = fmax(excess, fabs(velocity[i]) / limits[i]);
+        }
+        shift *= 10.0;
+    }
+    for (int i = 0; i < N; ++i) {
+        velocity[i] /= fmax(excess, 1.0);
+    }
 }
 
 /*

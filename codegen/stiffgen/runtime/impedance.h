@@ -30,6 +30,8 @@ static const double COMMAND_TOLERANCE = 1e-6; /* of a commanded stiffness, over 
 static const double POSE_TOLERANCE = 1e-3;    /* of a commanded rotation, sum of |R^T R - I|: 5 digits */
 static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its last digits */
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
+static const double FOLLOWED = 1e-3;     /* regularisation of the twists that dr follows, over their squares' sum */
+static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
@@ -91,9 +93,6 @@ void robot_conventional_stiffness(const double *q, const double *tool, const dou
 double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
                            const double *translation_stiffness, const double *rotation_stiffness,
                            const double *limits);
-void robot_spring_torque(const double *q, const double *tool, const double *equilibrium,
-                         const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
-                         double *torque);
 double robot_spring(const double *q, const double *tool, const double *equilibrium, const double *translation_stiffness,
                     const double *rotation_stiffness, const double *limits, double *wrench, double *torque,
                     double *joint_stiffness);
@@ -203,7 +202,8 @@ void vary_scale(step_t *s, const double *pull, double energy, double cap);
 
 /* damping.c */
 void measure_inertia(step_t *s, const double *q);
-double design_damping(step_t *s, double *follow);
+double design_damping(step_t *s);
+void follow_twists(step_t *s, const double *twists, double *velocity);
 void smooth_velocity(step_t *s);
 void brake_fast_joints(step_t *s);
 

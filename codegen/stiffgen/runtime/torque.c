@@ -83,9 +83,9 @@ static void reduce_torque(step_t *s, const double *last, double *feed)
 
 /*
  * Compute torque and tangent of the springs at the last known position, unscaled. slip: from the arm to the posture;
- * pull = -dU/dq; follow: rate of pull by the moved equilibrium, if the equilibrium moves by poses. Return the energy.
+ * pull = -dU/dq. Return the energy.
  */
-static double pull_springs(step_t *s, const double *slip, int by_pose, double *pull, double *follow)
+static double pull_springs(step_t *s, const double *slip, double *pull)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -105,31 +105,32 @@ static double pull_springs(step_t *s, const double *slip, int by_pose, double *p
                               find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
-    if (by_pose) {
-        robot_spring_torque(m->q, m->tool_pose, s->old_equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                            find_spring_limits(m), follow);
-    }
     for (int i = 0; i < N; ++i) {
-        const double rate = (pull[i] - follow[i]) / c->sample_time + m->posture_stiffness[i] * m->posture_velocity[i];
-        follow[i] = by_pose ? rate : 0.0;
         pull[i] += m->posture_stiffness[i] * slip[i];
         out->joint_stiffness[i * (N + 1)] += m->posture_stiffness[i] + s->limit_slope[i];
     }
     return energy;
 }
 
-/*
- * Compute the reference's velocity, within its limits: of the posture, or, if the equilibrium moves by poses, of an arm
- * that follows the springs.
- */
-static void compute_reference_velocity(step_t *s, int moved, int by_pose, const double *follow)
+/* Compute the reference's velocity, within its limits: of the posture, or of the equilibrium that moves by poses. */
+static void compute_reference_velocity(step_t *s, int moved, int by_pose)
 {
-    const double *velocity = by_pose ? follow : s->m->posture_velocity;
+    const double *const limits = s->c->reference_velocity_limit;
     double *const reference = s->out->reference_velocity;
-    double speed = 1.0;
+    double twists[6 * TIPS], speed = 1.0;
+    if (by_pose) {
+        for (int t = 0; t < TIPS; ++t) {
+            pose_difference(s->old_equilibrium + 16 * t, s->m->equilibrium + 16 * t, twists + 6 * t);
+        }
+        for (int k = 0; k < 6 * TIPS; ++k) {
+            twists[k] /= s->c->sample_time;
+        }
+        follow_twists(s, twists, reference);
+        return;
+    }
     for (int i = 0; i < N; ++i) {
-        reference[i] = moved ? velocity[i] : 0.0;
-        speed = fmax(speed, fabs(reference[i]) / s->c->reference_velocity_limit[i]);
+        reference[i] = moved ? s->m->posture_velocity[i] : 0.0;
+        speed = fmax(speed, fabs(reference[i]) / limits[i]);
     }
     for (int i = 0; i < N; ++i) {
         reference[i] /= speed;
@@ -154,13 +155,13 @@ void compute_torque(step_t *s, const double *last, int moved)
     output_t *const out = s->out;
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
-    double pull[N], follow[N] = {0.0}, slip[N], lead[N], feed[N];
+    double pull[N], slip[N], lead[N], feed[N];
     compute_inertia(c, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         slip[i] = m->posture[i] - m->q[i];
     }
-    const double energy = pull_springs(s, slip, by_pose, pull, follow);
-    const double cap = design_damping(s, follow);
+    const double energy = pull_springs(s, slip, pull);
+    const double cap = design_damping(s);
     if (paper && m->engaged && exceeds_paper_bound(slip, pull)) {
         latch_fault(m, ID(REASON_PAPER_BOUND), NO_JOINT, largest_entry(N, slip), PAPER_DEFLECTION);
     }
@@ -168,7 +169,7 @@ void compute_torque(step_t *s, const double *last, int moved)
         vary_scale(s, pull, energy, cap);
     }
     smooth_velocity(s);
-    compute_reference_velocity(s, moved, by_pose, follow);
+    compute_reference_velocity(s, moved, by_pose);
     follow_plan(s, moved);
     for (int i = 0; i < N; ++i) {
         slip[i] = out->reference_velocity[i] - s->velocity[i];

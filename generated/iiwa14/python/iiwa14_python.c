@@ -2846,7 +2846,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "813b45598ccd0cd8") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "37bb9ac4fc319dc8") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -21,6 +21,8 @@ from support.plant.statics import Springs
 HERE = Path(__file__).resolve().parent
 FREE = HERE / "free.c"
 """Law without a controller: the arm floats; needs ``sources=KERNELS``."""
+TEXTBOOK = HERE / "textbook.c"
+"""Textbook law to compare with; needs ``sources=KERNELS``."""
 KERNELS = ("iiwa14.c", "iiwa14_batch.c")
 """C files of the robot that the plant uses."""
 N = 7
@@ -123,7 +125,7 @@ class Loop:
         ):
             known[name] = struct(header, name, known, sizes)
         self._known = known
-        if law == FREE:
+        if law in (FREE, TEXTBOOK):
             self.Config: Any = ctypes.c_int
             self.Output: Any = ctypes.c_int
         else:

@@ -72,14 +72,6 @@ double robot_spring_energy(const double *q, const double *tool, const double *eq
     return robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque, tangent);
 }
 
-void robot_spring_torque(const double *q, const double *tool, const double *equilibrium,
-                         const double *translation_stiffness, const double *rotation_stiffness, const double *limits,
-                         double *torque)
-{
-    double wrench[6], tangent[NN];
-    robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque, tangent);
-}
-
 int robot_has_bounded_spring(void)
 {
     return 0;
