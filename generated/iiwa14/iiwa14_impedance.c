@@ -28,6 +28,8 @@ typedef iiwa14_impedance_output output_t;
  *   s, p, v      energy put in by sampling, by moving the equilibrium, by changing stiffness or scale
  */
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, POSTURES = 32 };
+/* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
+enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -41,6 +43,20 @@ static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its l
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double FOLLOWED = 1e-3;     /* regularisation of the twists that dr follows, over their squares' sum */
 static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
+static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
+static const double SAME_POSE = 1e-6;    /* [m] or [rad] per call up to which a commanded pose is the same */
+static const double STATIONARY = 1e-5;   /* [s] of travel below which a posture does not move on */
+static const double ALIKE = 0.25;        /* [m] that weigh as much as one radian in a posture's distance from a pose */
+static const double REGULARISED = 1e-9;  /* added to J^T J of a posture, over its largest entry */
+static const double NEAR = 0.1;          /* [m] or [rad] from a pose at which self-motion begins */
+static const double PATH_LEAD = 0.03;    /* [m] or [rad] between equilibrium and posture: the first slows down, and waits at twice this */
+static const double SLOWEST = 0.1;       /* share of its velocity limits that an equilibrium keeps until it waits */
+static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
+static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which on a posture is another one */
+static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
+static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
+static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
+static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
@@ -864,15 +880,23 @@ static const double *find_spring_limits(const memory_t *m)
     return m->spring == ID(SPRING_BOUNDED) ? m->spring_limits : NULL;
 }
 
+/* Compute the energy of all tips' springs at q, unscaled; the paper's law has none. */
+static double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium)
+{
+    if (m->law == ID(LAW_PAPER)) {
+        return 0.0;
+    }
+    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                               find_spring_limits(m));
+}
+
 /* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
 static double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
 {
     if (m->law == ID(LAW_PAPER)) {
         return 0.0;
     }
-    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                               find_spring_limits(m)) +
-           robot_posture_energy(q, posture, m->posture_stiffness);
+    return compute_tip_energy(m, q, equilibrium) + robot_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* Compute the energy that the scaled springs store at q. */
@@ -1973,6 +1997,250 @@ static int accept_command(step_t *s)
     return good;
 }
 
+/*
+ * Poses, and postures of a pose: while the equilibrium is commanded by its pose, the posture goes to the one nearest to
+ * the wanted posture that has its tips at that pose. The springs of tips and posture are then at rest at the same q.
+ */
+
+/* Return the index of the largest of three numbers. */
+static int find_largest(double a, double b, double c)
+{
+    if (a > b) {
+        return a > c ? 0 : 2;
+    }
+    return b > c ? 1 : 2;
+}
+
+/* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
+static void pose_difference(const double *from, const double *to, double *twist)
+{
+    double D[9], *const w = twist + 3;
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
+        }
+        twist[i] = to[4 * i + 3] - from[4 * i + 3];
+    }
+    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
+    w[0] = (D[7] - D[5]) / 2.0;
+    w[1] = (D[2] - D[6]) / 2.0;
+    w[2] = (D[3] - D[1]) / 2.0;
+    double sine = norm(3, w);
+    const double angle = atan2(sine, cosine);
+    if (sine <= 1e-6 && cosine <= 0.0) {
+        /* near half a turn the axis is the longest column of D + I */
+        const int k = find_largest(D[0], D[4], D[8]);
+        for (int i = 0; i < 3; ++i) {
+            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
+        }
+        sine = norm(3, w);
+    }
+    for (int i = 0; i < 3; ++i) {
+        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
+    }
+}
+
+/* Move a pose by a twist (hybrid axes), and make its rotation orthonormal again. */
+static void move_pose(const double *pose, const double *twist, double *moved)
+{
+    const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
+    const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
+    const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
+    double D[9], R[9];
+    multiply3(W, 3, 0, W, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
+    }
+    multiply3(D, 3, 0, pose, 4, R);
+    multiply3(R, 3, 1, R, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
+    }
+    memcpy(moved, pose, 16 * sizeof(double));
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2; the second factor is symmetric */
+            moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
+        }
+        moved[4 * i + 3] += twist[i];
+    }
+}
+
+/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it succeeded. */
+static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
+{
+    double *const L = work + NN;
+    for (int k = 0; k < NN; ++k) {
+        const int i = k / N, j = k % N;
+        work[k] = A[k];
+        if (held[i] || held[j]) {
+            work[k] = i == j ? 1.0 - shift : 0.0;
+        }
+    }
+    if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
+        return 0;
+    }
+    solve_lower(N, 1, L, x);
+    solve_upper(N, L, x);
+    return 1;
+}
+
+/*
+ * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
+ * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it succeeded.
+ */
+static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
+                         double *work, double *step)
+{
+    double slope[N], self[N];
+    for (int i = 0; i < N; ++i) {
+        slope[i] = task[i];
+        self[i] = 0.0;
+        for (int j = 0; j < N; ++j) {
+            slope[i] -= held[j] ? A[i * N + j] * step[j] : 0.0;
+            self[i] += held[j] ? 0.0 : A[i * N + j] * near[j];
+        }
+        slope[i] = held[i] ? 0.0 : slope[i];
+        self[i] = held[i] ? 0.0 : self[i];
+    }
+    if (!solve_free(A, REGULARISED + shift, held, work, slope) || !solve_free(A, REGULARISED, held, work, self)) {
+        return 0;
+    }
+    for (int i = 0; i < N; ++i) {
+        step[i] = held[i] ? step[i] : slope[i] + near[i] - self[i];
+    }
+    return 1;
+}
+
+/* Hold the free joint whose step leads farthest beyond its limit zones, at their edge. Return whether there is one. */
+static int hold_joint(const memory_t *m, const double *q, int *held, double *step)
+{
+    double farthest = 0.0, rest = 0.0;
+    int found = NO_JOINT;
+    for (int i = 0; i < N; ++i) {
+        const double next = q[i] + step[i], edge = clamp(next, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+        if (!held[i] && fabs(next - edge) > farthest) {
+            farthest = fabs(next - edge);
+            rest = edge - q[i];
+            found = i;
+        }
+    }
+    if (found != NO_JOINT) {
+        held[found] = 1;
+        step[found] = rest;
+    }
+    return found != NO_JOINT;
+}
+
+/*
+ * Sum up the pose's error over the tips: the slope J^T W e and A = J^T W J, scaled so that A has the largest entry 1. W
+ * lets ALIKE weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad]; damping:
+ * that of the step.
+ */
+static double sum_errors(const memory_t *m, const double *q, const double *goal, double *A, double *task,
+                         double *damping)
+{
+    double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
+    robot_poses(q, m->tool_pose, here);
+    robot_jacobians(q, m->tool_pose, J);
+    memset(A, 0, NN * sizeof(double));
+    memset(task, 0, N * sizeof(double));
+    for (int t = 0; t < TIPS; ++t) {
+        double error[6];
+        pose_difference(here + 16 * t, goal + 16 * t, error);
+        distance = fmax(distance, fmax(norm(3, error), norm(3, error + 3)));
+        for (int k = 0; k < 6; ++k) {
+            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (ALIKE * ALIKE) : 1.0;
+            squares += weight * error[k] * error[k];
+            add_scaled(N, weight * error[k], row, task);
+            for (int i = 0; i < N; ++i) {
+                add_scaled(N, weight * row[i], row, A + i * N);
+            }
+        }
+    }
+    const double scale = fmax(largest_entry(NN, A), DBL_MIN);
+    for (int k = 0; k < NN; ++k) {
+        A[k] /= scale;
+    }
+    for (int i = 0; i < N; ++i) {
+        task[i] /= scale;
+    }
+    *damping = squares / scale + STEP_SHARE * sqrt(squares / scale);
+    return distance;
+}
+
+/*
+ * Find the step from the posture q towards the one nearest to `wanted` that has its tips at goal and lies outside the
+ * limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
+ *
+ * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures. The
+ * second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
+ */
+static double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step)
+{
+    const memory_t *const m = s->m;
+    double A[NN], task[N], near[N], damping, speed = 0.0;
+    int held[N] = {0}, round = 0;
+    const double distance = sum_errors(m, q, goal, A, task, &damping);
+    memset(step, 0, N * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
+        speed = fmax(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
+    }
+    for (int i = 0; i < N; ++i) {
+        near[i] *= fmax(1.0 - distance / NEAR, 0.0) / fmax(speed, 1.0);
+    }
+    int good = 1;
+    do {
+        good = combine_steps(A, task, near, damping, held, s->scratch, step);
+        round += 1;
+    } while (good && round < N && hold_joint(m, q, held, step));
+    if (!good) {
+        memset(step, 0, N * sizeof(double));
+    }
+    return distance;
+}
+
+/* Start a trial of the search: first at the arm, then at the wanted posture, then ever farther from the reference. */
+static void start_trial(step_t *s)
+{
+    memory_t *const m = s->m;
+    const double share = 0.4 + 0.6 * m->search / (double)SEARCHED;
+    for (int i = 0; i < N; ++i) {
+        const double low = fmax(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
+        const double high = fmin(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
+        const double x = (i + 1.0) * (m->search * GOLDEN + 0.1), place = x - (int)x;
+        const double far = m->posture[i] + share * (low + place * (high - low) - m->posture[i]);
+        const double first = m->search == 0 ? m->q[i] : s->input->q0[i];
+        m->trial[i] = clamp(m->search < 2 ? first : far, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+    }
+}
+
+/*
+ * Search for another posture of the commanded pose, one step of one trial in each call, of at most SEARCHED trials.
+ * One that is found becomes the posture's next goal (detour). Return whether the search goes on.
+ */
+static int search_posture(step_t *s)
+{
+    memory_t *const m = s->m;
+    double step[N];
+    if (m->search >= SEARCHED) {
+        return 0;
+    }
+    if (m->search_steps == 0) {
+        start_trial(s);
+    }
+    const int found = find_posture_step(s, m->trial, s->goal, m->trial, step) <= 0.1 * REACHED;
+    const double size = norm(N, step);
+    add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, m->trial);
+    m->detour = found;
+    m->search_steps += 1;
+    if (found || m->search_steps >= SEARCH_STEPS) {
+        m->search_steps = 0;
+        m->search += 1;
+    }
+    return 1;
+}
+
 /* Damping: designed from the springs' tangent, limited by the sample time. */
 
 /*
@@ -2269,77 +2537,14 @@ static void approach_goal(const config_t *c, int count, int length, const double
     add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
-/* Return the index of the largest of three numbers. */
-static int find_largest(double a, double b, double c)
-{
-    if (a > b) {
-        return a > c ? 0 : 2;
-    }
-    return b > c ? 1 : 2;
-}
-
-/* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
-static void pose_difference(const double *from, const double *to, double *twist)
-{
-    double D[9], *const w = twist + 3;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
-        }
-        twist[i] = to[4 * i + 3] - from[4 * i + 3];
-    }
-    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
-    w[0] = (D[7] - D[5]) / 2.0;
-    w[1] = (D[2] - D[6]) / 2.0;
-    w[2] = (D[3] - D[1]) / 2.0;
-    double sine = norm(3, w);
-    const double angle = atan2(sine, cosine);
-    if (sine <= 1e-6 && cosine <= 0.0) {
-        /* near half a turn the axis is the longest column of D + I */
-        const int k = find_largest(D[0], D[4], D[8]);
-        for (int i = 0; i < 3; ++i) {
-            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
-        }
-        sine = norm(3, w);
-    }
-    for (int i = 0; i < 3; ++i) {
-        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
-    }
-}
-
-/* Move a pose by a twist (hybrid axes), and make its rotation orthonormal again. */
-static void move_pose(const double *pose, const double *twist, double *moved)
-{
-    const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
-    const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
-    const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
-    double D[9], R[9];
-    multiply3(W, 3, 0, W, 3, D);
-    for (int k = 0; k < 9; ++k) {
-        D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
-    }
-    multiply3(D, 3, 0, pose, 4, R);
-    multiply3(R, 3, 1, R, 3, D);
-    for (int k = 0; k < 9; ++k) {
-        D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
-    }
-    memcpy(moved, pose, 16 * sizeof(double));
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2; the second factor is symmetric */
-            moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
-        }
-        moved[4 * i + 3] += twist[i];
-    }
-}
-
 /* Predict posture and equilibrium after a share of this step's motion. */
 static void predict_equilibrium(const step_t *s, double share, int by_posture, double *posture, double *equilibrium)
 {
     const memory_t *const m = s->m;
     const double T = share * s->c->sample_time;
     memcpy(posture, m->posture, N * sizeof(double));
-    add_scaled(N, T, m->posture_velocity, posture);
     if (by_posture) {
+        add_scaled(N, T, m->posture_velocity, posture);
         robot_poses(posture, m->tool_pose, equilibrium);
         return;
     }
@@ -2350,41 +2555,178 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     }
 }
 
+/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
+static double pose_distance(const double *from, const double *to)
+{
+    double most = 0.0, twist[6];
+    for (int t = 0; t < TIPS; ++t) {
+        pose_difference(from + 16 * t, to + 16 * t, twist);
+        most = fmax(most, fmax(norm(3, twist), norm(3, twist + 3)));
+    }
+    return most;
+}
+
+/*
+ * Move the posture's velocity towards a share of the step per call, within the share `most` of its limits and so that a
+ * ramp can stop it. size: of the step, over the limits [s].
+ */
+static void approach_step(const config_t *c, const double *step, double size, double most, double *velocity)
+{
+    const double T = c->sample_time, slope = T / c->ramp_time;
+    const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (size / T)) - 0.5 * slope;
+    const double speed = fmin(fmin(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
+    double change[N];
+    for (int i = 0; i < N; ++i) {
+        change[i] = share * step[i] - velocity[i];
+    }
+    const double jump = relative_size(N, 1, change, c->reference_velocity_limit);
+    add_scaled(N, jump > slope ? slope / jump : 1.0, change, velocity);
+}
+
+/* Return the largest distance of a joint from its posture [rad] or [m]. */
+static double arm_distance(const memory_t *m)
+{
+    double most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        most = fmax(most, fabs(m->posture[i] - m->q[i]));
+    }
+    return most;
+}
+
+/* Return whether the arm rests without a load in another posture than the reference's, and may begin again. */
+static int rests_elsewhere(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    return m->restarts < RESTARTS && arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING &&
+           norm(N, s->transit) < UNLOADED;
+}
+
+/*
+ * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
+ * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
+ * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From there
+ * another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the posture;
+ * arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
+ */
+static int approach_posture(step_t *s, const double *here, int arrived)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double *const limits = c->reference_velocity_limit;
+    double step[N] = {0.0}, distance = 0.0;
+    if (!s->commanded) {
+        approach_step(c, step, 0.0, 1.0, m->posture_velocity);
+        return 0;
+    }
+    const int leads = m->beyond && pose_distance(here, m->equilibrium) > PATH_LEAD;
+    if (m->detour) {
+        add_scaled(N, 1.0, m->trial, step);
+        add_scaled(N, -1.0, m->posture, step);
+        distance = HUGE_VAL;
+    } else {
+        distance = find_posture_step(s, m->posture, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
+    }
+    const double size = relative_size(N, 1, step, limits);
+    const int stands = size <= STATIONARY && !m->detour;
+    int moving = !stands || leads || !arrived;
+    if (size <= STATIONARY && m->detour) {
+        m->detour = 0;
+    } else if (stands && distance > REACHED && (!m->beyond || search_posture(s))) {
+        m->beyond = moving = 1;
+    } else if (!moving && rests_elsewhere(s)) {
+        /* begin again from where the arm is */
+        memcpy(m->trial, m->q, sizeof m->trial);
+        m->beyond = m->detour = moving = 1;
+        m->restarts += 1;
+    } else if (distance <= REACHED) {
+        m->beyond = 0;
+    }
+    s->status |= !moving && distance > REACHED ? (uint32_t)ID(STATUS_UNREACHABLE) : 0u;
+    if (leads) {
+        memset(step, 0, sizeof step);
+    }
+    /* a posture that leads is slow until the arm has followed */
+    approach_step(c, step, size, m->beyond && arm_distance(m) > ANOTHER ? SLOWEST : 1.0, m->posture_velocity);
+    return moving;
+}
+
+/*
+ * Update the equilibrium's velocity towards goal, which moved by itself if from is not NULL; pace: share of the
+ * velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
+ */
+static int approach_poses(step_t *s, const double *goal, const double *from, double pace)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double share = clamp(pace, SLOWEST, 1.0);
+    const double tip_limits[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
+    double away[MAX_ROWS], moved[MAX_ROWS];
+    int arrived = 1;
+    for (int t = 0; t < TIPS; ++t) {
+        memset(away, 0, sizeof away);
+        memset(moved, 0, sizeof moved);
+        if (s->commanded) {
+            pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
+        }
+        if (s->commanded && from != NULL) {
+            pose_difference(from + 16 * t, goal + 16 * t, moved);
+        }
+        arrived &= relative_size(6, 3, away, tip_limits) <= 1e-12;
+        if (pace <= 0.0) {
+            memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
+            continue;
+        }
+        approach_goal(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
+    }
+    return arrived;
+}
+
+/*
+ * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture, whose
+ * pose is here, than the posture can follow, and it is slow while the arm is deep in a limit zone.
+ */
+static double find_pace(const step_t *s, const double *here)
+{
+    const memory_t *const m = s->m;
+    double depth = 0.0;
+    for (int i = 0; i < N; ++i) {
+        depth = fmax(depth, fmax(m->avoidance[4 * i] - m->q[i], m->q[i] - m->avoidance[4 * i + 1]));
+    }
+    const double zone = fmax(1.0 - 2.0 * depth / fmax(s->c->limit_zone, DBL_MIN), SLOWEST);
+    return m->beyond ? zone : fmin(zone, 2.0 - pose_distance(here, m->equilibrium) / PATH_LEAD);
+}
+
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
 static int update_velocities(step_t *s, int by_posture)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
     int moving = 0;
     const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
+    if (!by_posture) {
+        robot_poses(m->posture, m->tool_pose, here);
+    }
+    if (!by_posture && !joining) {
+        if (s->commanded && pose_distance(m->wanted_equilibrium, s->goal) > SAME_POSE) {
+            m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
+        }
+        const double pace = find_pace(s, here);
+        const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
+                                      : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
+        return approach_posture(s, here, arrived) || !arrived;
+    }
     for (int i = 0; i < N; ++i) {
         away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;
         moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
     approach_goal(c, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
-    if (by_posture) {
-        return moving;
-    }
-    /* after commands by pose the equilibrium first joins the posture's pose */
-    robot_poses(m->posture, m->tool_pose, here);
-    m->joined = joining && s->commanded;
-    for (int t = 0; t < TIPS; ++t) {
-        const double *const goal = (joining ? here : s->goal) + 16 * t;
-        memset(away, 0, sizeof away);
-        memset(moved, 0, sizeof moved);
-        if (s->commanded) {
-            pose_difference(m->equilibrium + 16 * t, goal, away);
-        }
-        if (s->commanded && !joining) {
-            pose_difference(m->wanted_equilibrium + 16 * t, goal, moved);
-        }
-        const int arrived = relative_size(6, 3, away, tip_limits) <= 1e-12;
-        m->joined &= arrived;
+    if (!by_posture) {
+        /* after commands by pose the equilibrium first joins the posture's pose */
+        const int arrived = approach_poses(s, here, NULL, 1.0);
+        m->joined = s->commanded && arrived;
         moving |= !arrived;
-        approach_goal(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return moving;
 }
@@ -2443,18 +2785,43 @@ static void pay_for_travel(step_t *s)
     m->by_pose = by_pose;
 }
 
+/* Return the work [J] that the engagement has left for moves of posture and equilibrium. */
+static double work_left(const memory_t *m)
+{
+    return fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+}
+
+/* Move the posture by itself, where the engagement can pay what its spring stores. */
+static void move_posture(step_t *s)
+{
+    memory_t *const m = s->m;
+    double posture[N];
+    memcpy(posture, m->posture, sizeof posture);
+    add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
+    const double before = robot_posture_energy(m->q, m->posture, m->posture_stiffness);
+    const double rise = m->scale * (robot_posture_energy(m->q, posture, m->posture_stiffness) - before);
+    if (rise > work_left(m)) {
+        memset(m->posture_velocity, 0, sizeof m->posture_velocity);
+        s->status |= ID(STATUS_GOVERNOR);
+        return;
+    }
+    memcpy(m->posture, posture, sizeof posture);
+    m->elastic_energy += rise;
+    book_reference(s, rise);
+}
+
 /*
- * Find the share of this step's motion that keeps the tip's velocity, the stored energy (where a load holds it above
- * the limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium there, and the
- * rise of the stored energy.
+ * Find the share of this step's motion that keeps the tip's velocity, the energy stored in the tips' springs (where a
+ * load holds it above the limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium
+ * there, and the rise of the stored energy.
  */
 static double find_share(step_t *s, int by_posture, double *posture, double *equilibrium, double *rise)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
-    const double allowed = fmin(fmax(s->energy_limit - m->elastic_energy, 0.0), left);
+    const double left = work_left(m), tips = m->scale * compute_tip_energy(m, m->q, m->equilibrium);
+    const double allowed = fmin(fmax(s->energy_limit - tips, 0.0), left);
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -2464,12 +2831,14 @@ static double find_share(step_t *s, int by_posture, double *posture, double *equ
             pose_difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
             speed = fmax(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
         }
+        const double tip_rise = m->scale * compute_tip_energy(m, m->q, equilibrium) - tips;
         *rise = m->scale * compute_spring_energy(m, m->q, equilibrium, posture) - m->elastic_energy;
-        reached = speed <= 1.0 && *rise <= allowed;
+        reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
         } else if (!reached) {
-            share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / *rise : 0.0;
+            const double covered = fmin(allowed / fmax(tip_rise, allowed), left / fmax(*rise, left));
+            share *= attempt < 3 && allowed > 0.0 ? 0.9 * covered : 0.0;
             s->status |= ID(STATUS_GOVERNOR);
         }
     }
@@ -2484,9 +2853,12 @@ static void move_equilibrium(step_t *s)
     pay_for_travel(s);
     const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
     const int moving = update_velocities(s, by_posture);
+    if (!by_posture) {
+        move_posture(s);
+    }
     const double share = find_share(s, by_posture, posture, equilibrium, &rise);
     s->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
-    for (int i = 0; i < N; ++i) {
+    for (int i = 0; by_posture && i < N; ++i) {
         m->posture_velocity[i] *= share;
     }
     for (int k = 0; k < 6 * TIPS; ++k) {
@@ -2560,6 +2932,7 @@ static void settle_springs(step_t *s)
     memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
     m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
+    m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
     if (s->commanded) {
         adopt_command(s);
     }
@@ -3197,7 +3570,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->elastic_energy);
+    note_load(s, m->scale * fmax(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     memcpy(lead, feed, sizeof lead);

@@ -131,7 +131,8 @@ enum {
     IIWA14_STATUS_OVERSPEED = 1 << 21, /* a joint is beyond its velocity limit and is braked: a fault after overspeed_time */
     IIWA14_STATUS_OFFSET_LIMITED = 1 << 22, /* torque_offset is held back by the effort or the rate limit */
     IIWA14_STATUS_FEEDFORWARD_REFUSED = 1 << 23, /* wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command */
-    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24 /* wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan */
+    IIWA14_STATUS_FEEDFORWARD_LIMITED = 1 << 24, /* wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan */
+    IIWA14_STATUS_UNREACHABLE = 1 << 25 /* the commanded pose is out of reach from here: the equilibrium ends at the nearest point */
 };
 
 /* Modes of a step. */
@@ -499,6 +500,7 @@ typedef struct {
     double posture[7];
     double posture_velocity[7];
     double wanted_posture[7];
+    double trial[7];
     double posture_stiffness[7];
     double equilibrium[16];
     double equilibrium_velocity[6];
@@ -544,6 +546,11 @@ typedef struct {
     int32_t engaged;
     int32_t commanded;
     int32_t joined;
+    int32_t beyond;
+    int32_t detour;
+    int32_t search;
+    int32_t search_steps;
+    int32_t restarts;
     int32_t fault;
     int32_t reason;
     int32_t reset;

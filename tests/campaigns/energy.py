@@ -134,7 +134,7 @@ def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
         made["wrench_command"] = _wrench(random)
     if moving and random.random() < 0.5:
         made["wanted"] = Q0 + random.uniform(-0.8, 0.8, N)
-        made["pose"] = int(random.random() < 0.3)
+        made["pose"] = int(random.random() < 0.5)
         made["posture"] = Q0 + random.uniform(-0.8, 0.8, N)
         made["wanted_rate"] = random.normal(size=N) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.4)
         if random.random() < 0.6:

@@ -30,7 +30,7 @@ RUNTIME = Path(__file__).parent.parent / "runtime"
 """Folder of the C library that every NAME_impedance.c contains."""
 INTERFACE = "impedance.h"
 _PARTS = (
-    "matrix", "energy", "strength", "cap", "state", "sample", "damping", "governor", "change", "stiffness",
+    "matrix", "energy", "strength", "cap", "state", "sample", "posture", "damping", "governor", "change", "stiffness",
     "feedforward", "torque", "text", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)

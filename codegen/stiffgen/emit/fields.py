@@ -641,6 +641,7 @@ STATUS: tuple[tuple[str, str], ...] = (
         "feedforward_limited",
         "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan",
     ),
+    ("unreachable", "the commanded pose is out of reach from here: the equilibrium ends at the nearest point"),
 )
 """Status bits in their order, NAME_STATUS_<NAME>, with their meaning."""
 

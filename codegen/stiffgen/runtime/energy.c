@@ -7,15 +7,23 @@ const double *find_spring_limits(const memory_t *m)
     return m->spring == ID(SPRING_BOUNDED) ? m->spring_limits : NULL;
 }
 
+/* Compute the energy of all tips' springs at q, unscaled; the paper's law has none. */
+double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium)
+{
+    if (m->law == ID(LAW_PAPER)) {
+        return 0.0;
+    }
+    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                               find_spring_limits(m));
+}
+
 /* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
 double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
 {
     if (m->law == ID(LAW_PAPER)) {
         return 0.0;
     }
-    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness,
-                               find_spring_limits(m)) +
-           robot_posture_energy(q, posture, m->posture_stiffness);
+    return compute_tip_energy(m, q, equilibrium) + robot_posture_energy(q, posture, m->posture_stiffness);
 }
 
 /* Compute the energy that the scaled springs store at q. */

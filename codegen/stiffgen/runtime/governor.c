@@ -39,77 +39,14 @@ static void approach_goal(const config_t *c, int count, int length, const double
     add_scaled(count, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
-/* Return the index of the largest of three numbers. */
-static int find_largest(double a, double b, double c)
-{
-    if (a > b) {
-        return a > c ? 0 : 2;
-    }
-    return b > c ? 1 : 2;
-}
-
-/* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
-void pose_difference(const double *from, const double *to, double *twist)
-{
-    double D[9], *const w = twist + 3;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
-        }
-        twist[i] = to[4 * i + 3] - from[4 * i + 3];
-    }
-    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
-    w[0] = (D[7] - D[5]) / 2.0;
-    w[1] = (D[2] - D[6]) / 2.0;
-    w[2] = (D[3] - D[1]) / 2.0;
-    double sine = norm(3, w);
-    const double angle = atan2(sine, cosine);
-    if (sine <= 1e-6 && cosine <= 0.0) {
-        /* near half a turn the axis is the longest column of D + I */
-        const int k = find_largest(D[0], D[4], D[8]);
-        for (int i = 0; i < 3; ++i) {
-            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
-        }
-        sine = norm(3, w);
-    }
-    for (int i = 0; i < 3; ++i) {
-        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
-    }
-}
-
-/* Move a pose by a twist (hybrid axes), and make its rotation orthonormal again. */
-void move_pose(const double *pose, const double *twist, double *moved)
-{
-    const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
-    const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
-    const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
-    double D[9], R[9];
-    multiply3(W, 3, 0, W, 3, D);
-    for (int k = 0; k < 9; ++k) {
-        D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
-    }
-    multiply3(D, 3, 0, pose, 4, R);
-    multiply3(R, 3, 1, R, 3, D);
-    for (int k = 0; k < 9; ++k) {
-        D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
-    }
-    memcpy(moved, pose, 16 * sizeof(double));
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2; the second factor is symmetric */
-            moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
-        }
-        moved[4 * i + 3] += twist[i];
-    }
-}
-
 /* Predict posture and equilibrium after a share of this step's motion. */
 static void predict_equilibrium(const step_t *s, double share, int by_posture, double *posture, double *equilibrium)
 {
     const memory_t *const m = s->m;
     const double T = share * s->c->sample_time;
     memcpy(posture, m->posture, N * sizeof(double));
-    add_scaled(N, T, m->posture_velocity, posture);
     if (by_posture) {
+        add_scaled(N, T, m->posture_velocity, posture);
         robot_poses(posture, m->tool_pose, equilibrium);
         return;
     }
@@ -120,41 +57,178 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     }
 }
 
+/* Return the largest distance [m] or angle [rad] between the poses of the tips. */
+static double pose_distance(const double *from, const double *to)
+{
+    double most = 0.0, twist[6];
+    for (int t = 0; t < TIPS; ++t) {
+        pose_difference(from + 16 * t, to + 16 * t, twist);
+        most = fmax(most, fmax(norm(3, twist), norm(3, twist + 3)));
+    }
+    return most;
+}
+
+/*
+ * Move the posture's velocity towards a share of the step per call, within the share `most` of its limits and so that a
+ * ramp can stop it. size: of the step, over the limits [s].
+ */
+static void approach_step(const config_t *c, const double *step, double size, double most, double *velocity)
+{
+    const double T = c->sample_time, slope = T / c->ramp_time;
+    const double stop = sqrt(0.25 * slope * slope + 2.0 * slope * (size / T)) - 0.5 * slope;
+    const double speed = fmin(fmin(STEP_SHARE * size / T, most), stop), share = size > 0.0 ? speed / size : 0.0;
+    double change[N];
+    for (int i = 0; i < N; ++i) {
+        change[i] = share * step[i] - velocity[i];
+    }
+    const double jump = relative_size(N, 1, change, c->reference_velocity_limit);
+    add_scaled(N, jump > slope ? slope / jump : 1.0, change, velocity);
+}
+
+/* Return the largest distance of a joint from its posture [rad] or [m]. */
+static double arm_distance(const memory_t *m)
+{
+    double most = 0.0;
+    for (int i = 0; i < N; ++i) {
+        most = fmax(most, fabs(m->posture[i] - m->q[i]));
+    }
+    return most;
+}
+
+/* Return whether the arm rests without a load in another posture than the reference's, and may begin again. */
+static int rests_elsewhere(const step_t *s)
+{
+    const memory_t *const m = s->m;
+    return m->restarts < RESTARTS && arm_distance(m) > ANOTHER && norm(N, m->dq) < RESTING &&
+           norm(N, s->transit) < UNLOADED;
+}
+
+/*
+ * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
+ * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
+ * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From there
+ * another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the posture;
+ * arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
+ */
+static int approach_posture(step_t *s, const double *here, int arrived)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double *const limits = c->reference_velocity_limit;
+    double step[N] = {0.0}, distance = 0.0;
+    if (!s->commanded) {
+        approach_step(c, step, 0.0, 1.0, m->posture_velocity);
+        return 0;
+    }
+    const int leads = m->beyond && pose_distance(here, m->equilibrium) > PATH_LEAD;
+    if (m->detour) {
+        add_scaled(N, 1.0, m->trial, step);
+        add_scaled(N, -1.0, m->posture, step);
+        distance = HUGE_VAL;
+    } else {
+        distance = find_posture_step(s, m->posture, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
+    }
+    const double size = relative_size(N, 1, step, limits);
+    const int stands = size <= STATIONARY && !m->detour;
+    int moving = !stands || leads || !arrived;
+    if (size <= STATIONARY && m->detour) {
+        m->detour = 0;
+    } else if (stands && distance > REACHED && (!m->beyond || search_posture(s))) {
+        m->beyond = moving = 1;
+    } else if (!moving && rests_elsewhere(s)) {
+        /* begin again from where the arm is */
+        memcpy(m->trial, m->q, sizeof m->trial);
+        m->beyond = m->detour = moving = 1;
+        m->restarts += 1;
+    } else if (distance <= REACHED) {
+        m->beyond = 0;
+    }
+    s->status |= !moving && distance > REACHED ? (uint32_t)ID(STATUS_UNREACHABLE) : 0u;
+    if (leads) {
+        memset(step, 0, sizeof step);
+    }
+    /* a posture that leads is slow until the arm has followed */
+    approach_step(c, step, size, m->beyond && arm_distance(m) > ANOTHER ? SLOWEST : 1.0, m->posture_velocity);
+    return moving;
+}
+
+/*
+ * Update the equilibrium's velocity towards goal, which moved by itself if from is not NULL; pace: share of the
+ * velocity limits that it uses, at most 1, and 0 or less to wait. Return whether it has arrived.
+ */
+static int approach_poses(step_t *s, const double *goal, const double *from, double pace)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    const double share = clamp(pace, SLOWEST, 1.0);
+    const double tip_limits[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
+    double away[MAX_ROWS], moved[MAX_ROWS];
+    int arrived = 1;
+    for (int t = 0; t < TIPS; ++t) {
+        memset(away, 0, sizeof away);
+        memset(moved, 0, sizeof moved);
+        if (s->commanded) {
+            pose_difference(m->equilibrium + 16 * t, goal + 16 * t, away);
+        }
+        if (s->commanded && from != NULL) {
+            pose_difference(from + 16 * t, goal + 16 * t, moved);
+        }
+        arrived &= relative_size(6, 3, away, tip_limits) <= 1e-12;
+        if (pace <= 0.0) {
+            memset(m->equilibrium_velocity + 6 * t, 0, 6 * sizeof(double));
+            continue;
+        }
+        approach_goal(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
+    }
+    return arrived;
+}
+
+/*
+ * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture, whose
+ * pose is here, than the posture can follow, and it is slow while the arm is deep in a limit zone.
+ */
+static double find_pace(const step_t *s, const double *here)
+{
+    const memory_t *const m = s->m;
+    double depth = 0.0;
+    for (int i = 0; i < N; ++i) {
+        depth = fmax(depth, fmax(m->avoidance[4 * i] - m->q[i], m->q[i] - m->avoidance[4 * i + 1]));
+    }
+    const double zone = fmax(1.0 - 2.0 * depth / fmax(s->c->limit_zone, DBL_MIN), SLOWEST);
+    return m->beyond ? zone : fmin(zone, 2.0 - pose_distance(here, m->equilibrium) / PATH_LEAD);
+}
+
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
 static int update_velocities(step_t *s, int by_posture)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
-    const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
     double away[MAX_ROWS], moved[MAX_ROWS], here[16 * TIPS];
     int moving = 0;
     const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
+    if (!by_posture) {
+        robot_poses(m->posture, m->tool_pose, here);
+    }
+    if (!by_posture && !joining) {
+        if (s->commanded && pose_distance(m->wanted_equilibrium, s->goal) > SAME_POSE) {
+            m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
+        }
+        const double pace = find_pace(s, here);
+        const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
+                                      : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
+        return approach_posture(s, here, arrived) || !arrived;
+    }
     for (int i = 0; i < N; ++i) {
         away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;
         moved[i] = s->commanded && !joining ? s->input->q0[i] - m->wanted_posture[i] : 0.0;
         moving |= away[i] != 0.0;
     }
     approach_goal(c, N, 1, away, moved, c->reference_velocity_limit, m->posture_velocity);
-    if (by_posture) {
-        return moving;
-    }
-    /* after commands by pose the equilibrium first joins the posture's pose */
-    robot_poses(m->posture, m->tool_pose, here);
-    m->joined = joining && s->commanded;
-    for (int t = 0; t < TIPS; ++t) {
-        const double *const goal = (joining ? here : s->goal) + 16 * t;
-        memset(away, 0, sizeof away);
-        memset(moved, 0, sizeof moved);
-        if (s->commanded) {
-            pose_difference(m->equilibrium + 16 * t, goal, away);
-        }
-        if (s->commanded && !joining) {
-            pose_difference(m->wanted_equilibrium + 16 * t, goal, moved);
-        }
-        const int arrived = relative_size(6, 3, away, tip_limits) <= 1e-12;
-        m->joined &= arrived;
+    if (!by_posture) {
+        /* after commands by pose the equilibrium first joins the posture's pose */
+        const int arrived = approach_poses(s, here, NULL, 1.0);
+        m->joined = s->commanded && arrived;
         moving |= !arrived;
-        approach_goal(c, 6, 3, away, moved, tip_limits, m->equilibrium_velocity + 6 * t);
     }
     return moving;
 }
@@ -213,18 +287,43 @@ static void pay_for_travel(step_t *s)
     m->by_pose = by_pose;
 }
 
+/* Return the work [J] that the engagement has left for moves of posture and equilibrium. */
+static double work_left(const memory_t *m)
+{
+    return fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
+}
+
+/* Move the posture by itself, where the engagement can pay what its spring stores. */
+static void move_posture(step_t *s)
+{
+    memory_t *const m = s->m;
+    double posture[N];
+    memcpy(posture, m->posture, sizeof posture);
+    add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
+    const double before = robot_posture_energy(m->q, m->posture, m->posture_stiffness);
+    const double rise = m->scale * (robot_posture_energy(m->q, posture, m->posture_stiffness) - before);
+    if (rise > work_left(m)) {
+        memset(m->posture_velocity, 0, sizeof m->posture_velocity);
+        s->status |= ID(STATUS_GOVERNOR);
+        return;
+    }
+    memcpy(m->posture, posture, sizeof posture);
+    m->elastic_energy += rise;
+    book_reference(s, rise);
+}
+
 /*
- * Find the share of this step's motion that keeps the tip's velocity, the stored energy (where a load holds it above
- * the limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium there, and the
- * rise of the stored energy.
+ * Find the share of this step's motion that keeps the tip's velocity, the energy stored in the tips' springs (where a
+ * load holds it above the limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium
+ * there, and the rise of the stored energy.
  */
 static double find_share(step_t *s, int by_posture, double *posture, double *equilibrium, double *rise)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
-    const double allowed = fmin(fmax(s->energy_limit - m->elastic_energy, 0.0), left);
+    const double left = work_left(m), tips = m->scale * compute_tip_energy(m, m->q, m->equilibrium);
+    const double allowed = fmin(fmax(s->energy_limit - tips, 0.0), left);
     double share = 1.0;
     int reached = 0;
     for (int attempt = 0; attempt < 5 && !reached; ++attempt) {
@@ -234,12 +333,14 @@ static double find_share(step_t *s, int by_posture, double *posture, double *equ
             pose_difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
             speed = fmax(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
         }
+        const double tip_rise = m->scale * compute_tip_energy(m, m->q, equilibrium) - tips;
         *rise = m->scale * compute_spring_energy(m, m->q, equilibrium, posture) - m->elastic_energy;
-        reached = speed <= 1.0 && *rise <= allowed;
+        reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
         } else if (!reached) {
-            share *= attempt < 3 && allowed > 0.0 ? 0.9 * allowed / *rise : 0.0;
+            const double covered = fmin(allowed / fmax(tip_rise, allowed), left / fmax(*rise, left));
+            share *= attempt < 3 && allowed > 0.0 ? 0.9 * covered : 0.0;
             s->status |= ID(STATUS_GOVERNOR);
         }
     }
@@ -254,9 +355,12 @@ void move_equilibrium(step_t *s)
     pay_for_travel(s);
     const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
     const int moving = update_velocities(s, by_posture);
+    if (!by_posture) {
+        move_posture(s);
+    }
     const double share = find_share(s, by_posture, posture, equilibrium, &rise);
     s->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
-    for (int i = 0; i < N; ++i) {
+    for (int i = 0; by_posture && i < N; ++i) {
         m->posture_velocity[i] *= share;
     }
     for (int k = 0; k < 6 * TIPS; ++k) {
@@ -330,6 +434,7 @@ void settle_springs(step_t *s)
     memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
     m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
+    m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
     if (s->commanded) {
         adopt_command(s);
     }

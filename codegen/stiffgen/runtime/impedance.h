@@ -19,6 +19,8 @@
 #include <string.h>
 
 enum { NO_JOINT = -1, READY = 0x51f7, RECENT = 8, POSTURES = 32 };
+/* trials of a search for a posture, steps of a trial; how often a command by pose begins again from the arm */
+enum { SEARCHED = 40, SEARCH_STEPS = 60, RESTARTS = 5 };
 enum { MATRIX_NOT_FINITE = 1, MATRIX_NOT_POSITIVE, MATRIX_NOT_CONVERGED };
 
 /* Largest eigenvalues of M^-1 B T and M^-1 K T^2. With differenced velocity, a double integrator is unstable from
@@ -32,6 +34,20 @@ static const double FARTHEST = 1e6;   /* [rad] beyond it an angle has lost its l
 static const double GOVERNOR = 0.8;   /* share of its velocity limits that the equilibrium uses: the arm overshoots */
 static const double FOLLOWED = 1e-3;     /* regularisation of the twists that dr follows, over their squares' sum */
 static const double LEAST_DAMPED = 1e-9; /* added to B for its inverse, over its largest entry */
+static const double REACHED = 5e-5;      /* [m] or [rad] up to which a posture has its tips at a pose */
+static const double SAME_POSE = 1e-6;    /* [m] or [rad] per call up to which a commanded pose is the same */
+static const double STATIONARY = 1e-5;   /* [s] of travel below which a posture does not move on */
+static const double ALIKE = 0.25;        /* [m] that weigh as much as one radian in a posture's distance from a pose */
+static const double REGULARISED = 1e-9;  /* added to J^T J of a posture, over its largest entry */
+static const double NEAR = 0.1;          /* [m] or [rad] from a pose at which self-motion begins */
+static const double PATH_LEAD = 0.03;    /* [m] or [rad] between equilibrium and posture: the first slows down, and waits at twice this */
+static const double SLOWEST = 0.1;       /* share of its velocity limits that an equilibrium keeps until it waits */
+static const double STEP_SHARE = 0.05;   /* of a posture's step that is gone in one call */
+static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which on a posture is another one */
+static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
+static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
+static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
+static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
 static const double TRAVEL_TIME = 1.0; /* [s] of the equilibrium's travel that bring in one engagement limit */
@@ -160,6 +176,7 @@ int holds_in_fault(const step_t *s);
 
 /* energy.c */
 const double *find_spring_limits(const memory_t *m);
+double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium);
 double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture);
 double compute_stored_energy(const memory_t *m, const double *q);
 double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness);
@@ -188,9 +205,13 @@ void add_torque_offset(step_t *s, const double *last, int refused);
 void observe_sample(step_t *s, const double *last);
 int accept_command(step_t *s);
 
-/* governor.c */
+/* posture.c */
 void pose_difference(const double *from, const double *to, double *twist);
 void move_pose(const double *pose, const double *twist, double *moved);
+double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step);
+int search_posture(step_t *s);
+
+/* governor.c */
 double travel_between(const config_t *c, const double *posture, const double *goal, const double *equilibrium,
                       const double *goal_pose);
 void move_equilibrium(step_t *s);

@@ -180,7 +180,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     for (int k = 0; k < 6 * TIPS; ++k) {
         out->spring_wrench[k] *= m->scale;
     }
-    note_load(s, m->elastic_energy);
+    note_load(s, m->scale * fmax(energy - robot_posture_energy(m->q, m->posture, m->posture_stiffness), 0.0));
     press_tips(s);
     multiply_vector(out->damping, out->reference_velocity, feed);
     memcpy(lead, feed, sizeof lead);

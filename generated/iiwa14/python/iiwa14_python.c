@@ -2564,6 +2564,7 @@ static const status statuses[] = {
     {"offset_limited", IIWA14_STATUS_OFFSET_LIMITED, "torque_offset is held back by the effort or the rate limit"},
     {"feedforward_refused", IIWA14_STATUS_FEEDFORWARD_REFUSED, "wrench_command, or velocity and acceleration, are not used: not finite, too large, with the paper's law, or a velocity that does not agree with the motion of the command"},
     {"feedforward_limited", IIWA14_STATUS_FEEDFORWARD_LIMITED, "wrench_command is held back by tank, reserve, effort or speed, or the governor does not keep up with the plan"},
+    {"unreachable", IIWA14_STATUS_UNREACHABLE, "the commanded pose is out of reach from here: the equilibrium ends at the nearest point"},
 };
 
 static const choice outcomes[] = {
@@ -2846,7 +2847,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "37bb9ac4fc319dc8") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "b4fc0c8b2baa1f71") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

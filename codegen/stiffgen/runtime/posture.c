@@ -1,0 +1,244 @@
+/*
+ * Poses, and postures of a pose: while the equilibrium is commanded by its pose, the posture goes to the one nearest to
+ * the wanted posture that has its tips at that pose. The springs of tips and posture are then at rest at the same q.
+ */
+#include "impedance.h"
+
+/* Return the index of the largest of three numbers. */
+static int find_largest(double a, double b, double c)
+{
+    if (a > b) {
+        return a > c ? 0 : 2;
+    }
+    return b > c ? 1 : 2;
+}
+
+/* Compute the twist (hybrid axes) from one pose to another: the origin's motion and the rotation vector. */
+void pose_difference(const double *from, const double *to, double *twist)
+{
+    double D[9], *const w = twist + 3;
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            D[3 * i + j] = dot(3, to + 4 * i, from + 4 * j);
+        }
+        twist[i] = to[4 * i + 3] - from[4 * i + 3];
+    }
+    const double cosine = (D[0] + D[4] + D[8] - 1.0) / 2.0;
+    w[0] = (D[7] - D[5]) / 2.0;
+    w[1] = (D[2] - D[6]) / 2.0;
+    w[2] = (D[3] - D[1]) / 2.0;
+    double sine = norm(3, w);
+    const double angle = atan2(sine, cosine);
+    if (sine <= 1e-6 && cosine <= 0.0) {
+        /* near half a turn the axis is the longest column of D + I */
+        const int k = find_largest(D[0], D[4], D[8]);
+        for (int i = 0; i < 3; ++i) {
+            w[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
+        }
+        sine = norm(3, w);
+    }
+    for (int i = 0; i < 3; ++i) {
+        w[i] *= sine > 1e-150 ? angle / sine : 1.0;
+    }
+}
+
+/* Move a pose by a twist (hybrid axes), and make its rotation orthonormal again. */
+void move_pose(const double *pose, const double *twist, double *moved)
+{
+    const double *const w = twist + 3, W[9] = {0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0};
+    const double angle = norm(3, w), a = angle > 1e-9 ? sin(angle) / angle : 1.0;
+    const double b = angle > 1e-9 ? (1.0 - cos(angle)) / (angle * angle) : 0.5;
+    double D[9], R[9];
+    multiply3(W, 3, 0, W, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.0 : 0.0) + a * W[k] + b * D[k];
+    }
+    multiply3(D, 3, 0, pose, 4, R);
+    multiply3(R, 3, 1, R, 3, D);
+    for (int k = 0; k < 9; ++k) {
+        D[k] = (k % 4 == 0 ? 1.5 : 0.0) - 0.5 * D[k];
+    }
+    memcpy(moved, pose, 16 * sizeof(double));
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) { /* R (3 I - R^T R) / 2; the second factor is symmetric */
+            moved[4 * i + j] = dot(3, R + 3 * i, D + 3 * j);
+        }
+        moved[4 * i + 3] += twist[i];
+    }
+}
+
+/* Solve (A + shift I) x = x over the free joints; held ones keep x. work: 2 N N numbers. Return whether it succeeded. */
+static int solve_free(const double *A, double shift, const int *held, double *work, double *x)
+{
+    double *const L = work + NN;
+    for (int k = 0; k < NN; ++k) {
+        const int i = k / N, j = k % N;
+        work[k] = A[k];
+        if (held[i] || held[j]) {
+            work[k] = i == j ? 1.0 - shift : 0.0;
+        }
+    }
+    if (factorise_cholesky(N, work, 1.0, shift, L) != 0) {
+        return 0;
+    }
+    solve_lower(N, 1, L, x);
+    solve_upper(N, L, x);
+    return 1;
+}
+
+/*
+ * Combine a damped least-squares step, with the slope J^T W e of the pose's error (task), and the part of `near` that
+ * leaves the tips where they are. A = J^T W J. Joints that are held have their step already. Return whether it succeeded.
+ */
+static int combine_steps(const double *A, const double *task, const double *near, double shift, const int *held,
+                         double *work, double *step)
+{
+    double slope[N], self[N];
+    for (int i = 0; i < N; ++i) {
+        slope[i] = task[i];
+        self[i] = 0.0;
+        for (int j = 0; j < N; ++j) {
+            slope[i] -= held[j] ? A[i * N + j] * step[j] : 0.0;
+            self[i] += held[j] ? 0.0 : A[i * N + j] * near[j];
+        }
+        slope[i] = held[i] ? 0.0 : slope[i];
+        self[i] = held[i] ? 0.0 : self[i];
+    }
+    if (!solve_free(A, REGULARISED + shift, held, work, slope) || !solve_free(A, REGULARISED, held, work, self)) {
+        return 0;
+    }
+    for (int i = 0; i < N; ++i) {
+        step[i] = held[i] ? step[i] : slope[i] + near[i] - self[i];
+    }
+    return 1;
+}
+
+/* Hold the free joint whose step leads farthest beyond its limit zones, at their edge. Return whether there is one. */
+static int hold_joint(const memory_t *m, const double *q, int *held, double *step)
+{
+    double farthest = 0.0, rest = 0.0;
+    int found = NO_JOINT;
+    for (int i = 0; i < N; ++i) {
+        const double next = q[i] + step[i], edge = clamp(next, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+        if (!held[i] && fabs(next - edge) > farthest) {
+            farthest = fabs(next - edge);
+            rest = edge - q[i];
+            found = i;
+        }
+    }
+    if (found != NO_JOINT) {
+        held[found] = 1;
+        step[found] = rest;
+    }
+    return found != NO_JOINT;
+}
+
+/*
+ * Sum up the pose's error over the tips: the slope J^T W e and A = J^T W J, scaled so that A has the largest entry 1. W
+ * lets ALIKE weigh as much as one radian. Return |e|, the largest of the tips' distances [m] and angles [rad]; damping:
+ * that of the step.
+ */
+static double sum_errors(const memory_t *m, const double *q, const double *goal, double *A, double *task,
+                         double *damping)
+{
+    double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
+    robot_poses(q, m->tool_pose, here);
+    robot_jacobians(q, m->tool_pose, J);
+    memset(A, 0, NN * sizeof(double));
+    memset(task, 0, N * sizeof(double));
+    for (int t = 0; t < TIPS; ++t) {
+        double error[6];
+        pose_difference(here + 16 * t, goal + 16 * t, error);
+        distance = fmax(distance, fmax(norm(3, error), norm(3, error + 3)));
+        for (int k = 0; k < 6; ++k) {
+            const double *const row = J + (6 * t + k) * N, weight = k < 3 ? 1.0 / (ALIKE * ALIKE) : 1.0;
+            squares += weight * error[k] * error[k];
+            add_scaled(N, weight * error[k], row, task);
+            for (int i = 0; i < N; ++i) {
+                add_scaled(N, weight * row[i], row, A + i * N);
+            }
+        }
+    }
+    const double scale = fmax(largest_entry(NN, A), DBL_MIN);
+    for (int k = 0; k < NN; ++k) {
+        A[k] /= scale;
+    }
+    for (int i = 0; i < N; ++i) {
+        task[i] /= scale;
+    }
+    *damping = squares / scale + STEP_SHARE * sqrt(squares / scale);
+    return distance;
+}
+
+/*
+ * Find the step from the posture q towards the one nearest to `wanted` that has its tips at goal and lies outside the
+ * limit zones. Return the tips' distance from the goal, the larger of [m] and [rad].
+ *
+ * The step is damped by e^T W e and by its root. The first keeps it short far from the goal and at singular postures. The
+ * second bounds what the neglected second derivative of e does to the share of the step that is gone in one call.
+ */
+double find_posture_step(step_t *s, const double *q, const double *goal, const double *wanted, double *step)
+{
+    const memory_t *const m = s->m;
+    double A[NN], task[N], near[N], damping, speed = 0.0;
+    int held[N] = {0}, round = 0;
+    const double distance = sum_errors(m, q, goal, A, task, &damping);
+    memset(step, 0, N * sizeof(double));
+    for (int i = 0; i < N; ++i) {
+        near[i] = clamp(wanted[i], m->avoidance[4 * i], m->avoidance[4 * i + 1]) - q[i];
+        speed = fmax(speed, fabs(near[i]) / (s->c->reference_velocity_limit[i] * NEAR_TIME));
+    }
+    for (int i = 0; i < N; ++i) {
+        near[i] *= fmax(1.0 - distance / NEAR, 0.0) / fmax(speed, 1.0);
+    }
+    int good = 1;
+    do {
+        good = combine_steps(A, task, near, damping, held, s->scratch, step);
+        round += 1;
+    } while (good && round < N && hold_joint(m, q, held, step));
+    if (!good) {
+        memset(step, 0, N * sizeof(double));
+    }
+    return distance;
+}
+
+/* Start a trial of the search: first at the arm, then at the wanted posture, then ever farther from the reference. */
+static void start_trial(step_t *s)
+{
+    memory_t *const m = s->m;
+    const double share = 0.4 + 0.6 * m->search / (double)SEARCHED;
+    for (int i = 0; i < N; ++i) {
+        const double low = fmax(m->avoidance[4 * i], m->posture[i] - HALF_TURN);
+        const double high = fmin(m->avoidance[4 * i + 1], m->posture[i] + HALF_TURN);
+        const double x = (i + 1.0) * (m->search * GOLDEN + 0.1), place = x - (int)x;
+        const double far = m->posture[i] + share * (low + place * (high - low) - m->posture[i]);
+        const double first = m->search == 0 ? m->q[i] : s->input->q0[i];
+        m->trial[i] = clamp(m->search < 2 ? first : far, m->avoidance[4 * i], m->avoidance[4 * i + 1]);
+    }
+}
+
+/*
+ * Search for another posture of the commanded pose, one step of one trial in each call, of at most SEARCHED trials.
+ * One that is found becomes the posture's next goal (detour). Return whether the search goes on.
+ */
+int search_posture(step_t *s)
+{
+    memory_t *const m = s->m;
+    double step[N];
+    if (m->search >= SEARCHED) {
+        return 0;
+    }
+    if (m->search_steps == 0) {
+        start_trial(s);
+    }
+    const int found = find_posture_step(s, m->trial, s->goal, m->trial, step) <= 0.1 * REACHED;
+    const double size = norm(N, step);
+    add_scaled(N, size > LONGEST_STEP ? LONGEST_STEP / size : 1.0, step, m->trial);
+    m->detour = found;
+    m->search_steps += 1;
+    if (found || m->search_steps >= SEARCH_STEPS) {
+        m->search_steps = 0;
+        m->search += 1;
+    }
+    return 1;
+}
