@@ -7,12 +7,28 @@
 #include <algorithm>
 #include <cmath>
 
+/* Time [s] that adds up from many small parts, with the digits that each sum lost: an hour is as exact as a second. */
+class Elapsed {
+public:
+    Elapsed() : sum_(0.0), lost_(0.0) {}
+    void add(double seconds)
+    {
+        const double part = seconds + lost_, sum = sum_ + part;
+        lost_ = part - (sum - sum_);
+        sum_ = sum;
+    }
+    double seconds() const { return sum_; }
+
+private:
+    double sum_, lost_;
+};
+
 /* Reference of the controller: a move to the trajectory, the trajectory, then its end. */
 class Reference {
 public:
     /* approach_time: least duration of the move [s]. */
     Reference(const Trajectory &trajectory, double approach_time)
-        : trajectory_(trajectory), approach_time_(approach_time), clock_(0.0), progress_(0.0), done_(false)
+        : trajectory_(trajectory), approach_time_(approach_time), approaching_(false), done_(false)
     {
     }
 
@@ -20,16 +36,17 @@ public:
     void begin(const double *q)
     {
         double goal[JOINTS], rate[JOINTS];
-        trajectory_.at(progress_, goal, rate);
+        trajectory_.at(progress(), goal, rate);
         approach_.plan(q, goal, approach_time_);
-        clock_ = 0.0;
+        clock_ = Elapsed();
+        approaching_ = approach_.duration() > 0.0;
     }
 
     /* Return the largest distance [rad] of a joint from the goal of begin, and the joint. */
     double distance(const double *q, int *joint) const
     {
         double goal[JOINTS], rate[JOINTS], most = -1.0;
-        trajectory_.at(progress_, goal, rate);
+        trajectory_.at(progress(), goal, rate);
         for (int i = 0; i < JOINTS; ++i) {
             if (std::fabs(q[i] - goal[i]) > most) {
                 most = std::fabs(q[i] - goal[i]);
@@ -41,23 +58,26 @@ public:
 
     void advance(double seconds)
     {
-        clock_ += seconds;
-        const double beyond = clock_ - approach_.duration();
+        double beyond = seconds;
+        if (approaching_) {
+            beyond = seconds - (approach_.duration() - clock_.seconds());
+            clock_.add(seconds);
+            approaching_ = beyond < 0.0;
+        }
         if (beyond > 0.0) {
-            clock_ = approach_.duration();
-            progress_ = std::min(progress_ + beyond, trajectory_.duration());
+            progress_.add(std::min(beyond, trajectory_.duration() - progress()));
             /* Within rounding: the last sample is the end. */
-            done_ = done_ || progress_ > trajectory_.duration() - 1e-9;
+            done_ = done_ || progress() > trajectory_.duration() - 1e-9;
         }
     }
 
     /* Compute position and velocity; pace: rate of the trajectory's time. */
     void at(double pace, double *q, double *dq) const
     {
-        if (clock_ < approach_.duration()) {
-            approach_.at(clock_, q, dq);
+        if (approaching_) {
+            approach_.at(clock_.seconds(), q, dq);
         } else {
-            trajectory_.at(progress_, q, dq);
+            trajectory_.at(progress(), q, dq);
         }
         for (int i = 0; i < JOINTS; ++i) {
             dq[i] *= pace;
@@ -65,16 +85,16 @@ public:
     }
 
     /* Return whether the arm moves back to where the trajectory stopped. */
-    bool returning() const { return progress_ > 0.0 && clock_ < approach_.duration(); }
-    double progress() const { return progress_; } /* [s] in the trajectory */
+    bool returning() const { return progress() > 0.0 && approaching_; }
+    double progress() const { return progress_.seconds(); } /* [s] in the trajectory */
     bool done() const { return done_; }
 
 private:
     const Trajectory &trajectory_;
     const double approach_time_;
     Approach approach_;
-    double clock_, progress_; /* [s] in the approach and in the trajectory */
-    bool done_;
+    Elapsed clock_, progress_; /* in the approach, and in the trajectory */
+    bool approaching_, done_;
 };
 
 #endif
