@@ -29,8 +29,6 @@ from support.project import ROOT
 
 HERE = ROOT / "tests" / "support" / "plant"
 KINDS = ("near", "far", "singular", "half turn")
-UNREACHABLE = 1 << 23
-"""Bit of the status."""
 LENGTH, ANGLE = 1e-4, np.radians(0.02)
 """Reached: distance [m] and angle [rad]."""
 Array = np.ndarray
@@ -53,6 +51,8 @@ class Arm:
         name = robot.name
         header = (robot / f"{name}.h").read_text()
         self.n = int(re.findall(rf"#define {name.upper()}_DOF (\d+)", header)[0])
+        bits = re.findall(rf"{name.upper()}_STATUS_(\w+) = 1 << (\d+)", (robot / f"{name}_impedance.h").read_text())
+        self.status = {bit: 1 << int(place) for bit, place in bits}
         macros = {"ROBOT": name, "UPPER": name.upper(), "HEADER": f"{name}_impedance.h"}
         command = ["gcc", "-std=c99", "-O2", "-march=native", "-shared", "-fPIC", f"-I{robot}"]
         command += [f"-D{key}={value}" for key, value in macros.items()]
@@ -83,17 +83,24 @@ class Arm:
         self.library.poses_default_config(ctypes.byref(config))
         return fill(config, **{"motor_inertia": 0.1, **values})
 
-    def run(self, target: Target, seconds: float, translation: float, rotation: float, **config: Any) -> dict[str, Any]:
-        """Return errors [m, rad], statuses, reason of a fault, last speed [rad/s] and last posture."""
-        q, reference = target.start.copy(), np.empty(self.n)
-        status, speed = (ctypes.c_uint * 2)(), ctypes.c_double()
-        arrays = (np.ascontiguousarray(target.pose), target.posture, translation * np.eye(3), rotation * np.eye(3))
+    def run(
+        self, *targets: Target, seconds: float, translation: float = 700.0, rotation: float = 30.0, **config: Any
+    ) -> dict[str, Any]:
+        """Go to targets one after the other, each for some seconds, from the start of the first.
+
+        Return errors [m, rad] from the last one, the last status of each, the reason of a fault, and the last speed
+        [rad/s], posture and reference.
+        """
+        q, reference = targets[0].start.copy(), np.empty(self.n)
+        status, speed = (ctypes.c_uint * len(targets))(), ctypes.c_double()
+        poses, postures = (np.stack(each) for each in zip(*((t.pose, t.posture) for t in targets), strict=True))
+        arrays = (poses, postures, translation * np.eye(3), rotation * np.eye(3))
         reason = self.library.poses_run(
-            ctypes.byref(self.config(**config)), round(seconds / 1e-3), _pointer(q), *map(_pointer, arrays),
-            _pointer(reference), status, ctypes.byref(speed),
+            ctypes.byref(self.config(**config)), len(targets), round(seconds / 1e-3), _pointer(q),
+            *map(_pointer, arrays), _pointer(reference), status, ctypes.byref(speed),
         )  # fmt: skip
-        length, angle = errors(self.pose(q), target.pose)
-        return {"length": length, "angle": angle, "any": status[0], "last": status[1], "reason": reason,
+        length, angle = errors(self.pose(q), targets[-1].pose)
+        return {"length": length, "angle": angle, "statuses": list(status), "last": status[-1], "reason": reason,
                 "speed": speed.value, "q": q, "reference": reference,
                 "reached": length <= LENGTH and angle <= ANGLE}  # fmt: skip
 
@@ -158,7 +165,7 @@ def survey(arm: Arm, count: int, seed: int, seconds: float, **config: Any) -> li
     for k in range(count):
         random = np.random.default_rng([seed, k])
         target = draw(random, arm, KINDS[k % len(KINDS)])
-        got = arm.run(target, seconds, 700.0, 30.0, **config)
+        got = arm.run(target, seconds=seconds, **config)
         search = None if got["reached"] else posture_of(random, arm, target.pose, got["q"])
         found.append({**got, "target": target, "kind": target.kind, "reachable": got["reached"] or search is not None})
     return found
@@ -169,7 +176,7 @@ def report(arm: Arm, rows: list[dict[str, Any]]) -> None:
     for kind in KINDS:
         of_kind = [row for row in rows if row["kind"] == kind]
         short = [row for row in of_kind if not row["reached"]]
-        flagged = [row for row in short if row["last"] & UNREACHABLE]
+        flagged = [row for row in short if row["last"] & arm.status["UNREACHABLE"]]
         told = sum(row["reachable"] for row in flagged)
         faults = sum(row["reason"] != 0 for row in short)
         counts = (len(of_kind), kind, len(of_kind) - len(short), len(flagged) - told, told, faults,

@@ -47,11 +47,13 @@ static void solve(double *M, double *b)
 }
 
 /*
- * Run from rest at q (which becomes the last position). Results: the last reference, statuses of all steps and of the
- * last, the reason of a fault, and the largest joint speed of the last tenth.
+ * Run from rest at q (which becomes the last position) towards some targets, a pose and a posture each, one after the
+ * other. Results: the last reference, the last status of every target, the reason of a fault, and the largest joint speed
+ * of the last tenth.
  */
-int poses_run(const void *configuration, int samples, double *q, const double *equilibrium, const double *posture,
-              const double *translation, const double *rotation, double *reference, unsigned *status, double *speed)
+int poses_run(const void *configuration, int targets, int samples, double *q, const double *equilibrium,
+              const double *posture, const double *translation, const double *rotation, double *reference,
+              unsigned *status, double *speed)
 {
     static NAMED(_impedance_state) state;
     const NAMED(_impedance_config) *const config = configuration;
@@ -61,22 +63,21 @@ int poses_run(const void *configuration, int samples, double *q, const double *e
     double v[COUNT] = {0.0}, matrix[COUNT * COUNT], force[COUNT];
     memset(&input, 0, sizeof input);
     *speed = 0.0;
-    status[0] = status[1] = 0u;
     if (NAMED(_impedance_init)(config, &state, NULL) != 0) {
         return -1;
     }
     input.sample_valid = 1;
     input.command = ID(_COMMAND_EQUILIBRIUM);
-    memcpy(input.q0, posture, sizeof input.q0);
-    memcpy(input.equilibrium, equilibrium, sizeof input.equilibrium);
     memcpy(input.translation_stiffness, translation, sizeof input.translation_stiffness);
     memcpy(input.rotation_stiffness, rotation, sizeof input.rotation_stiffness);
-    for (int k = 0; k < samples; ++k) {
+    for (int k = 0; k < targets * samples; ++k) {
+        memcpy(input.q0, posture + COUNT * (k / samples), sizeof input.q0);
+        memcpy(input.equilibrium, equilibrium + 16 * (k / samples), sizeof input.equilibrium);
         input.counter += 1u;
         memcpy(input.q, q, sizeof input.q);
         memcpy(input.dq, v, sizeof input.dq);
         NAMED(_impedance_step)(config, &state, &input, &output);
-        status[0] |= output.status;
+        status[k / samples] = output.status;
         NAMED(_mass_matrix)(q, matrix);
         NAMED(_bias_forces)(q, v, gravity, force);
         for (int i = 0; i < COUNT; ++i) {
@@ -87,10 +88,9 @@ int poses_run(const void *configuration, int samples, double *q, const double *e
         for (int i = 0; i < COUNT; ++i) {
             v[i] += config->sample_time * force[i];
             q[i] += config->sample_time * v[i];
-            *speed = k >= samples - samples / 10 ? fmax(*speed, fabs(v[i])) : 0.0;
+            *speed = k % samples >= samples - samples / 10 ? fmax(*speed, fabs(v[i])) : 0.0;
         }
     }
-    status[1] = output.status;
     memcpy(reference, output.reference, sizeof output.reference);
     return output.reason;
 }
