@@ -3,11 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+import pytest
 
 from stiffgen.analyze import measures as ms
 from stiffgen.analyze.analysis import checked_stiffness
 from stiffgen.cli import main
+from stiffgen.symbolic.connection import Representation
+from stiffgen.verify.result import Array
 from support import recordings
 
 K = (700, 700, 800, 30, 30, 30)
@@ -15,24 +22,25 @@ JOINTS = tuple(f"A{i}" for i in range(1, 8))
 ROWS = recordings.draw(300)
 
 
-def run(capsys, *arguments):
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Run the command; return its exit code, output and errors."""
     code = main(["analyze", *(str(a) for a in arguments)])
     captured = capsys.readouterr()
     return code, captured.out, captured.err
 
 
-def command(robot_folder, log, *options, stiffness=K):
+def command(robot_folder: Path, log: Path, *options: object, stiffness: Sequence[float] = K) -> tuple[object, ...]:
     return log, "--robot", robot_folder, "--task-stiffness", *stiffness, *options
 
 
-def measured(robot, rows, representation="hybrid"):
+def measured(robot: Any, rows: Array, representation: Representation = "hybrid") -> dict[str, Array]:
     limits = np.full(7, np.inf)
     task = ms.Task(representation, checked_stiffness(K), False, -limits, limits)
     return dict(zip(ms.MEASURES, ms.measured(robot, task, rows[:, 1:8], rows[:, 8:]).T, strict=True))
 
 
-def assert_same(one, other, exact=False):
-    """The same summary; sums may differ in the last digits where rows were added up in other groups."""
+def assert_same(one: Any, other: Any, *, exact: bool = False) -> None:
+    """Compare two summaries; sums may differ in the last digits where rows were added up in other groups."""
     for name, value in vars(one).items():
         if name in ("total", "squares") and not exact:
             np.testing.assert_allclose(value, getattr(other, name), rtol=1e-12, atol=1e-10)
@@ -55,7 +63,7 @@ BAD = {  # line: (what stands there, category, words of the reason)
 }
 
 
-def bad_csv(path):
+def bad_csv(path: Path) -> Path:
     lines = recordings.write_csv(path, ROWS).read_text().split("\n")
     for line, (cell, _, _) in BAD.items():
         cells = lines[line - 1].split(",")
