@@ -65,6 +65,11 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
             f"{chain.source}: the impedance controller commands every joint of q, and passive joints of closed loops "
             "have no motor; leave it out (--no-controller) and use the functions in the group motors"
         )
+    if chain.loops and scalar != DOUBLE:
+        raise ChainError(
+            f"--scalar {scalar.name} does not go with closed loops, whose equations are solved to 1e-11; leave out one "
+            "of the two"
+        )
     name = identifier(chain.robot) if options.name is None else checked_identifier(options.name)
     folder = Path(options.output) / name
     try:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -178,6 +180,152 @@ def test_five_bar_against_its_closed_form(tmp_path):
 
 
 def with_start(chain: Chain, start: np.ndarray) -> Chain:
-    from dataclasses import replace
-
     return replace(chain, start=tuple(float(x) for x in start))
+
+
+RODS = ((0.0, 0.05), (2.1, 0.03), (4.2, -0.04))
+"""Angle of each arm of the Delta about the vertical, and height of its motor [rad, m]."""
+
+
+def delta(folder: Path) -> tuple[Chain, ca.SX, ca.SX]:
+    """Return a platform on three slides and three arms with rods, and its point as a function of the motors."""
+    links, loops, a = [], [], ca.SX.sym("a", 3)
+    for parent, name, axis in (("ground", "x", "1 0 0"), ("x", "y", "0 1 0"), ("y", "tip", "0 0 1")):
+        start = "0 0 -0.6" if name == "x" else "0 0 0"
+        links.append(link(name, parent, start, f'<axis xyz="{axis}"/>', "prismatic"))
+    centres = []
+    for k, (turn, height) in enumerate(RODS):
+        c, s = math.cos(turn), math.sin(turn)
+        axis = f'<axis xyz="{-s!r} {c!r} 0"/>'
+        links.append(link(f"arm{k}", "ground", f"{0.2 * c!r} {0.2 * s!r} {height}", axis))
+        links.append(link(f"cross{k}", f"arm{k}", f"{0.3 * c!r} {0.3 * s!r} 0", axis))
+        links.append(link(f"rod{k}", f"cross{k}", "0 0 0", f'<axis xyz="{c!r} {s!r} 0"/>'))
+        loops.append(f"rod{k}:0,0,-0.7=tip:{0.08 * c!r},{0.08 * s!r},0")
+        reach = 0.3 * ca.cos(a[k])  # of the arm, less the platform's point
+        centres.append(ca.vertcat((0.12 + reach) * c, (0.12 + reach) * s, height - 0.3 * ca.sin(a[k])))
+    first, *others = centres  # spheres about the moved elbows meet in the platform's origin
+    normals = ca.vertcat(*((2 * (each - first)).T for each in others))
+    right = ca.vertcat(*(ca.sumsqr(each) - ca.sumsqr(first) for each in others))
+    flat, slope = ca.solve(normals[:, :2], right), -ca.solve(normals[:, :2], normals[:, 2])
+    away = ca.vertcat(flat, 0) - first
+    line = ca.vertcat(slope, 1)
+    A, B, C = ca.sumsqr(line), ca.dot(line, away), ca.sumsqr(away) - 0.7**2
+    point = first + away + line * (-B - ca.sqrt(B**2 - A * C)) / A
+    chain = load_chain(written(folder, *links), tip="tip", loop=loops, actuated=["arm0", "arm1", "arm2"])
+    return chain, a, point
+
+
+def test_delta_against_its_closed_form(tmp_path):
+    chain, a, point = delta(tmp_path)
+    assert len(chain.coordinates) == 12 and [len(loop.rows) for loop in chain.loops] == [3, 3, 3]
+    starts = np.array(chain.start)[list(chain.actuated)] + np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3))
+    compare_with_energy(chain, a, point, starts)
+
+
+def on_circle(radius: float, angle: float) -> list[float]:
+    return [radius * math.cos(angle), radius * math.sin(angle), 0.0]
+
+
+@pytest.mark.slow
+def test_stewart_platform_against_its_closed_form(tmp_path):
+    """The lengths of the legs are a formula of the platform's pose; its inverse is differentiated."""
+    source = np.random.default_rng(3)
+    links, loops, parent = [], [], "ground"
+    for k, name in enumerate(("x", "y", "z", "roll", "pitch", "tip")):
+        axis = " ".join(str(int(i == k % 3)) for i in range(3))
+        kind = "prismatic" if k < 3 else "revolute"
+        links.append(link(name, parent, "0 0 0.5" if k == 0 else "0 0 0", f'<axis xyz="{axis}"/>', kind))
+        parent = name
+    x, lengths = ca.SX.sym("x", 6), []
+    turn = ca.SX.eye(3)
+    for k in range(3):
+        unit = ca.DM.eye(3)[:, k]
+        along = unit @ unit.T
+        turn = turn @ (along + ca.cos(x[3 + k]) * (ca.DM.eye(3) - along) + ca.sin(x[3 + k]) * ca.skew(unit))
+    for k in range(6):
+        low, high = on_circle(0.5, k * 1.05), on_circle(0.25, k * 1.05 + 0.5 * (-1) ** k)
+        links.append(link(f"tilt{k}", "ground", " ".join(map(repr, low)), '<axis xyz="1 0 0"/>'))
+        links.append(link(f"swing{k}", f"tilt{k}", "0 0 0", '<axis xyz="0 1 0"/>'))
+        links.append(link(f"leg{k}", f"swing{k}", "0 0 0", '<axis xyz="0 0 1"/>', "prismatic"))
+        loops.append(f"leg{k}:0,0,0=tip:{','.join(map(repr, high))}")
+        lengths.append(ca.norm_2(ca.vertcat(x[:2], x[2] + 0.5) + turn @ ca.DM(high) - ca.DM(low)))
+    legs = [f"leg{k}" for k in range(6)]
+    chain = load_chain(written(tmp_path, *links), tip="tip", loop=loops, actuated=legs)
+    motors = functions(chain, "close", "motors_spring_torque", "motors_spring_joint_stiffness")
+    given = spring(1, np.array([0.0, 0.1, 0.5]))
+    model = functions(chain, "spring_energy", "spring_torque", "spring_joint_stiffness")
+    of_pose = ca.Function("l", [x], [ca.vertcat(*lengths), ca.jacobian(ca.vertcat(*lengths), x)])
+    weights = ca.SX.sym("w", 6)
+    bending = ca.Function("b", [x, weights], [ca.hessian(ca.dot(weights, ca.vertcat(*lengths)), x)[0]])
+    names = [each.name for each in chain.coordinates]
+    pose = [names.index(each) for each in ("x", "y", "z", "roll", "pitch", "tip")]
+    for _ in range(3):
+        place = source.uniform(-0.1, 0.1, 6)
+        length, J = map(np.array, of_pose(place))
+        start = np.array(chain.start)
+        start[pose] = place
+        q = motors.close(length, chain.start).ravel()
+        assert np.abs(q[pose] - place).max() < 1e-11
+        gradient = -model.spring_torque(q, *given).ravel()[pose]
+        forces = np.linalg.solve(J.T, gradient)
+        inner = model.spring_joint_stiffness(q, *given)[np.ix_(pose, pose)] - np.array(bending(place, forces))
+        inverse = np.linalg.inv(J)
+        stiffness = inverse.T @ inner @ inverse
+        assert np.abs(motors.motors_spring_torque(q, *given).ravel() + forces).max() <= 1e-12 * np.abs(forces).max()
+        found = motors.motors_spring_joint_stiffness(q, *given)
+        assert np.abs(found - stiffness).max() <= 1e-12 * np.abs(stiffness).max()
+
+
+def test_torque_does_no_work_on_a_closed_orbit(tmp_path):
+    chain = five_bar(tmp_path)
+    motors = functions(chain, "close", "motors_spring_torque", "motors_spring_joint_stiffness")
+    q = motors.close([2.0, 1.0], [2.0, -1.2, 1.0, 0.9]).ravel()
+    given, work, nodes = spring(1, np.array([0.15, 0.4, 0.0])), 0.0, 256
+    for t in np.arange(nodes) * 2 * np.pi / nodes:
+        a = np.array([2.0 + 0.3 * np.cos(t), 1.0 + 0.3 * np.sin(t)])
+        rate = 0.3 * np.array([-np.sin(t), np.cos(t)])
+        q = motors.close(a, q).ravel()
+        work += float(motors.motors_spring_torque(q, *given).ravel() @ rate) * 2 * np.pi / nodes
+    assert abs(work) <= 1e-10
+
+
+FOUR_BAR = """<mujoco><compiler angle="radian"/>
+<option gravity="1 -9 0.5" tolerance="1e-15" iterations="200"/><worldbody>
+<body name="crank"><joint name="crank" axis="0 0 1"/><inertial pos="0.07 0.01 0" mass="1" diaginertia=".01 .01 .012"/>
+ <body name="coupler" pos="0.15 0 0"><joint name="coupler" axis="0 0 1"/>
+  <inertial pos="0.1 0.05 0" mass="1.5" diaginertia=".01 .01 .02"/></body></body>
+<body name="rocker" pos="0.3 0 0"><joint name="rocker" axis="0 0 1"/>
+ <inertial pos="0.1 0 0" mass="0.7" diaginertia=".01 .01 .01"/></body></worldbody>
+<equality><connect site1="a" site2="b" solref="-1e6 -1e3" solimp="0.99999 0.99999 0.001 0.5 2"/></equality>
+<actuator><motor joint="crank"/></actuator></mujoco>"""
+
+
+def test_motion_against_mujoco_with_a_stiff_constraint(tmp_path):
+    """Accelerations under gravity, and from their change with the configuration the stiffness of gravity."""
+    mujoco = pytest.importorskip("mujoco")
+    text = FOUR_BAR.replace("</body></body>", '<site name="a" pos="0.35 0 0"/></body></body>', 1)
+    text = text.replace("</body></worldbody>", '<site name="b" pos="0.25 0 0"/></body></worldbody>')
+    file = tmp_path / "bars.xml"
+    file.write_text(text)
+    chain = load_chain(file, tip="coupler", close_loops=True)
+    names = ("mass_matrix", "bias_forces", "jacobian", "gravity_joint_stiffness", "gravity_gradient")
+    motors, gravity = functions(chain, "close", *(f"motors_{name}" for name in names)), np.array([1, -9, 0.5])
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    order = [model.joint(each.name).qposadr[0] for each in chain.coordinates]
+
+    def acceleration(a: float, rate: float) -> float:
+        q = motors.close(a, chain.start).ravel()
+        data.qpos[order], data.qvel[order] = q, (motors.motors_jacobian(q) @ [rate]).ravel()
+        mujoco.mj_forward(model, data)
+        return float(data.qacc[order[chain.actuated[0]]])
+
+    for a, rate in ((0.5, 0.0), (0.9, 1.5), (1.3, -2.0)):
+        q = motors.close(a, chain.start).ravel()
+        mass = motors.motors_mass_matrix(q).item()
+        expected = -motors.motors_bias_forces(q, [rate], gravity).item() / mass
+        assert abs(acceleration(a, rate) - expected) <= 1e-4 * abs(expected)
+        h = 1e-3
+        forces = [motors.motors_mass_matrix(motors.close(a + d, q)).item() * acceleration(a + d, 0.0) for d in (h, -h)]
+        stiffness = motors.motors_gravity_joint_stiffness(q, gravity).item()
+        assert abs((forces[1] - forces[0]) / (2 * h) - stiffness) <= 1e-4 * abs(stiffness)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffgen import StiffnessModel, load_chain
+from stiffgen import StiffnessModel, generate, load_chain
 from stiffgen.errors import ChainError, LoopWarning
 
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
@@ -87,6 +87,17 @@ def test_refused(message, tmp_path):
         options["loop"] = ["coupler:0.35,0,0=knee:0.15,0,0"]
     with pytest.raises(ChainError, match=message):
         loaded(tmp_path, *bars, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({}, "commands every joint of q.*--no-controller"), ({"controller": False, "scalar": "float"}, "closed loops")],
+)
+def test_options_that_do_not_go_with_loops(options, message, tmp_path):
+    file = tmp_path / "bars.urdf"
+    loaded(tmp_path, CRANK, COUPLER, ROCKER)
+    with pytest.raises(ChainError, match=message):
+        generate(file, tip="coupler", masses=False, loop=[LOOP], actuated="crank", output=tmp_path, **options)
 
 
 def test_a_ball_joint_in_a_loop_is_refused(tmp_path):
