@@ -194,7 +194,7 @@ class Chain:
         massless: moving links without ``<inertial>``.
         source: name of the robot's file, without folder.
         digest: SHA-256 of the file.
-        masses: False if the user excluded masses: then every body is zero, and there are no side joints.
+        masses: False if the user excluded masses: then every body is zero, and only loops have side joints.
         runtime_tool: whether the kernels take the tool's pose in the tip's frame as an argument.
         tool: tool option, for the record; the other fields contain its effect.
         locked: locked joints and their positions, for the record; the other fields contain their effect.

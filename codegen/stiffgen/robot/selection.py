@@ -32,8 +32,8 @@ class Selection:
         couplings: mimic relations and locks.
         paths: joints from the base to each tip.
         moving: moving joints on the paths.
-        side: moving joints on no path that share a coordinate with a path through ``<mimic>``, or belong to a closed
-            loop; empty without masses.
+        side: moving joints on no path that belong to a closed loop or, with masses, share a coordinate with a path
+            through ``<mimic>``.
         masters: joints that are coordinates.
         carried: links that move rigidly with each moving joint; empty without masses.
         beside: problems of the file that cannot change this chain (all other problems reject it).
@@ -81,7 +81,8 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
     masters = dict.fromkeys(couplings[element].master.name for element in moving_all)
     beyond = _joints_beyond(description, base)
-    side = _side_joints(description, couplings, base, beyond, moving, masters) if options.masses else []
+    side = _side_joints(description, couplings, base, beyond, moving, masters)
+    side = [element for element in side if options.masses or element.name in of_loops]
     _check_count(file, base, tips, [*moving, *side])
     carried = carried_links(description, [*moving, *side], base if floating else None) if options.masses else {}
     used = [*elements, *of_loops.values(), *side]

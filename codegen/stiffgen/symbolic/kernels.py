@@ -420,6 +420,8 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     springs = options.springs()
     _check_names(springs[len(springs) - len(options.potentials) :])
     kernels = _select((*_all_kernels(chain, springs), *motor_kernels(chain, springs)), options.groups)
+    if chain.loops:  # vectors of joints also hold coordinates, of which a path to a tip has more than joints
+        kernels = tuple(replace(each, of_masses=True) if _of_coordinates(each) else each for each in kernels)
     if chain.floating:
         kernels = tuple(map(_on_floating_base, kernels))
     if options.derivatives:
@@ -427,6 +429,13 @@ def chain_kernels(chain: Chain, options: SpringOptions | None = None) -> tuple[K
     if options.batches and len(chain.joints) <= MAX_BATCH_JOINTS:
         return kernels
     return tuple(replace(kernel, batch=False) for kernel in kernels)
+
+
+def _of_coordinates(kernel: Kernel) -> bool:
+    """Return whether a kernel, or the kernel of the tree behind it, loops over the coordinates."""
+    names = [potential.name for potential in JOINT_POTENTIALS]
+    of_motors = [f"{name}_{part}" for name in names for part in ("torque", "joint_stiffness")]
+    return kernel.group in names or (kernel.group == GROUP and kernel.name in of_motors)
 
 
 def _select(kernels: tuple[Kernel, ...], groups: tuple[str, ...]) -> tuple[Kernel, ...]:

@@ -10,6 +10,7 @@ import pytest
 
 from stiffgen import StiffnessModel, generate, load_chain
 from stiffgen.errors import ChainError, LoopWarning
+from stiffgen.symbolic.kernels import chain_kernels
 
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
 
@@ -24,6 +25,7 @@ def bar(name: str, parent: str, xyz: str, axis: str = "0 0 1", kind: str = "revo
 
 CRANK, COUPLER = bar("crank", "ground", "0 0 0"), bar("coupler", "crank", "0.15 0 0")
 ROCKER = bar("rocker", "ground", "0.3 0 0")
+MASS = '><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
 
 
 def loaded(folder: Path, *bars: str, **options):
@@ -42,6 +44,16 @@ def test_a_planar_loop_has_two_equations(tmp_path):
     q = np.array(model.close(chain.start[0], chain.start)).ravel()
     first = 0.15 * np.exp(1j * q[0]) + 0.35 * np.exp(1j * (q[0] + q[1]))
     assert abs(first - 0.3 - 0.25 * np.exp(1j * q[2])) < 1e-12
+
+
+@pytest.mark.parametrize("masses", [True, False])
+def test_vectors_of_joints_have_room_for_every_coordinate(masses, tmp_path):
+    """The C of posture and limits loops over coordinates in vectors that are sized by the joints."""
+    bars = [bar.replace("/><joint", MASS + "<joint") for bar in (CRANK, COUPLER, ROCKER)]
+    chain = loaded(tmp_path, *bars, loop=[LOOP], actuated=["crank"], masses=masses)
+    of_coordinates = [k for k in chain_kernels(chain) if "posture" in k.qualified_name or "limits" in k.qualified_name]
+    assert len(of_coordinates) == 10
+    assert all(len(kernel.scope(chain).joints) >= chain.dof for kernel in of_coordinates)
 
 
 def test_at_a_dead_centre_nothing_is_a_number(tmp_path):
