@@ -25,6 +25,7 @@ class StiffnessModel:
     * ``model.forward_kinematics``, ``model.mass_matrix`` (for a chain with masses);
     * ``model.hybrid.jacobian``, ``model.hybrid.joint_stiffness``, also of ``body`` and ``spatial``;
     * ``model.spring.torque``, ``model.posture.torque``, ``model.limits.torque``;
+    * with closed loops ``model.close``, ``model.motors.joint_stiffness``;
     * with several tips ``model.left_hand.hybrid.jacobian`` and ``model.hybrid.joint_stiffness_total``.
 
     Arguments and results have the shapes of the kernel table. CasADi has two dimensions only, so that
@@ -51,6 +52,8 @@ class StiffnessModel:
     spring: SimpleNamespace
     posture: SimpleNamespace
     limits: SimpleNamespace
+    motors: SimpleNamespace
+    close: ca.Function
 
     def __init__(
         self,
