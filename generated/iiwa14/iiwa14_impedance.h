@@ -258,8 +258,8 @@ typedef struct {
      * and the tank follow from it where they are 0. Every entry must lie between 0.001 and 100000. Default:
      * 100.0, 20.0. */
     double heaviest_wrench[2];
-    /* [J] largest elastic energy that a move of the equilibrium may store; 0: the energy at which the springs
-     * exert heaviest_wrench. Must lie between 0 and 10000. Default: 0.0. */
+    /* [J] largest energy that a move of the equilibrium may store in the springs of the tips; 0: the energy at
+     * which they exert heaviest_wrench. Must lie between 0 and 10000. Default: 0.0. */
     double energy_limit;
     /* [J] work that moves of the equilibrium may cost after a start or a reset, and per second of a command's
      * travel at the governor's velocity limits; 0: work against heaviest_wrench in a second at the tip's

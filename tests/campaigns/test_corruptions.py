@@ -125,7 +125,7 @@ FAULTS = [
     Fault("missed samples forgotten", CONTROLLER, r"periods > 0 \? 2 \* periods : -1", "periods > 0 ? -1 : -1"),
     Fault("overspeed allowed", CONTROLLER, r"m->fast \* c->sample_time > c->overspeed_time", "0.0 > c->overspeed_time"),
     Fault("beyond the upper limit allowed", CONTROLLER, r"fmax\(c->lower_limit\[i\] - in->q\[i\], in->q\[i\] - c->upper_limit\[i\]\)", "c->lower_limit[i] - in->q[i]"),
-    Fault("governor's energy limit dropped", CONTROLLER, r"\*rise <= allowed", "1", "static double find_share("),
+    Fault("governor's energy limit dropped", CONTROLLER, r"tip_rise <= allowed", "1", "static double find_share("),
     Fault("limit in Python", PYTHON, r"-2\.96706", "-2.9", "LOWER ="),
     Fault("effort in Python", PYTHON, r"320\.0", "300.0", "EFFORT ="),
     Fault("tip in Python", PYTHON, "'link_ee'|\"link_ee\"", "'link_7'", "\nTIP"),

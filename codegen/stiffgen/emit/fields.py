@@ -223,8 +223,8 @@ CONFIG: tuple[Field, ...] = (
         "energy_limit",
         _SCALAR,
         "J",
-        "largest elastic energy that a move of the equilibrium may store; 0: the energy at which the springs exert "
-        "heaviest_wrench",
+        "largest energy that a move of the equilibrium may store in the springs of the tips; 0: the energy at which "
+        "they exert heaviest_wrench",
         "0.0",
         0.0,
         1e4,
