@@ -34,7 +34,7 @@ CONTENTS = {
     "Notebooks": ("notebooks/first_steps", "notebooks/my_robot", "notebooks/springs_and_orbits", "notebooks/tuning"),
     "Concepts": (
         "docs/theory", "docs/frames", "docs/springs", "docs/derivatives", "docs/casadi", "docs/identify",
-        "docs/whole_body",
+        "docs/whole_body", "docs/loops",
         "docs/glossary",
     ),
     "Use": (

@@ -2179,7 +2179,7 @@ static double find_posture_step(step_t *s, const double *q, const double *goal, 
 {
     const memory_t *const m = s->m;
     double A[NN], task[N], near[N], damping, speed = 0.0;
-    int held[N] = {0}, round = 0;
+    int held[N] = {0};
     const double distance = sum_errors(m, q, goal, A, task, &damping);
     memset(step, 0, N * sizeof(double));
     for (int i = 0; i < N; ++i) {
@@ -2189,11 +2189,11 @@ static double find_posture_step(step_t *s, const double *q, const double *goal, 
     for (int i = 0; i < N; ++i) {
         near[i] *= fmax(1.0 - distance / NEAR, 0.0) / fmax(speed, 1.0);
     }
-    int good = 1;
-    do {
+    int good = 1, again = 1;
+    for (int round = 1; round <= N && again; ++round) {
         good = combine_steps(A, task, near, damping, held, s->scratch, step);
-        round += 1;
-    } while (good && round < N && hold_joint(m, q, held, step));
+        again = good && round < N && hold_joint(m, q, held, step);
+    }
     if (!good) {
         memset(step, 0, N * sizeof(double));
     }

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stiffgen.errors import ChainError, DescriptionError, listed, printable
@@ -81,8 +81,8 @@ def select(description: Description, options: ChainOptions = _DEFAULTS) -> Selec
     moving_all = [*moving, *(each for each in of_loops.values() if couplings.moves(each))]
     masters = dict.fromkeys(couplings[element].master.name for element in moving_all)
     beyond = _joints_beyond(description, base)
-    side = _side_joints(description, couplings, base, beyond, moving, masters)
-    side = [element for element in side if options.masses or element.name in of_loops]
+    wanted = [each for each in description.joints.values() if options.masses or each.name in of_loops]
+    side = _side_joints(description, couplings, base, beyond, moving, masters, wanted)
     _check_count(file, base, tips, [*moving, *side])
     carried = carried_links(description, [*moving, *side], base if floating else None) if options.masses else {}
     used = [*elements, *of_loops.values(), *side]
@@ -150,12 +150,13 @@ def _side_joints(
     beyond: list[JointElement],
     moving: list[JointElement],
     masters: Container[str],
+    wanted: Iterable[JointElement],
 ) -> list[JointElement]:
-    """Return the moving joints on no path that a coordinate (of ``masters``) moves, parents first."""
+    """Return the moving joints of ``wanted`` on no path that a coordinate (of ``masters``) moves, parents first."""
     on_paths = {element.name for element in moving}
     side = [
         element
-        for element in description.joints.values()
+        for element in wanted
         if element.name not in on_paths and couplings.moves(element) and couplings[element].master.name in masters
     ]
     ranks = {element.name: rank for rank, element in enumerate(beyond)}

@@ -2847,7 +2847,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "4ea228e5a3d054e8") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "8a73cc98bde0c998") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
