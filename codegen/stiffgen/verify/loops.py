@@ -15,8 +15,9 @@ import numpy as np
 
 from stiffgen.robot.chain import Chain, LoopEnd
 from stiffgen.symbolic.potentials import SpringOptions
-from stiffgen.verify.poses import homogeneous
+from stiffgen.verify.poses import homogeneous, moved_pose
 from stiffgen.verify.result import Array, Check, Kernels
+from stiffgen.verify.rounding import in_doubles
 from stiffgen.verify.samples import Samples, joint_potential_arguments
 
 _BOUND = 1e-10
@@ -26,14 +27,7 @@ _BOUND = 1e-10
 def _end_pose(chain: Chain, end: LoopEnd, q: ca.SX) -> ca.SX:
     pose = ca.SX.eye(4)
     for joint in end.joints:
-        position = joint.multiplier * q[joint.coordinate - chain.base_joints] + joint.offset
-        axis, motion = ca.DM(joint.axis), ca.SX.eye(4)
-        if joint.prismatic:
-            motion[:3, 3] = axis * position
-        else:
-            cross = ca.skew(axis)
-            motion[:3, :3] = ca.DM.eye(3) + ca.sin(position) * cross + (1 - ca.cos(position)) * (cross @ cross)
-        pose = pose @ homogeneous(joint.rotation, joint.translation) @ motion
+        pose = moved_pose(pose, joint, q[joint.coordinate - chain.base_joints])
     return pose @ homogeneous(end.rotation, end.translation)
 
 
@@ -61,7 +55,7 @@ class _Projection:
             turn = (first[:3, :3] @ second[:3, :3].T - second[:3, :3] @ first[:3, :3].T) / 2
             whole = ca.vertcat(first[:3, 3] - second[:3, 3], turn[2, 1], turn[0, 2], turn[1, 0])
             rows += [whole[row] for row in loop.rows]
-        c = ca.vertcat(*rows)
+        c = in_doubles(ca.vertcat(*rows))
         C = ca.jacobian(c, symbol)
         hessian, _ = ca.hessian(ca.dot(weights, c), symbol)
         moving = ca.jacobian(C @ rates, symbol) @ rates

@@ -3,7 +3,7 @@
 
 Rotations and axes of a chain are orthonormal up to the rounding of doubles. A derivative takes what is missing for a
 motion, and where the true result is small or zero that is all of it. The references have constants with more digits,
-which are orthonormal.
+which are orthonormal; `evaluate_longer` and `in_doubles` know them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from stiffgen.robot.chain import Chain
+from stiffgen.robot.chain import Chain, Joint
 from stiffgen.symbolic.connection import Representation
 from stiffgen.verify.result import Array
 from stiffgen.verify.rounding import long_constant
@@ -26,16 +26,21 @@ def joint_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> list[
     joints: list[ca.SX] = own * [base]
     for joint in chain.joints[own:]:
         pose = joints[joint.parent] if joint.parent >= 0 else base
-        position = joint.multiplier * q[joint.coordinate - own] + joint.offset
-        axis = _unit(joint.axis)
-        motion = ca.SX.eye(4)
-        if joint.type == "prismatic":
-            motion[:3, 3] = axis * position
-        else:
-            cross = ca.skew(axis)
-            motion[:3, :3] = ca.DM.eye(3) + ca.sin(position) * cross + (1 - ca.cos(position)) * (cross @ cross)
-        joints.append(pose @ homogeneous(joint.rotation, joint.translation) @ motion)
+        joints.append(moved_pose(pose, joint, q[joint.coordinate - own]))
     return joints
+
+
+def moved_pose(pose: ca.SX, joint: Joint, coordinate: ca.SX) -> ca.SX:
+    """Return the pose (4x4) of a joint's frame from the pose before it and the joint's coordinate [rad or m]."""
+    position = joint.multiplier * coordinate + joint.offset
+    axis = _unit(joint.axis)
+    motion = ca.SX.eye(4)
+    if joint.prismatic:
+        motion[:3, 3] = axis * position
+    else:
+        cross = ca.skew(axis)
+        motion[:3, :3] = ca.DM.eye(3) + ca.sin(position) * cross + (1 - ca.cos(position)) * (cross @ cross)
+    return pose @ homogeneous(joint.rotation, joint.translation) @ motion
 
 
 def product_of_poses(chain: Chain, q: ca.SX, base_pose: ca.SX | None = None) -> ca.SX:

@@ -282,6 +282,11 @@ def long_constant(values: NDArray[np.longdouble]) -> ca.SX:
     return ca.DM(leading) + ca.DM(rest) * ONE if rest.any() else ca.SX(ca.DM(leading))
 
 
+def in_doubles(expression: ca.SX) -> ca.SX:
+    """Return an expression with `ONE` replaced by 1, for a function that CasADi evaluates."""
+    return ca.substitute(expression, ONE, 1)
+
+
 def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequence[Array]) -> Array:
     """Evaluate a matrix of the entries of some symbols at many states, in the longest numbers that this machine has.
 

@@ -17,7 +17,10 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic import closure
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
-from support.exact_linkage import linkage_errors
+from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.loops import check_loops
+from stiffgen.verify.missing import function_of_stacks
+from support.exact_linkage import linkage_errors, random_linkage
 
 BOUND = 1e-11
 UP = '<axis xyz="0 0 1"/>'
@@ -62,6 +65,29 @@ def spring(seed: int, near: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
 def test_random_linkages_against_60_digits(seed, tmp_path):
     errors = linkage_errors(seed, tmp_path / "linkage.urdf")
     assert max(errors.values()) <= BOUND, errors
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_verify_projects_linkages_with_turned_joints(seed, tmp_path):
+    """Right functions pass; one that lacks the closure's term does not."""
+    linkage = random_linkage(seed)
+    file = tmp_path / "linkage.urdf"
+    file.write_text(linkage.urdf)
+    chain = load_chain(file, **linkage.options)
+    kernels = {each.qualified_name: function_of_stacks(chain, each) for each in chain_kernels(chain)}
+
+    def failed() -> set[str]:
+        return {each.kernel for each in check_loops(kernels, chain, 6, seed, SpringOptions()) if not each.passed}
+
+    assert failed() == set()
+    jacobian, of_tree = kernels["motors_jacobian"], kernels["hybrid_joint_stiffness"]
+
+    def without_the_term(q, wrench, task_stiffness):
+        G = jacobian(q)
+        return np.swapaxes(G, 1, 2) @ of_tree(q, wrench, task_stiffness) @ G
+
+    kernels["motors_joint_stiffness"] = without_the_term
+    assert failed() == {"motors_joint_stiffness"}
 
 
 def wrong_motion(self):
