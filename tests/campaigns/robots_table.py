@@ -239,7 +239,7 @@ def _record(package: str, name: str, row: Row | None) -> dict[str, str]:
 
 
 def table(records: list[dict[str, str]]) -> str:
-    """Return the table: totals, a line per package, and the reasons of refusals with their counts."""
+    """Return the table: totals, a line per package, and the reasons of refusals that several files share."""
     moving = [record for record in records if record["chains"] != "0"]
 
     def total(rows: list[dict[str, str]], column: str) -> int:
@@ -265,14 +265,9 @@ def table(records: list[dict[str, str]]) -> str:
         )  # fmt: skip
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     reasons = collections.Counter(_kind(record["reason"]) for record in moving if record["reason"])
-    lines += [
-        "",
-        "Reasons of refusals (one per file, of its first refused chain):",
-        "",
-        "| reason | files |",
-        "|---|---|",
-    ]
-    lines += [f"| {_escaped(reason)} | {count} |" for reason, count in reasons.most_common()]
+    lines += ["", "Reasons of refusals (one per file, of its first refused chain):", "", "| reason | files |", "|---|---|"]
+    lines += [f"| {_escaped(reason)} | {count} |" for reason, count in reasons.most_common() if count > 1]
+    lines.append(f"| others, one file each: docs/robots.csv | {sum(count == 1 for count in reasons.values())} |")
     return "\n".join(lines) + "\n"
 
 
