@@ -265,7 +265,13 @@ def table(records: list[dict[str, str]]) -> str:
         )  # fmt: skip
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     reasons = collections.Counter(_kind(record["reason"]) for record in moving if record["reason"])
-    lines += ["", "Reasons of refusals (one per file, of its first refused chain):", "", "| reason | files |", "|---|---|"]
+    lines += [
+        "",
+        "Reasons of refusals (one per file, of its first refused chain):",
+        "",
+        "| reason | files |",
+        "|---|---|",
+    ]
     lines += [f"| {_escaped(reason)} | {count} |" for reason, count in reasons.most_common() if count > 1]
     lines.append(f"| others, one file each: docs/robots.csv | {sum(count == 1 for count in reasons.values())} |")
     return "\n".join(lines) + "\n"
