@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Time of the parts of a batch (contenders/batch_parts.c): hybrid joint stiffness of the iiwa 14, parts left out.
 
-Prints the table of docs/performance.md: ns a configuration, the least of all rounds, on one core, with so few
-configurations that they stay in a cache, and with so many that they stream through memory.
+Prints a table: ns per configuration, the least of all rounds, on one core, with so few configurations that they stay
+in a cache, and with so many that they stream through memory.
 """
 
 import shutil
