@@ -249,6 +249,15 @@ CONFIG: tuple[Field, ...] = (
         1e-6,
         1e8,
     ),
+    _choice(
+        "actuation",
+        "what the motors are sent: torque, held from one step to the next; or gains: tau_ff, kp and kd for a controller "
+        "inside each motor, which follows q and dq between the steps; gains need the potential law and delay_samples 0",
+        ("torque", "gains"),
+        "torque",
+    ),
+    Field("kp_limit", _N, "N m/rad", "largest kp that a motor takes; actuation gains only", "500.0", 0.0, 1e6),
+    Field("kd_limit", _N, "N m s/rad", "largest kd that a motor takes; actuation gains only", "5.0", 0.0, 1e5),
     Field("force_limit", _SCALAR, "N", "largest measured force (norm) that is believed", "500.0", 1e-3, 1e6),
     Field("moment_limit", _SCALAR, "N m", "largest measured moment (norm) that is believed", "100.0", 1e-3, 1e6),
     Field(
@@ -500,6 +509,23 @@ OUTPUT: tuple[Field, ...] = (
         "N m or N",
         "command: elastic + damping + limit + feed-forward torque, and the caller's torque_offset, within all limits",
     ),
+    Field(
+        "tau_ff",
+        _N,
+        "N m or N",
+        "feed-forward torque for motors that apply tau_ff + kp (q_des - q) + kd (dq_des - dq); torque is what they apply "
+        "at the last believed q and dq",
+    ),
+    Field("kp", _N, "N m/rad", "gain kp of the motors; 0 with actuation torque", memory="="),
+    Field("kd", _N, "N m s/rad", "gain kd of the motors; 0 with actuation torque", memory="="),
+    Field("q_des", _N, "rad or m", "position q_des of the motors, the last believed q", memory="q"),
+    Field("dq_des", _N, "rad/s or m/s", "velocity dq_des of the motors, 0"),
+    Field(
+        "late_work",
+        _SCALAR,
+        "J",
+        "most work that the motors put out until the next step, or as many steps as torques are held for, comes",
+    ),
     Field("status", _SCALAR, "", "bits NAME_STATUS_...", type="uint32_t"),
     Field("mode", _SCALAR, "", "mode of the step, NAME_MODE_...", type="int"),
     Field("fault", _SCALAR, "", "class of the latched fault, NAME_FAULT_...", type="int", memory="="),
@@ -737,5 +763,7 @@ ERRORS: tuple[tuple[str, str], ...] = (
         "translation_stiffness_limit, rotation_stiffness_limit: sample_time, delay_samples and motor_inertia allow "
         "less than half of this stiffness; lower the limits, correct motor_inertia, or set stiffness_cap to accept",
     ),
+    ("actuation", "actuation: gains need the potential law and delay_samples 0"),
+    ("gains", "joint_gains: a number is not finite, or the limit of a gain is below 0"),
 )
 """Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""

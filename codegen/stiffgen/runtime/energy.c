@@ -332,7 +332,7 @@ void book_interval(step_t *s, const double *q)
         bridge_gap(s, 1);
         work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
-        work = dot(N, find_acting_torque(s), motion);
+        work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
         feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
     m->port_total += work;

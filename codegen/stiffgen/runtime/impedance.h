@@ -59,6 +59,7 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
@@ -92,6 +93,7 @@ typedef struct {
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
+    double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
@@ -173,6 +175,17 @@ int initialise(const config_t *c, state_t *state, const double *torque);
 int request_reset(state_t *state);
 void latch_fault(memory_t *m, int reason, int joint, double seen, double limit);
 int holds_in_fault(const step_t *s);
+
+/* joint_gains.c */
+int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
+                 const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
+                 double *tau_ff, double *kp, double *kd);
+double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+                       const double *kp, const double *kd, const double *speed, double hold);
+void plan_gains(step_t *s);
+double absorbed_work(const memory_t *m, const double *motion);
+void fade_gains(memory_t *m);
+void report_gains(step_t *s, int refused);
 
 /* energy.c */
 const double *find_spring_limits(const memory_t *m);

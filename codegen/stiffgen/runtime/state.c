@@ -41,6 +41,9 @@ int validate(const config_t *c)
     if (c->law == ID(LAW_PAPER) && TIPS > 1) {
         return ID(E_PAPER_TIPS);
     }
+    if (c->actuation == ID(ACTUATION_GAINS) && (c->law != ID(LAW_POTENTIAL) || c->delay_samples > 0)) {
+        return ID(E_ACTUATION);
+    }
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
         return ID(E_STATE_PERIOD);
     }

@@ -136,6 +136,7 @@ static void step_without_sample(step_t *s, const double *last)
         memcpy(s->out->torque, last, N * sizeof(double));
         if (m->missed >= m->hold) {
             step_towards_zero(last, m->rate, s->out->torque);
+            fade_gains(m);
         }
         limit_torque(s, last);
     } else { /* there may be no configuration */
@@ -143,6 +144,7 @@ static void step_without_sample(step_t *s, const double *last)
         m->tank += m->elastic_energy;
         m->elastic_energy = m->scale = m->good_time = 0.0;
         step_towards_zero(last, m->rate, s->out->torque);
+        fade_gains(m);
     }
     shift_history(m, s->transit, none);
 }
@@ -215,6 +217,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     if (state->checksum != compute_checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
             step_towards_zero(last, rate, output->torque);
+            memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
             store_copies(state->torque, output->torque);
             return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
         }
@@ -239,6 +242,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
     }
     add_torque_offset(&s, last, error != ID(OK));
     store_copies(state->torque, output->torque);
+    report_gains(&s, error != ID(OK));
     s.held = error == ID(OK) && holds_in_fault(&s);
     report_step(&s);
     state->checksum = compute_checksum(state);

@@ -43,7 +43,7 @@ static int try_torque(step_t *s, const double *last, double share)
         if (share < 1.0) {
             out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i]);
+            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
         }
     }
     limit_torque(s, last);
@@ -195,6 +195,7 @@ void compute_torque(step_t *s, const double *last, int moved)
         s->status |= ID(STATUS_GOVERNOR);
     }
     compensate_coriolis(s);
+    plan_gains(s);
     if (!try_torque(s, last, 2.0) && !paper) {
         reduce_torque(s, last, feed);
     }

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping
 from enum import IntEnum, IntFlag
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -348,6 +348,65 @@ class Impedance:
         slots = np.arange(self._recorded - count, self._recorded) % max(capacity, 1)
         inputs, outputs = (Record(record[slots]) for record in self._record)
         return inputs, outputs
+
+
+class Gains(NamedTuple):
+    """Command for motors that apply tau_ff + kp (q_des - q) + kd (dq_des - dq), each (n)."""
+
+    tau_ff: NDArray[np.float64]
+    kp: NDArray[np.float64]
+    kd: NDArray[np.float64]
+
+
+def _packed(*parts: tuple[ArrayLike, tuple[int, ...]]) -> NDArray[np.float64]:
+    return np.concatenate([np.broadcast_to(np.asarray(value, float), shape).ravel() for value, shape in parts])
+
+
+def joint_gains(
+    *,
+    q: ArrayLike,
+    dq: ArrayLike,
+    torque: ArrayLike,
+    joint_stiffness: ArrayLike,
+    damping: ArrayLike,
+    kp_limit: ArrayLike,
+    kd_limit: ArrayLike,
+    q_des: ArrayLike | None = None,
+    dq_des: ArrayLike = 0.0,
+) -> Gains:
+    """Split a torque at (q, dq) for motors with a controller inside.
+
+    kp and kd are the diagonals of ``joint_stiffness`` and ``damping`` (n, n), at least 0 and at most their limits; what is
+    not diagonal stays in tau_ff. ``q_des`` is q without one. Raises ValueError for numbers that are not finite.
+    """
+    n, matrix = (7,), (7, 7)
+    wanted = q if q_des is None else q_des
+    vectors = [(value, n) for value in (q, dq, wanted, dq_des, torque)]
+    limits = ((kp_limit, n), (kd_limit, n))
+    results = np.empty((3, 7))
+    code = _c.joint_gains(_packed(*vectors, (joint_stiffness, matrix), (damping, matrix), *limits), results)
+    if code:
+        raise ValueError(_c.error_text(code))
+    return Gains(*results)
+
+
+def late_work(
+    *,
+    q: ArrayLike,
+    q_des: ArrayLike,
+    tau_ff: ArrayLike,
+    kp: ArrayLike,
+    kd: ArrayLike,
+    velocity_limit: ArrayLike,
+    hold: float,
+    dq_des: ArrayLike = 0.0,
+) -> float:
+    """Return the most work [J] that motors put out from q on if their next command comes after at most ``hold`` [s].
+
+    No joint is faster than ``velocity_limit`` (n). NaN for numbers that are not finite, or below 0.
+    """
+    vectors = [(value, (7,)) for value in (q, q_des, dq_des, tau_ff, kp, kd, velocity_limit)]
+    return float(_c.late_work(_packed(*vectors), hold))
 
 
 def _names() -> list[str]:

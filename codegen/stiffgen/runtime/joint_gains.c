@@ -1,0 +1,129 @@
+/*
+ * Gains for motors with a controller inside, which apply tau_ff + kp (q_des - q) + kd (dq_des - dq) at their own rate.
+ * kp and kd are the diagonals of stiffness and damping within bounds, the diagonal matrices nearest to both; tau_ff has
+ * what is not diagonal.
+ */
+#include "impedance.h"
+
+/* Choose gains: the diagonal of a matrix, each entry at least 0 and at most its limit. */
+static void choose_gains(const double *matrix, const double *limit, double *gains)
+{
+    for (int i = 0; i < N; ++i) {
+        gains[i] = clamp(matrix[i * (N + 1)], 0.0, limit[i]);
+    }
+}
+
+/*
+ * Split a torque at (q, dq) into tau_ff and gains. Arguments that are not finite, or a limit below 0, give NaN and an
+ * error.
+ */
+int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
+                 const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
+                 double *tau_ff, double *kp, double *kd)
+{
+    const double *const vectors[5] = {q, dq, q_des, dq_des, torque};
+    int good = doubles_within(joint_stiffness, NN, -DBL_MAX, DBL_MAX) && doubles_within(damping, NN, -DBL_MAX, DBL_MAX);
+    for (int k = 0; k < 5; ++k) {
+        good = good && doubles_within(vectors[k], N, -DBL_MAX, DBL_MAX);
+    }
+    good = good && doubles_within(kp_limit, N, 0.0, HUGE_VAL) && doubles_within(kd_limit, N, 0.0, HUGE_VAL);
+    choose_gains(joint_stiffness, kp_limit, kp);
+    choose_gains(damping, kd_limit, kd);
+    for (int i = 0; i < N; ++i) {
+        tau_ff[i] = torque[i] - kp[i] * (q_des[i] - q[i]) - kd[i] * (dq_des[i] - dq[i]);
+        good = good && fabs(tau_ff[i]) <= DBL_MAX;
+    }
+    for (int i = 0; i < N && !good; ++i) {
+        tau_ff[i] = kp[i] = kd[i] = NAN;
+    }
+    return good ? ID(OK) : ID(E_GAINS);
+}
+
+/*
+ * Bound the work that a motor puts out within the time `hold` after the sample, whatever the environment does, with a
+ * the torque of the motor at the sample's position at rest, and no joint faster than `speed`. At the distance x the work
+ * is at most a x - kp x^2 / 2 - kd x^2 / hold, since the integral of dq^2 over at most `hold` is at least x^2 / hold
+ * (Cauchy and Schwarz). The bound is the largest value for |x| <= speed hold; a motion at constant speed attains it.
+ */
+static double bound_motor_work(double a, double kp, double kd, double speed, double hold)
+{
+    const double c = 0.5 * kp + kd / hold, far = speed * hold;
+    const double x = 2.0 * c * far > fabs(a) ? fabs(a) / (2.0 * c) : far;
+    return (fabs(a) - c * x) * x;
+}
+
+/* Bound the work of all motors within `hold` after the sample; NaN if an argument is not finite, or hold not above 0. */
+double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+                       const double *kp, const double *kd, const double *speed, double hold)
+{
+    double work = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double a = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
+        const int good = fabs(a) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
+        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : NAN;
+        work += fabs(most) <= DBL_MAX ? most : NAN;
+    }
+    return work;
+}
+
+/*
+ * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts on
+ * the velocity itself, so the same torque at the present velocity is added to the one that is held.
+ */
+void plan_gains(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double stiffness = s->out->joint_stiffness[i * (N + 1)], limit = s->limit_slope[i];
+        const int gains = c->actuation == ID(ACTUATION_GAINS);
+        const double wanted = m->scale * (stiffness - limit) + limit;
+        m->kp[i] = gains && wanted > 0.0 ? fmin(wanted, c->kp_limit[i]) : 0.0;
+        m->kd[i] = gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
+        s->damped[i] = m->kd[i] * s->velocity[i];
+    }
+}
+
+/*
+ * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose spring
+ * was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample time.
+ */
+double absorbed_work(const memory_t *m, const double *motion)
+{
+    double work = 0.0;
+    for (int i = 0; m->delay == 0 && i < N; ++i) {
+        work += (0.5 * m->kp[i] + m->kd[i] / m->sample_time) * motion[i] * motion[i];
+    }
+    return work;
+}
+
+/* Fade the springs of the motors, which stay where they are without a sample. Falling gains put no energy out. */
+void fade_gains(memory_t *m)
+{
+    for (int i = 0; i < N; ++i) {
+        m->kp[i] *= GAIN_FADE;
+    }
+}
+
+/*
+ * Write tau_ff, and as the torque what the motors apply at the last known state. kd falls where its torque would exceed
+ * the effort limit; that of a refused configuration is not believed.
+ */
+void report_gains(step_t *s, int refused)
+{
+    memory_t *const m = s->m;
+    output_t *const out = s->out;
+    memcpy(out->tau_ff, out->torque, sizeof out->tau_ff);
+    for (int i = 0; i < N; ++i) {
+        const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
+        const double most = fmax(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
+        if (applied != out->tau_ff[i] - damped) {
+            m->kd[i] *= (out->tau_ff[i] - applied) / damped;
+            s->status |= ID(STATUS_SATURATED);
+        }
+        out->torque[i] = applied;
+    }
+    const double hold = m->fault == ID(FAULT_NONE) ? (double)m->hold * m->call_gap : (double)m->call_gap;
+    out->late_work = m->known ? bound_late_work(m->q, m->q, out->dq_des, out->tau_ff, m->kp, m->kd, m->velocity_limit,
+                                                hold * m->sample_time) : 0.0;
+}
