@@ -6,7 +6,8 @@
 A schedule says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm that is moved
 whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
 jitter, missed samples, calls left out, velocities that lie, resets. Configurations vary in delay, missed_limit, rate
-limits, limit zones, damping, tank and engagement, with Coriolis forces and without. Wrenches that the tip is to exert,
+limits, limit zones, damping, tank and engagement, with Coriolis forces and without, with motors that have a controller
+inside and without. Wrenches that the tip is to exert,
 velocities and accelerations of plans come and go, and lie. The work that the robot puts out at its port is summed from
 the exact positions and the torque that acted, and compared with
 
@@ -47,7 +48,7 @@ LIVE = 20
 CLIMBED = (
     "damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit",
     "torque_rate_limit", "limit_zone", "limit_stiffness", "delay_samples", "missed_limit",
-    "call_gap_limit", "coriolis",
+    "call_gap_limit", "coriolis", "kp_limit", "kd_limit",
 )  # fmt: skip
 """Fields of the configuration that a climb changes; tank and engagement limit stay."""
 
@@ -212,7 +213,20 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
         chosen = part(random, loop, moving)
         if sensors or not _lies(chosen):
             made.parts.append(chosen)
+    if random.random() < 0.4:
+        made.config |= _gains(random)
+        made.episode["delay"] = 0
     return _ordered(made)
+
+
+def _gains(random: Random) -> dict[str, Any]:
+    """Return the configuration of motors with a controller inside, which take no delay."""
+    return {
+        "actuation": 2,
+        "delay_samples": 0,
+        "kp_limit": float(10 ** random.uniform(0, 4)),
+        "kd_limit": float(10 ** random.uniform(-1, 2)),
+    }
 
 
 def _first_posture(random: Random, loop: Loop) -> np.ndarray:
@@ -403,6 +417,11 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
 
 def _change_config(random: Random, new: Schedule) -> None:
     name = CLIMBED[random.integers(len(CLIMBED))]
+    gains = new.config.get("actuation") == 2
+    if name in ("kp_limit", "kd_limit") and not gains:
+        return
+    if name == "delay_samples" and gains:
+        return
     if name == "delay_samples":
         new.config[name] = new.episode["delay"] = int(random.integers(0, 3))
     elif name == "coriolis":

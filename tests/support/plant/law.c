@@ -77,7 +77,10 @@ void law_step(const void *config, void *state, const sample_t *sample, void *out
         iiwa14_impedance_reset(state);
     }
     command->code = iiwa14_impedance_step(config, state, &in, out);
-    memcpy(command->torque, out->torque, sizeof command->torque);
+    memcpy(command->torque, out->tau_ff, sizeof command->torque);
+    memcpy(command->kp, out->kp, sizeof command->kp);
+    memcpy(command->kd, out->kd, sizeof command->kd);
+    memcpy(command->q_des, out->q_des, sizeof command->q_des);
     memcpy(command->reference, out->reference, sizeof command->reference);
     memcpy(command->equilibrium, out->equilibrium, sizeof command->equilibrium);
     memcpy(command->translation, out->translation_stiffness, sizeof command->translation);

@@ -27,7 +27,9 @@ typedef struct {
 
 /* Values of a step that the episodes read, for every law. */
 typedef struct {
-    double torque[N];          /* [N m] commanded */
+    double torque[N];          /* [N m] commanded, held; motors with gains: tau_ff */
+    double kp[N], kd[N];       /* [N m/rad], [N m s/rad] gains of the motors' own loops */
+    double q_des[N];           /* [rad] position where kp is at rest */
     double reference[N];       /* [rad] equilibrium posture in use */
     double equilibrium[16];    /* [m] pose in use */
     double translation[9], rotation[9]; /* [N/m], [N m/rad] in use */

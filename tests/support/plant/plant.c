@@ -156,8 +156,9 @@ static void rates(const plant_t *plant, const motion_t *at, const forces_t *forc
     for (int i = 0; i < N; ++i) {
         rate->q[i] = at->v[i];
         rate->environment_work += tau[i] * at->v[i];
-        rate->robot_work += forces->torque[i] * at->v[i];
-        rate->v[i] = tau[i] + forces->torque[i] - c[i];
+        const double torque = forces->torque[i] + forces->kp[i] * (forces->q_des[i] - at->q[i]) - forces->kd[i] * at->v[i];
+        rate->robot_work += torque * at->v[i];
+        rate->v[i] = tau[i] + torque - c[i];
     }
     solve(M, rate->v);
 }

@@ -29,6 +29,8 @@ typedef struct {
 
 typedef struct {
     double torque[N];        /* [N m] the robot's own, held */
+    double kp[N], kd[N];     /* [N m/rad], [N m s/rad] of the motors' own loops */
+    double q_des[N];         /* [rad] position where kp is at rest */
     double push[N];          /* [N m] of the environment, held */
     double load[6];          /* [N, N m] at the tip, base axes */
     double hand_target[N];   /* [rad] a hand that moves the arm there: a spring and damper over the joints */
