@@ -73,6 +73,8 @@ packed
 
 Impedance(**config)
     Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name its outcomes.
+joint_gains(...), late_work(...)
+    Split of a torque for motors with a controller inside, and the most work that a late host costs.
 DOF, JOINTS, BASE, TIP
     Number and names of the joint positions in q, base link, tip link.
 LOWER, UPPER, VELOCITY, EFFORT
@@ -96,7 +98,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "8a73cc98bde0c998":
+if getattr(_c, "SOURCES", "") != "a347fb56f008b3ee":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -225,7 +227,7 @@ packed = _Functions(
     limits_joint_stiffness=_c.limits_joint_stiffness_packed,
 )
 
-from .impedance import Fault, Impedance, Mode, Reason, Status
+from .impedance import Fault, Impedance, Mode, Reason, Status, joint_gains, late_work
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
 # NumPy's arrays and of Python's integers for each of them.
@@ -242,7 +244,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance",
+    "Impedance", "joint_gains", "late_work",
 ]
 
 

@@ -68,6 +68,7 @@ static const double COVERED = 0.7;    /* share of the available energy for the s
 /* A sensor: velocity_noise counts this often in one sample; a standstill is judged from this share of the velocity limit
  * on, over the motion of this many samples. */
 static const double NOISE_RANGE = 6.0, FROZEN_SHARE = 0.02, FROZEN_SAMPLES = 20.0;
+static const double GAIN_FADE = 0.9;     /* share of the motors' kp that is left after another call without a sample */
 static const double SCALE_TIME = 0.05;   /* [s] shortest time in which the scale rises from 0 to 1 */
 static const double LARGEST_ENERGY = 1e4; /* [J] largest energy limit */
 static const double HALF_TURN = 3.14159265358979324;
@@ -101,6 +102,7 @@ typedef struct {
     double velocity[N];
     double limit_slope[N]; /* [N m/rad] stiffness of the limit avoidance in force */
     double elapsed;        /* [s] from the sample before */
+    double damped[N];      /* [N m] torque of the motors' kd at the velocity of the damping */
     double carried[N];     /* [N m] torque of the plan's acceleration and Coriolis forces */
     double brake[N];       /* [N m s/rad] damping that one joint may still receive */
     double transit[N];     /* [N m] torque of the last call, 0 where its work is booked already */
@@ -321,6 +323,15 @@ static int check_fields(const config_t *c)
     if (!doubles_within(c->torque_rate_limit, sizeof c->torque_rate_limit / sizeof c->torque_rate_limit[0], 1e-06, 100000000.0)) {
         return ID(E_CONFIG_TORQUE_RATE_LIMIT);
     }
+    if (!integers_within(&c->actuation, 1, 1, 2)) {
+        return ID(E_CONFIG_ACTUATION);
+    }
+    if (!doubles_within(c->kp_limit, sizeof c->kp_limit / sizeof c->kp_limit[0], 0.0, 1000000.0)) {
+        return ID(E_CONFIG_KP_LIMIT);
+    }
+    if (!doubles_within(c->kd_limit, sizeof c->kd_limit / sizeof c->kd_limit[0], 0.0, 100000.0)) {
+        return ID(E_CONFIG_KD_LIMIT);
+    }
     if (!doubles_within(&c->force_limit, 1, 0.001, 1000000.0)) {
         return ID(E_CONFIG_FORCE_LIMIT);
     }
@@ -467,6 +478,9 @@ static const char *robot_joint(int joint)
 /* Copy the output fields that the memory holds. */
 static void report_memory(const memory_t *m, output_t *out)
 {
+    memcpy(out->kp, m->kp, sizeof out->kp);
+    memcpy(out->kd, m->kd, sizeof out->kd);
+    memcpy(out->q_des, m->q, sizeof out->q_des);
     out->fault = m->fault;
     out->reason = m->reason;
     out->missed = m->missed;
@@ -872,6 +886,135 @@ static int is_positive_semidefinite(int n, const double *A, double tolerance)
     return scale == 0.0 || factorise_cholesky(n, A, scale, tolerance, L) == 0;
 }
 
+/*
+ * Gains for motors with a controller inside, which apply tau_ff + kp (q_des - q) + kd (dq_des - dq) at their own rate.
+ * kp and kd are the diagonals of stiffness and damping within bounds, the diagonal matrices nearest to both; tau_ff has
+ * what is not diagonal.
+ */
+
+/* Choose gains: the diagonal of a matrix, each entry at least 0 and at most its limit. */
+static void choose_gains(const double *matrix, const double *limit, double *gains)
+{
+    for (int i = 0; i < N; ++i) {
+        gains[i] = clamp(matrix[i * (N + 1)], 0.0, limit[i]);
+    }
+}
+
+/*
+ * Split a torque at (q, dq) into tau_ff and gains. Arguments that are not finite, or a limit below 0, give NaN and an
+ * error.
+ */
+static int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
+                 const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
+                 double *tau_ff, double *kp, double *kd)
+{
+    const double *const vectors[5] = {q, dq, q_des, dq_des, torque};
+    int good = doubles_within(joint_stiffness, NN, -DBL_MAX, DBL_MAX) && doubles_within(damping, NN, -DBL_MAX, DBL_MAX);
+    for (int k = 0; k < 5; ++k) {
+        good = good && doubles_within(vectors[k], N, -DBL_MAX, DBL_MAX);
+    }
+    good = good && doubles_within(kp_limit, N, 0.0, HUGE_VAL) && doubles_within(kd_limit, N, 0.0, HUGE_VAL);
+    choose_gains(joint_stiffness, kp_limit, kp);
+    choose_gains(damping, kd_limit, kd);
+    for (int i = 0; i < N; ++i) {
+        tau_ff[i] = torque[i] - kp[i] * (q_des[i] - q[i]) - kd[i] * (dq_des[i] - dq[i]);
+        good = good && fabs(tau_ff[i]) <= DBL_MAX;
+    }
+    for (int i = 0; i < N && !good; ++i) {
+        tau_ff[i] = kp[i] = kd[i] = NAN;
+    }
+    return good ? ID(OK) : ID(E_GAINS);
+}
+
+/*
+ * Bound the work that a motor puts out within the time `hold` after the sample, whatever the environment does, with a
+ * the torque of the motor at the sample's position at rest, and no joint faster than `speed`. At the distance x the work
+ * is at most a x - kp x^2 / 2 - kd x^2 / hold, since the integral of dq^2 over at most `hold` is at least x^2 / hold
+ * (Cauchy and Schwarz). The bound is the largest value for |x| <= speed hold; a motion at constant speed attains it.
+ */
+static double bound_motor_work(double a, double kp, double kd, double speed, double hold)
+{
+    const double c = 0.5 * kp + kd / hold, far = speed * hold;
+    const double x = 2.0 * c * far > fabs(a) ? fabs(a) / (2.0 * c) : far;
+    return (fabs(a) - c * x) * x;
+}
+
+/* Bound the work of all motors within `hold` after the sample; NaN if an argument is not finite, or hold not above 0. */
+static double bound_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+                       const double *kp, const double *kd, const double *speed, double hold)
+{
+    double work = 0.0;
+    for (int i = 0; i < N; ++i) {
+        const double a = tau_ff[i] + kp[i] * (q_des[i] - q[i]) + kd[i] * dq_des[i];
+        const int good = fabs(a) <= DBL_MAX && kp[i] >= 0.0 && kd[i] >= 0.0 && speed[i] >= 0.0 && hold > 0.0;
+        const double most = good ? bound_motor_work(a, kp[i], kd[i], speed[i], hold) : NAN;
+        work += fabs(most) <= DBL_MAX ? most : NAN;
+    }
+    return work;
+}
+
+/*
+ * Plan the gains of a step: of the tangent of the scaled springs with the limit avoidance, and of the damping. kd acts on
+ * the velocity itself, so the same torque at the present velocity is added to the one that is held.
+ */
+static void plan_gains(step_t *s)
+{
+    const config_t *const c = s->c;
+    memory_t *const m = s->m;
+    for (int i = 0; i < N; ++i) {
+        const double stiffness = s->out->joint_stiffness[i * (N + 1)], limit = s->limit_slope[i];
+        const int gains = c->actuation == ID(ACTUATION_GAINS);
+        const double wanted = m->scale * (stiffness - limit) + limit;
+        m->kp[i] = gains && wanted > 0.0 ? fmin(wanted, c->kp_limit[i]) : 0.0;
+        m->kd[i] = gains ? clamp(s->out->damping[i * (N + 1)], 0.0, c->kd_limit[i]) : 0.0;
+        s->damped[i] = m->kd[i] * s->velocity[i];
+    }
+}
+
+/*
+ * Bound the work that the gains take in over the last interval, which no call was missing from: exact for kp, whose spring
+ * was at rest at the interval's start; for kd the least that any motion with these ends dissipates in a sample time.
+ */
+static double absorbed_work(const memory_t *m, const double *motion)
+{
+    double work = 0.0;
+    for (int i = 0; m->delay == 0 && i < N; ++i) {
+        work += (0.5 * m->kp[i] + m->kd[i] / m->sample_time) * motion[i] * motion[i];
+    }
+    return work;
+}
+
+/* Fade the springs of the motors, which stay where they are without a sample. Falling gains put no energy out. */
+static void fade_gains(memory_t *m)
+{
+    for (int i = 0; i < N; ++i) {
+        m->kp[i] *= GAIN_FADE;
+    }
+}
+
+/*
+ * Write tau_ff, and as the torque what the motors apply at the last known state. kd falls where its torque would exceed
+ * the effort limit; that of a refused configuration is not believed.
+ */
+static void report_gains(step_t *s, int refused)
+{
+    memory_t *const m = s->m;
+    output_t *const out = s->out;
+    memcpy(out->tau_ff, out->torque, sizeof out->tau_ff);
+    for (int i = 0; i < N; ++i) {
+        const double damped = m->kd[i] * m->dq[i], limit = refused ? 0.0 : s->c->effort_limit[i];
+        const double most = fmax(limit, fabs(out->tau_ff[i])), applied = clamp(out->tau_ff[i] - damped, -most, most);
+        if (applied != out->tau_ff[i] - damped) {
+            m->kd[i] *= (out->tau_ff[i] - applied) / damped;
+            s->status |= ID(STATUS_SATURATED);
+        }
+        out->torque[i] = applied;
+    }
+    const double hold = m->fault == ID(FAULT_NONE) ? (double)m->hold * m->call_gap : (double)m->call_gap;
+    out->late_work = m->known ? bound_late_work(m->q, m->q, out->dq_des, out->tau_ff, m->kp, m->kd, m->velocity_limit,
+                                                hold * m->sample_time) : 0.0;
+}
+
 /* Energy: stored in springs and limit avoidance, in the tank, and put out by torques in transit. */
 
 /* Return the limits of the springs in force: of every tip's force, then of the moments; NULL without limits. */
@@ -1205,7 +1348,7 @@ static void book_interval(step_t *s, const double *q)
         bridge_gap(s, 1);
         work = fmin(m->gap_work + dot(N, m->gap_torque, motion), m->gap_most);
     } else {
-        work = dot(N, find_acting_torque(s), motion);
+        work = dot(N, find_acting_torque(s), motion) - absorbed_work(m, motion);
         feed = fmax(dot(N, m->feed + m->delay * N, motion), 0.0);
     }
     m->port_total += work;
@@ -1586,6 +1729,9 @@ static int validate(const config_t *c)
     }
     if (c->law == ID(LAW_PAPER) && TIPS > 1) {
         return ID(E_PAPER_TIPS);
+    }
+    if (c->actuation == ID(ACTUATION_GAINS) && (c->law != ID(LAW_POTENTIAL) || c->delay_samples > 0)) {
+        return ID(E_ACTUATION);
     }
     if (c->state_period > c->missed_limit * c->sample_time * (1.0 + 1e-9)) {
         return ID(E_STATE_PERIOD);
@@ -3433,7 +3579,7 @@ static int try_torque(step_t *s, const double *last, double share)
         if (share < 1.0) {
             out->torque[i] = least[i] + share * (clamp(springs, last[i] - rate, last[i] + rate) - least[i]);
         } else {
-            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i]);
+            out->torque[i] = springs + (share - 1.0) * (out->damping_torque[i] + s->carried[i] + s->damped[i]);
         }
     }
     limit_torque(s, last);
@@ -3585,6 +3731,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
         s->status |= ID(STATUS_GOVERNOR);
     }
     compensate_coriolis(s);
+    plan_gains(s);
     if (!try_torque(s, last, 2.0) && !paper) {
         reduce_torque(s, last, feed);
     }
@@ -3789,6 +3936,7 @@ static void step_without_sample(step_t *s, const double *last)
         memcpy(s->out->torque, last, N * sizeof(double));
         if (m->missed >= m->hold) {
             step_towards_zero(last, m->rate, s->out->torque);
+            fade_gains(m);
         }
         limit_torque(s, last);
     } else { /* there may be no configuration */
@@ -3796,6 +3944,7 @@ static void step_without_sample(step_t *s, const double *last)
         m->tank += m->elastic_energy;
         m->elastic_energy = m->scale = m->good_time = 0.0;
         step_towards_zero(last, m->rate, s->out->torque);
+        fade_gains(m);
     }
     shift_history(m, s->transit, none);
 }
@@ -3868,6 +4017,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     if (state->checksum != compute_checksum(state) || m->ready != READY) {
         if (error != ID(OK) || state->checksum == 0u) {
             step_towards_zero(last, rate, output->torque);
+            memcpy(output->tau_ff, output->torque, sizeof output->tau_ff);
             store_copies(state->torque, output->torque);
             return error != ID(OK) ? error : ID(E_NOT_INITIALISED);
         }
@@ -3892,6 +4042,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
     }
     add_torque_offset(&s, last, error != ID(OK));
     store_copies(state->torque, output->torque);
+    report_gains(&s, error != ID(OK));
     s.held = error == ID(OK) && holds_in_fault(&s);
     report_step(&s);
     state->checksum = compute_checksum(state);
@@ -3931,6 +4082,7 @@ void iiwa14_impedance_default_config(config_t *config)
     config->heaviest_wrench[1] = 20.0;
     config->energy_limit = 0.0;
     config->engagement_limit = 0.0;
+    config->actuation = IIWA14_ACTUATION_TORQUE;
     config->force_limit = 500.0;
     config->moment_limit = 100.0;
     config->missed_limit = 3;
@@ -3958,6 +4110,8 @@ void iiwa14_impedance_default_config(config_t *config)
         config->reference_velocity_limit[i] = 0.9 * iiwa14_velocity[i];
         config->effort_limit[i] = iiwa14_effort[i];
         config->torque_rate_limit[i] = iiwa14_torque_rate[i];
+        config->kp_limit[i] = 500.0;
+        config->kd_limit[i] = 5.0;
     }
 }
 
@@ -3979,6 +4133,23 @@ int iiwa14_impedance_step(const config_t *config, state_t *state, const input_t 
 int iiwa14_impedance_reset(state_t *state)
 {
     return request_reset(state);
+}
+
+int iiwa14_impedance_joint_gains(const double *q, const double *dq, const double *q_des, const double *dq_des,
+    const double *torque, const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
+    double *tau_ff, double *kp, double *kd)
+{
+    const int null = q == NULL || dq == NULL || q_des == NULL || dq_des == NULL || torque == NULL || joint_stiffness == NULL ||
+        damping == NULL || kp_limit == NULL || kd_limit == NULL || tau_ff == NULL || kp == NULL || kd == NULL;
+    return null ? ID(E_NULL)
+                : split_torque(q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit, kd_limit, tau_ff, kp, kd);
+}
+
+double iiwa14_impedance_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+    const double *kp, const double *kd, const double *velocity_limit, double hold)
+{
+    const int null = q == NULL || q_des == NULL || dq_des == NULL || tau_ff == NULL || kp == NULL || kd == NULL || velocity_limit == NULL;
+    return null ? NAN : bound_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
 }
 
 int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
@@ -4015,6 +4186,10 @@ const char *iiwa14_impedance_error_text(int code)
         return "spring: the folder has no bounded spring; generate it with --spring bounded";
     case IIWA14_E_STIFFNESS:
         return "translation_stiffness_limit, rotation_stiffness_limit: sample_time, delay_samples and motor_inertia allow less than half of this stiffness; lower the limits, correct motor_inertia, or set stiffness_cap to accept";
+    case IIWA14_E_ACTUATION:
+        return "actuation: gains need the potential law and delay_samples 0";
+    case IIWA14_E_GAINS:
+        return "joint_gains: a number is not finite, or the limit of a gain is below 0";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:
@@ -4081,6 +4256,12 @@ const char *iiwa14_impedance_error_text(int code)
         return "effort_limit: every entry must lie between 1e-06 and 100000";
     case IIWA14_E_CONFIG_TORQUE_RATE_LIMIT:
         return "torque_rate_limit: every entry must lie between 1e-06 and 1e+08";
+    case IIWA14_E_CONFIG_ACTUATION:
+        return "actuation: must be torque or gains";
+    case IIWA14_E_CONFIG_KP_LIMIT:
+        return "kp_limit: every entry must lie between 0 and 1e+06";
+    case IIWA14_E_CONFIG_KD_LIMIT:
+        return "kd_limit: every entry must lie between 0 and 100000";
     case IIWA14_E_CONFIG_FORCE_LIMIT:
         return "force_limit: must lie between 0.001 and 1e+06";
     case IIWA14_E_CONFIG_MOMENT_LIMIT:

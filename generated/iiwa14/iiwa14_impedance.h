@@ -44,6 +44,8 @@ enum {
     IIWA14_E_STATE_PERIOD = -8,
     IIWA14_E_BOUNDED_SPRING = -9,
     IIWA14_E_STIFFNESS = -10,
+    IIWA14_E_ACTUATION = -11,
+    IIWA14_E_GAINS = -12,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
     IIWA14_E_CONFIG_LAW = -22,
@@ -77,22 +79,25 @@ enum {
     IIWA14_E_CONFIG_ENGAGEMENT_LIMIT = -50,
     IIWA14_E_CONFIG_EFFORT_LIMIT = -51,
     IIWA14_E_CONFIG_TORQUE_RATE_LIMIT = -52,
-    IIWA14_E_CONFIG_FORCE_LIMIT = -53,
-    IIWA14_E_CONFIG_MOMENT_LIMIT = -54,
-    IIWA14_E_CONFIG_MISSED_LIMIT = -55,
-    IIWA14_E_CONFIG_LOSS_LIMIT = -56,
-    IIWA14_E_CONFIG_STATE_PERIOD = -57,
-    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -58,
-    IIWA14_E_CONFIG_POSITION_QUANTUM = -59,
-    IIWA14_E_CONFIG_VELOCITY_NOISE = -60,
-    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -61,
-    IIWA14_E_CONFIG_FROZEN_WINDOW = -62,
-    IIWA14_E_CONFIG_OVERSPEED_TIME = -63,
-    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -64,
-    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -65,
-    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -66,
-    IIWA14_E_CONFIG_TANK_INITIAL = -67,
-    IIWA14_E_CONFIG_TANK_MAXIMUM = -68
+    IIWA14_E_CONFIG_ACTUATION = -53,
+    IIWA14_E_CONFIG_KP_LIMIT = -54,
+    IIWA14_E_CONFIG_KD_LIMIT = -55,
+    IIWA14_E_CONFIG_FORCE_LIMIT = -56,
+    IIWA14_E_CONFIG_MOMENT_LIMIT = -57,
+    IIWA14_E_CONFIG_MISSED_LIMIT = -58,
+    IIWA14_E_CONFIG_LOSS_LIMIT = -59,
+    IIWA14_E_CONFIG_STATE_PERIOD = -60,
+    IIWA14_E_CONFIG_CALL_GAP_LIMIT = -61,
+    IIWA14_E_CONFIG_POSITION_QUANTUM = -62,
+    IIWA14_E_CONFIG_VELOCITY_NOISE = -63,
+    IIWA14_E_CONFIG_VELOCITY_FILTER_TIME = -64,
+    IIWA14_E_CONFIG_FROZEN_WINDOW = -65,
+    IIWA14_E_CONFIG_OVERSPEED_TIME = -66,
+    IIWA14_E_CONFIG_AUTOMATIC_RESET_TIME = -67,
+    IIWA14_E_CONFIG_COMMUNICATION_RESET_TIME = -68,
+    IIWA14_E_CONFIG_COMMUNICATION_REACTION = -69,
+    IIWA14_E_CONFIG_TANK_INITIAL = -70,
+    IIWA14_E_CONFIG_TANK_MAXIMUM = -71
 };
 
 /* Choices. No choice has the value 0, so that a configuration or an input of zeros is refused. */
@@ -102,6 +107,7 @@ enum { IIWA14_SPRING_TRACE = 1, IIWA14_SPRING_BOUNDED };
 enum { IIWA14_STIFFNESS_CAP_REFUSE = 1, IIWA14_STIFFNESS_CAP_ACCEPT };
 enum { IIWA14_DAMPING_DESIGN_MODAL = 1, IIWA14_DAMPING_DESIGN_TASK };
 enum { IIWA14_CORIOLIS_OFF = 1, IIWA14_CORIOLIS_ON };
+enum { IIWA14_ACTUATION_TORQUE = 1, IIWA14_ACTUATION_GAINS };
 enum { IIWA14_COMMUNICATION_REACTION_RELEASE = 1, IIWA14_COMMUNICATION_REACTION_HOLD };
 enum { IIWA14_COMMAND_POSITION = 1, IIWA14_COMMAND_EQUILIBRIUM };
 
@@ -270,6 +276,16 @@ typedef struct {
     /* [N m/s or N/s] largest change of the torque per second. Every entry must lie between 1e-06 and 1e+08.
      * Default: torque_rate[i]. */
     double torque_rate_limit[7];
+    /* what the motors are sent: torque, held from one step to the next; or gains: tau_ff, kp and kd for a
+     * controller inside each motor, which follows q and dq between the steps; gains need the potential law and
+     * delay_samples 0. Must be torque or gains. Default: torque. */
+    int actuation;
+    /* [N m/rad] largest kp that a motor takes; actuation gains only. Every entry must lie between 0 and 1e+06.
+     * Default: 500.0. */
+    double kp_limit[7];
+    /* [N m s/rad] largest kd that a motor takes; actuation gains only. Every entry must lie between 0 and
+     * 100000. Default: 5.0. */
+    double kd_limit[7];
     /* [N] largest measured force (norm) that is believed. Must lie between 0.001 and 1e+06. Default: 500.0. */
     double force_limit;
     /* [N m] largest measured moment (norm) that is believed. Must lie between 0.001 and 1e+06. Default: 100.0. */
@@ -374,6 +390,20 @@ typedef struct {
     /* [N m or N] command: elastic + damping + limit + feed-forward torque, and the caller's torque_offset,
      * within all limits. */
     double torque[7];
+    /* [N m or N] feed-forward torque for motors that apply tau_ff + kp (q_des - q) + kd (dq_des - dq); torque
+     * is what they apply at the last believed q and dq. */
+    double tau_ff[7];
+    /* [N m/rad] gain kp of the motors; 0 with actuation torque. */
+    double kp[7];
+    /* [N m s/rad] gain kd of the motors; 0 with actuation torque. */
+    double kd[7];
+    /* [rad or m] position q_des of the motors, the last believed q. */
+    double q_des[7];
+    /* [rad/s or m/s] velocity dq_des of the motors, 0. */
+    double dq_des[7];
+    /* [J] most work that the motors put out until the next step, or as many steps as torques are held for,
+     * comes. */
+    double late_work;
     /* bits IIWA14_STATUS_.... */
     uint32_t status;
     /* mode of the step, IIWA14_MODE_.... */
@@ -488,6 +518,8 @@ typedef struct {
     double inertia[7];
     double offset[7];
     double filtered[7];
+    double kp[7];
+    double kd[7];
     double recent[56];
     double q[7];
     double dq[7];
@@ -616,6 +648,22 @@ int iiwa14_impedance_step(const iiwa14_impedance_config *config, iiwa14_impedanc
  * brings the equilibrium back. A fault whose cause persists comes back at once.
  */
 int iiwa14_impedance_reset(iiwa14_impedance_state *state);
+
+/*
+ * Split a torque for motors that apply tau_ff + kp (q_des - q) + kd (dq_des - dq): at (q, dq) they apply the torque, and
+ * kp and kd are the diagonals of joint_stiffness and damping (7 x 7 each), at least 0 and at most their limits. All
+ * other arguments have 7 entries. Return IIWA14_OK, or IIWA14_E_GAINS with NaN in all results, or IIWA14_E_NULL.
+ */
+int iiwa14_impedance_joint_gains(const double *q, const double *dq, const double *q_des, const double *dq_des,
+    const double *torque, const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
+    double *tau_ff, double *kp, double *kd);
+
+/*
+ * Compute the most work [J] that such motors put out from the position q (7) on within `hold` [s], whatever the
+ * environment does, while no joint is faster than velocity_limit (7). NaN for arguments that are not finite, or below 0.
+ */
+double iiwa14_impedance_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
+    const double *kp, const double *kd, const double *velocity_limit, double hold);
 
 /*
  * Write a step's fault in words: joint, reason with the configuration fields to look at, what was seen, and its limit.

@@ -88,6 +88,11 @@ CAMPAIGNS = {
         "--output docs/compare.md",
     ),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
+    "motors": _campaign(
+        "motors",
+        "measure the stiffness that motors with a controller inside allow",
+        "--hosts 200 --postures 1 --first 25600 --ratio 4 --least 2",
+    ),
     "hostile": _campaign("hostile", "flip bits of the controller's state", "--steps 120000 --flips 2400"),
     "fri-fuzz": _campaign(
         "fuzz_fri", "send the FRI client a million hostile datagrams", "{folder} --version 2.7 -runs=3000 -seed=1"

@@ -7,9 +7,8 @@ A schedule says what an environment and a planner do to the robot in two seconds
 whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
 jitter, missed samples, calls left out, velocities that lie, resets. Configurations vary in delay, missed_limit, rate
 limits, limit zones, damping, tank and engagement, with Coriolis forces and without, with motors that have a controller
-inside and without. Wrenches that the tip is to exert,
-velocities and accelerations of plans come and go, and lie. The work that the robot puts out at its port is summed from
-the exact positions and the torque that acted, and compared with
+inside and without. Wrenches that the tip is to exert, velocities and accelerations of plans come and go, and lie. The
+work that the robot puts out at its port is summed from the exact motion and the torque that acted, and compared with
 
     start + tank_initial + engagement_limit (returns from a fault + 1 if the start is not where the arm is wanted)
 

@@ -251,8 +251,9 @@ CONFIG: tuple[Field, ...] = (
     ),
     _choice(
         "actuation",
-        "what the motors are sent: torque, held from one step to the next; or gains: tau_ff, kp and kd for a controller "
-        "inside each motor, which follows q and dq between the steps; gains need the potential law and delay_samples 0",
+        "what the motors are sent: torque, held from one step to the next; or gains: tau_ff, kp and kd for a "
+        "controller inside each motor, which follows q and dq between the steps; gains need the potential law and "
+        "delay_samples 0",
         ("torque", "gains"),
         "torque",
     ),
@@ -513,8 +514,8 @@ OUTPUT: tuple[Field, ...] = (
         "tau_ff",
         _N,
         "N m or N",
-        "feed-forward torque for motors that apply tau_ff + kp (q_des - q) + kd (dq_des - dq); torque is what they apply "
-        "at the last believed q and dq",
+        "feed-forward torque for motors that apply tau_ff + kp (q_des - q) + kd (dq_des - dq); torque is what they "
+        "apply at the last believed q and dq",
     ),
     Field("kp", _N, "N m/rad", "gain kp of the motors; 0 with actuation torque", memory="="),
     Field("kd", _N, "N m s/rad", "gain kd of the motors; 0 with actuation torque", memory="="),

@@ -2437,6 +2437,9 @@ static const field fields[] = {
     {"config", "engagement_limit", "f8", offsetof(iiwa14_impedance_config, engagement_limit), 0, {1, 1, 1}},
     {"config", "effort_limit", "f8", offsetof(iiwa14_impedance_config, effort_limit), 1, {7, 1, 1}},
     {"config", "torque_rate_limit", "f8", offsetof(iiwa14_impedance_config, torque_rate_limit), 1, {7, 1, 1}},
+    {"config", "actuation", "i4", offsetof(iiwa14_impedance_config, actuation), 0, {1, 1, 1}},
+    {"config", "kp_limit", "f8", offsetof(iiwa14_impedance_config, kp_limit), 1, {7, 1, 1}},
+    {"config", "kd_limit", "f8", offsetof(iiwa14_impedance_config, kd_limit), 1, {7, 1, 1}},
     {"config", "force_limit", "f8", offsetof(iiwa14_impedance_config, force_limit), 0, {1, 1, 1}},
     {"config", "moment_limit", "f8", offsetof(iiwa14_impedance_config, moment_limit), 0, {1, 1, 1}},
     {"config", "missed_limit", "i4", offsetof(iiwa14_impedance_config, missed_limit), 0, {1, 1, 1}},
@@ -2470,6 +2473,12 @@ static const field fields[] = {
     {"input", "wrench", "f8", offsetof(iiwa14_impedance_input, wrench), 1, {6, 1, 1}},
     {"input", "task_stiffness", "f8", offsetof(iiwa14_impedance_input, task_stiffness), 2, {6, 6, 1}},
     {"output", "torque", "f8", offsetof(iiwa14_impedance_output, torque), 1, {7, 1, 1}},
+    {"output", "tau_ff", "f8", offsetof(iiwa14_impedance_output, tau_ff), 1, {7, 1, 1}},
+    {"output", "kp", "f8", offsetof(iiwa14_impedance_output, kp), 1, {7, 1, 1}},
+    {"output", "kd", "f8", offsetof(iiwa14_impedance_output, kd), 1, {7, 1, 1}},
+    {"output", "q_des", "f8", offsetof(iiwa14_impedance_output, q_des), 1, {7, 1, 1}},
+    {"output", "dq_des", "f8", offsetof(iiwa14_impedance_output, dq_des), 1, {7, 1, 1}},
+    {"output", "late_work", "f8", offsetof(iiwa14_impedance_output, late_work), 0, {1, 1, 1}},
     {"output", "status", "u4", offsetof(iiwa14_impedance_output, status), 0, {1, 1, 1}},
     {"output", "mode", "i4", offsetof(iiwa14_impedance_output, mode), 0, {1, 1, 1}},
     {"output", "fault", "i4", offsetof(iiwa14_impedance_output, fault), 0, {1, 1, 1}},
@@ -2532,6 +2541,8 @@ static const choice choices[] = {
     {"damping_design", "task", IIWA14_DAMPING_DESIGN_TASK},
     {"coriolis", "off", IIWA14_CORIOLIS_OFF},
     {"coriolis", "on", IIWA14_CORIOLIS_ON},
+    {"actuation", "torque", IIWA14_ACTUATION_TORQUE},
+    {"actuation", "gains", IIWA14_ACTUATION_GAINS},
     {"communication_reaction", "release", IIWA14_COMMUNICATION_REACTION_RELEASE},
     {"communication_reaction", "hold", IIWA14_COMMUNICATION_REACTION_HOLD},
     {"command", "position", IIWA14_COMMAND_POSITION},
@@ -2723,6 +2734,48 @@ static PyObject *fault_text(PyObject *module, PyObject *arguments)
     return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
 }
 
+/* Split a torque: arguments (numbers, results), one after the other in the order of the C function. */
+static PyObject *joint_gains(PyObject *module, PyObject *arguments)
+{
+    enum { N = IIWA14_DOF };
+    Py_buffer numbers, results;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*", &numbers, &results)) {
+        return NULL;
+    }
+    const double *x = structs(&numbers, (7 * N + 2 * N * N) * sizeof(double), 1);
+    double *y = x != NULL ? structs(&results, 3 * N * sizeof(double), 1) : NULL;
+    if (y != NULL) {
+        const double *const limits = x + 5 * N + 2 * N * N;
+        result = PyLong_FromLong(iiwa14_impedance_joint_gains(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
+            x + 5 * N + N * N, limits, limits + N, y, y + N, y + 2 * N));
+    }
+    PyBuffer_Release(&numbers);
+    PyBuffer_Release(&results);
+    return result;
+}
+
+/* Bound the work of motors whose host is late: arguments (numbers, hold), in the order of the C function. */
+static PyObject *late_work(PyObject *module, PyObject *arguments)
+{
+    enum { N = IIWA14_DOF };
+    Py_buffer numbers;
+    double hold;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*d", &numbers, &hold)) {
+        return NULL;
+    }
+    const double *x = structs(&numbers, 7 * N * sizeof(double), 1);
+    if (x != NULL) {
+        result = PyFloat_FromDouble(iiwa14_impedance_late_work(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
+            x + 6 * N, hold));
+    }
+    PyBuffer_Release(&numbers);
+    return result;
+}
+
 static PyObject *error_text(PyObject *module, PyObject *arguments)
 {
     int code;
@@ -2736,6 +2789,8 @@ static PyMethodDef controller_methods[] = {
     {"validate", validate, METH_VARARGS, NULL},
     {"reset", reset, METH_VARARGS, NULL},
     {"run", run, METH_VARARGS, NULL},
+    {"joint_gains", joint_gains, METH_VARARGS, NULL},
+    {"late_work", late_work, METH_VARARGS, NULL},
     {"fault_text", fault_text, METH_VARARGS, NULL},
     {"error_text", error_text, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
@@ -2847,7 +2902,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "8a73cc98bde0c998") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "a347fb56f008b3ee") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

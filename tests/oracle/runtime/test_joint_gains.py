@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from types import ModuleType
 from typing import Any
 
@@ -131,7 +132,7 @@ def test_a_late_host_leaves_springs_that_fade(robot: ModuleType) -> None:
     for later in held[: out.hold - 1]:
         np.testing.assert_array_equal(later.kp, out.kp)
         np.testing.assert_array_equal(later.tau_ff, out.tau_ff)
-    for before, after in zip(held, held[1:]):
+    for before, after in itertools.pairwise(held):
         assert np.all(after.kp <= before.kp)
         np.testing.assert_array_equal(after.q_des, Q + 0.01)
         np.testing.assert_array_equal(after.kd, out.kd)
@@ -187,7 +188,7 @@ def test_no_late_work_from_bad_numbers(robot: ModuleType) -> None:
 
 
 def test_the_account_bounds_the_work_of_the_motors(robot: ModuleType) -> None:
-    """Motions between samples are worse than straight: the account never books less than their work, and not much more."""
+    """Motions between samples are not straight: the account books no less than their work, and not much more."""
     random = np.random.default_rng(7)
     controller = robot.Impedance(actuation="gains", **LOOSE)
     q, dq, work, exact, booked = Q.copy(), np.zeros(7), 0.0, [], []
