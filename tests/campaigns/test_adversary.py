@@ -136,12 +136,12 @@ def test_limits_that_change_while_the_torque_acts(loop: Loop) -> None:
 
 @pytest.mark.parametrize("quantum", [0.0, 1e-4, 1e-3])
 def test_positions_of_an_encoder(loop: Loop, quantum: float) -> None:
-    """(a): the account sees positions, so a quantum costs at most half of it at each change of the torque."""
+    """(a): the account sees positions, so a quantum costs at most half of it at each change of the held torque."""
     off = 0.0
     for seed in range(6):
         chosen = energy.pumping(np.random.default_rng(seed), loop)
         chosen.episode |= {"quantum": quantum, "differences": 1}
-        chosen.config["position_quantum"] = quantum
+        chosen.config |= {"position_quantum": quantum, "actuation": 1}
         episode = loop.episode(**chosen.episode, fastest=1.0)
         settings = loop.config(**chosen.config)
         summary, rows, outputs = loop.run(
@@ -163,7 +163,8 @@ def test_an_undeclared_delay_is_not_accounted_for(loop: Loop) -> None:
     for declared in worst:
         for seed in range(12):
             chosen = energy.shaking(np.random.default_rng(seed), loop)
-            chosen.episode["delay"], chosen.config["delay_samples"] = 2, declared
+            chosen.episode["delay"] = 2
+            chosen.config |= {"delay_samples": declared, "actuation": 1}
             worst[declared] = max(worst[declared], energy.measure(loop, chosen).excess)
     assert worst[2] <= energy.TOLERANCE
     assert worst[0] > worst[2]
