@@ -17,13 +17,16 @@ double compute_tip_energy(const memory_t *m, const double *q, const double *equi
                                find_spring_limits(m));
 }
 
+/* Return the energy of the tips' springs with that of the posture's spring; the paper's law has neither. */
+double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips)
+{
+    return m->law == ID(LAW_PAPER) ? 0.0 : tips + robot_posture_energy(q, posture, m->posture_stiffness);
+}
+
 /* Compute U at q, of the springs of all tips and of the posture, unscaled; the paper's law has none. */
 double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture)
 {
-    if (m->law == ID(LAW_PAPER)) {
-        return 0.0;
-    }
-    return compute_tip_energy(m, q, equilibrium) + robot_posture_energy(q, posture, m->posture_stiffness);
+    return add_posture_energy(m, q, posture, compute_tip_energy(m, q, equilibrium));
 }
 
 /* Compute the energy that the scaled springs store at q. */

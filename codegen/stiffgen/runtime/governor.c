@@ -85,6 +85,12 @@ static void approach_step(const config_t *c, const double *step, double size, do
     add_scaled(N, jump > slope ? slope / jump : 1.0, change, velocity);
 }
 
+/* Forget what was found on the way to the last pose, or searched for it. */
+static void forget_search(memory_t *m)
+{
+    m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
+}
+
 /* Return the largest distance of a joint from its posture [rad] or [m]. */
 static double arm_distance(const memory_t *m)
 {
@@ -211,7 +217,7 @@ static int update_velocities(step_t *s, int by_posture)
     }
     if (!by_posture && !joining) {
         if (s->commanded && pose_distance(m->wanted_equilibrium, s->goal) > SAME_POSE) {
-            m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
+            forget_search(m);
         }
         const double pace = find_pace(s, here);
         const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
@@ -333,8 +339,8 @@ static double find_share(step_t *s, int by_posture, double *posture, double *equ
             pose_difference(m->equilibrium + 16 * t, equilibrium + 16 * t, twist);
             speed = fmax(speed, relative_size(6, 3, twist, tip_limits) / c->sample_time);
         }
-        const double tip_rise = m->scale * compute_tip_energy(m, m->q, equilibrium) - tips;
-        *rise = m->scale * compute_spring_energy(m, m->q, equilibrium, posture) - m->elastic_energy;
+        const double energy = compute_tip_energy(m, m->q, equilibrium), tip_rise = m->scale * energy - tips;
+        *rise = m->scale * add_posture_energy(m, m->q, posture, energy) - m->elastic_energy;
         reached = speed <= 1.0 && tip_rise <= allowed && *rise <= left;
         if (speed > 1.0) {
             share *= (1.0 - 1e-9) / speed;
@@ -434,7 +440,7 @@ void settle_springs(step_t *s)
     memcpy(m->posture_stiffness, s->c->posture_stiffness, sizeof m->posture_stiffness);
     m->scale = m->elastic_energy = m->travel = 0.0;
     m->joined = 1;
-    m->beyond = m->detour = m->search = m->search_steps = m->restarts = 0;
+    forget_search(m);
     if (s->commanded) {
         adopt_command(s);
     }

@@ -190,6 +190,7 @@ void report_gains(step_t *s, int refused);
 /* energy.c */
 const double *find_spring_limits(const memory_t *m);
 double compute_tip_energy(const memory_t *m, const double *q, const double *equilibrium);
+double add_posture_energy(const memory_t *m, const double *q, const double *posture, double tips);
 double compute_spring_energy(const memory_t *m, const double *q, const double *equilibrium, const double *posture);
 double compute_stored_energy(const memory_t *m, const double *q);
 double evaluate_avoidance(const double *a, double q, double *pull, double *stiffness);
