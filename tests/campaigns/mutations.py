@@ -151,8 +151,8 @@ class Workshop:
         return library, code
 
     def survives(self, library: Path, seed: int) -> bool:
-        """Return whether no difference is seen; a crash, and no end within two minutes, are differences."""
-        return confined(lambda: self.faults(library, seed), 120) == []
+        """Return whether no difference is seen; a crash, and no end within five minutes, are differences."""
+        return confined(lambda: self.faults(library, seed), 300) == []
 
     def faults(self, library: Path, seed: int) -> list[str]:
         """Return the first fault that the sessions see."""

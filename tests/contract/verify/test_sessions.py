@@ -17,7 +17,7 @@ from stiffgen.emit.fields import CONFIG
 from stiffgen.opened import open_robot
 from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
 from stiffgen.verify.controller_rules import check_rules
-from stiffgen.verify.sessions import SESSIONS, _Session, confined
+from stiffgen.verify.sessions import SESSIONS, confined
 from support.project import ROOT
 from support.runtime import compile_c
 
@@ -66,8 +66,8 @@ def test_every_field_is_above_0_in_some_session(workshop: Workshop) -> None:
     robot = workshop.robot
     first, second = (ControllerLibrary(workshop.reference, robot.name, robot.chain) for _ in range(2))
     zero = {field.name for field in CONFIG}
-    for number in range(SESSIONS):
-        config = _Session(first, second, robot.chain, np.random.default_rng([0, number])).config
+    for number, kind in enumerate(SESSIONS):
+        config = kind(first, second, robot.chain, np.random.default_rng([0, number])).config
         zero -= {name for name in zero if np.any(np.array(getattr(config, name)))}
     assert zero == set()
 
