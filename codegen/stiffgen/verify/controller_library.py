@@ -15,6 +15,7 @@ from stiffgen.emit.build import build_library
 from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, Field
 from stiffgen.errors import BuildError
 from stiffgen.robot.chain import Chain
+from stiffgen.verify.result import Array
 
 _STATE_SIZE = 1 << 19
 """Bytes of memory for a state: more than the largest robot needs."""
@@ -76,6 +77,21 @@ class ControllerLibrary:
         function = self._library[self._prefix + "error_text"]
         function.restype = ctypes.c_char_p
         return bytes(function(error) or b"")
+
+    def joint_gains(self, *arguments: Array | None) -> tuple[int, bytes]:
+        """Return the error code of joint_gains for nine arrays, or null pointers, and its results."""
+        n = len(self.config.kp_limit)
+        results = [np.zeros(n) for _ in range(3)]
+        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in (*arguments, *results)]
+        code = int(self._library[self._prefix + "joint_gains"](*pointers))
+        return code, np.concatenate(results).tobytes()
+
+    def late_work(self, hold: float, *arguments: Array | None) -> float:
+        """Return late_work for seven arrays, or null pointers."""
+        function = self._library[self._prefix + "late_work"]
+        function.restype = ctypes.c_double
+        pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in arguments]
+        return float(function(*pointers, ctypes.c_double(hold)))
 
     def fault_text(self, size: int) -> tuple[int, bytes]:
         """Return the length of the text of the output's fault, and the text as it stands in ``size`` bytes."""

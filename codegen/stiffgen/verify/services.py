@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Compare the functions of two controllers but for the step: defaults, checks of fields, start, reset, texts."""
+"""Compare the functions of two controllers but for the step: defaults, checks, start, reset, texts, joint gains."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ import numpy as np
 from stiffgen.emit.fields import CONFIG
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.controller_library import ControllerLibrary, fill, is_same, set_field
+from stiffgen.verify.result import Array
 
 
 def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
-    """Return the names of functions whose results differ: defaults, checks, start, reset, texts; not step."""
+    """Return the names of functions whose results differ: all but step."""
     both, faults = (reference, library), []
     for each in both:
         each.call("default_config", each.config)
@@ -68,4 +69,30 @@ def compare_services(reference: ControllerLibrary, library: ControllerLibrary, c
             fill(each.config.task_damping, damping)
         if reference.call("validate", reference.config) != library.call("validate", library.config):
             faults.append("validate differs at task_damping")
-    return faults
+    return faults + _compare_joint_gains(reference, library, chain.dof)
+
+
+def _compare_joint_gains(reference: ControllerLibrary, library: ControllerLibrary, n: int) -> list[str]:
+    """Return the names of joint_gains and late_work if their results differ, for good, bad and missing arguments."""
+    random, faults = np.random.default_rng(6), set()
+    sizes = (n, n, n, n, n, n * n, n * n, n, n)
+    for _ in range(20):
+        arguments: list[Array | None] = [random.normal(size=size) for size in sizes]
+        arguments[7:] = np.abs(random.normal(size=(2, n)))
+        cases = [arguments]
+        for place, value in itertools.product(range(len(sizes)), (None, math.nan, math.inf, -1.0)):
+            changed = [None if each is None else each.copy() for each in arguments]
+            array = changed[place]
+            if value is None or array is None:
+                changed[place] = None
+            else:
+                array[int(random.integers(len(array)))] = value
+            cases.append(changed)
+        for case in cases:
+            if reference.joint_gains(*case) != library.joint_gains(*case):
+                faults.add("joint_gains differs")
+            hold = float(random.choice([1e-3, 0.1, 0.0, -1.0]))
+            work = [each.late_work(hold, *case[:5], *case[7:]) for each in (reference, library)]
+            if not np.array_equal(work[0], work[1], equal_nan=True):
+                faults.add("late_work differs")
+    return sorted(faults)
