@@ -2836,16 +2836,39 @@ static int approach_poses(step_t *s, const double *goal, const double *from, dou
     return arrived;
 }
 
+/* Return how far a joint is in its limit zone, of its upper limit (side 1) or its lower one (-1); at most 0 outside. */
+static double find_depth(const memory_t *m, int i, double side)
+{
+    return side > 0.0 ? m->q[i] - m->avoidance[4 * i + 1] : m->avoidance[4 * i] - m->q[i];
+}
+
+/* Return whether the springs of the tips push a joint outwards that is at its limit, or beyond. */
+static int push_beyond_limit(const memory_t *m, double zone)
+{
+    double wrench[6 * TIPS], torque[N], stiffness[NN];
+    int pushed = 0;
+    robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+                 find_spring_limits(m), wrench, torque, stiffness);
+    for (int i = 0; i < N; ++i) {
+        pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
+    }
+    return pushed;
+}
+
 /*
  * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture, whose
- * pose is here, than the posture can follow, and it is slow while the arm is deep in a limit zone.
+ * pose is here, than the posture can follow. It is slow while the arm is deep in a limit zone, and waits while its springs
+ * push the arm out of the limits.
  */
 static double find_pace(const step_t *s, const double *here)
 {
     const memory_t *const m = s->m;
     double depth = 0.0;
     for (int i = 0; i < N; ++i) {
-        depth = fmax(depth, fmax(m->avoidance[4 * i] - m->q[i], m->q[i] - m->avoidance[4 * i + 1]));
+        depth = fmax(depth, fmax(find_depth(m, i, -1.0), find_depth(m, i, 1.0)));
+    }
+    if (depth >= s->c->limit_zone && push_beyond_limit(m, s->c->limit_zone)) {
+        return 0.0;
     }
     const double zone = fmax(1.0 - 2.0 * depth / fmax(s->c->limit_zone, DBL_MIN), SLOWEST);
     return m->beyond ? zone : fmin(zone, 2.0 - pose_distance(here, m->equilibrium) / PATH_LEAD);

@@ -2902,7 +2902,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "1f286b4b8daa6b54") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "f3f518a21eecedcb") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
