@@ -79,9 +79,9 @@ class ControllerLibrary:
         return bytes(function(error) or b"")
 
     def joint_gains(self, *arguments: Array | None) -> tuple[int, bytes]:
-        """Return the error code of joint_gains for nine arrays, or null pointers, and its results."""
+        """Return the error code of joint_gains for nine arrays, and its results with the number behind each."""
         n = len(self.config.kp_limit)
-        results = [np.zeros(n) for _ in range(3)]
+        results = [np.zeros(n + 1) for _ in range(3)]
         pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in (*arguments, *results)]
         code = int(self._library[self._prefix + "joint_gains"](*pointers))
         return code, np.concatenate(results).tobytes()

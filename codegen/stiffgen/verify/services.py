@@ -92,7 +92,8 @@ def _compare_joint_gains(reference: ControllerLibrary, library: ControllerLibrar
             if reference.joint_gains(*case) != library.joint_gains(*case):
                 faults.add("joint_gains differs")
             hold = float(random.choice([1e-3, 0.1, 0.0, -1.0]))
-            work = [each.late_work(hold, *case[:5], *case[7:]) for each in (reference, library)]
+            q, _, q_des, dq_des, torque, _, _, kp, kd = case
+            work = [each.late_work(hold, q, q_des, dq_des, torque, kp, kd, kp) for each in (reference, library)]
             if not np.array_equal(work[0], work[1], equal_nan=True):
                 faults.add("late_work differs")
     return sorted(faults)
