@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import stiffgen
 from campaigns.poses import KINDS, Arm, Target, draw
-from support.project import Once
+from support.project import ROOT, Once
 
 START = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 SHOULDER = np.array([0.0, 0.0, 0.36])
@@ -62,3 +63,19 @@ def test_each_pose_is_searched_for_anew(arm: Arm) -> None:
     got = arm.run(first, replace(second, posture=START), seconds=30.0)
     assert got["statuses"][0] & arm.status["UNREACHABLE"]
     assert got["reached"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "kind"), [(17, "far"), (39, "half turn")])
+def test_springs_push_no_joint_beyond_its_limit(once: Once, seed: int, kind: str) -> None:
+    """Before, the springs pushed a wrist of the Panda through its soft limit zone: a position fault."""
+
+    def make(folder: Path) -> None:
+        urdf = ROOT / "tests" / "data" / "panda.urdf"
+        stiffgen.generate(urdf, name="panda", tip="panda_hand", output=folder, build=False)
+        Arm(folder, folder / "panda")
+
+    folder = once("poses_panda", make)
+    arm = Arm(folder, folder / "panda")
+    got = arm.run(draw(np.random.default_rng([1, seed]), arm, kind), seconds=20.0)
+    assert got["reason"] == 0 and got["reached"], got
