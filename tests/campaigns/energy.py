@@ -6,9 +6,10 @@
 A schedule says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm that is moved
 whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
 jitter, missed samples, calls left out, velocities that lie, resets. Configurations vary in delay, missed_limit, rate
-limits, limit zones, damping, tank and engagement, with Coriolis forces and without, with motors that have a controller
-inside and without. Wrenches that the tip is to exert, velocities and accelerations of plans come and go, and lie. The
-work that the robot puts out at its port is summed from the exact motion and the torque that acted, and compared with
+limits, limit zones, damping, velocity filter, tank and engagement, with Coriolis forces and without, with motors that
+have a controller inside and without. Wrenches that the tip is to exert, velocities and accelerations of plans come and
+go, and lie. The work that the robot puts out at its port is summed from the exact motion and the torque that acted, and
+compared with
 
     start + tank_initial + engagement_limit (returns from a fault + 1 if the start is not where the arm is wanted)
 
@@ -47,7 +48,7 @@ LIVE = 20
 CLIMBED = (
     "damping_ratio", "joint_damping", "posture_stiffness", "stiffness_time", "ramp_time", "energy_limit",
     "torque_rate_limit", "limit_zone", "limit_stiffness", "delay_samples", "missed_limit",
-    "call_gap_limit", "coriolis", "kp_limit", "kd_limit",
+    "call_gap_limit", "coriolis", "velocity_filter_time", "kp_limit", "kd_limit",
 )  # fmt: skip
 """Fields of the configuration that a climb changes; tank and engagement limit stay."""
 
@@ -212,6 +213,8 @@ def schedule(random: Random, loop: Loop, moving: bool = False, sensors: bool = F
         chosen = part(random, loop, moving)
         if sensors or not _lies(chosen):
             made.parts.append(chosen)
+    if random.random() < 0.3:
+        made.config["velocity_filter_time"] = float(10 ** random.uniform(-3.5, -1.5))
     if random.random() < 0.4:
         made.config |= _gains(random)
         made.episode["delay"] = 0
@@ -417,7 +420,7 @@ def changed(random: Random, loop: Loop, old: Schedule, moving: bool, sensors: bo
 def _change_config(random: Random, new: Schedule) -> None:
     name = CLIMBED[random.integers(len(CLIMBED))]
     gains = new.config.get("actuation") == 2
-    if name in ("kp_limit", "kd_limit") and not gains:
+    if name not in new.config:  # only where it is not 0
         return
     if name == "delay_samples" and gains:
         return
