@@ -2969,8 +2969,8 @@ static double work_left(const memory_t *m)
     return fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
 }
 
-/* Move the posture by itself, where the engagement can pay what its spring stores. */
-static void move_posture(step_t *s)
+/* Move the posture by itself, where the engagement can pay what its spring stores. Return the rise of its energy. */
+static double move_posture(step_t *s)
 {
     memory_t *const m = s->m;
     double posture[N];
@@ -2981,24 +2981,24 @@ static void move_posture(step_t *s)
     if (rise > work_left(m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         s->status |= ID(STATUS_GOVERNOR);
-        return;
+        return 0.0;
     }
     memcpy(m->posture, posture, sizeof posture);
     m->elastic_energy += rise;
-    book_reference(s, rise);
+    return rise;
 }
 
 /*
  * Find the share of this step's motion that keeps the tip's velocity, the energy stored in the tips' springs (where a
- * load holds it above the limit, it must not rise) and the work left to the engagement. Results: posture and equilibrium
- * there, and the rise of the stored energy.
+ * load holds it above the limit, it must not rise) and the work left to the engagement, after that of the posture's own
+ * motion. Results: posture and equilibrium there, and the rise of the stored energy.
  */
-static double find_share(step_t *s, int by_posture, double *posture, double *equilibrium, double *rise)
+static double find_share(step_t *s, int by_posture, double own, double *posture, double *equilibrium, double *rise)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
     const double tip_limits[2] = {c->tip_velocity_limit, c->tip_rotation_limit};
-    const double left = work_left(m), tips = m->scale * compute_tip_energy(m, m->q, m->equilibrium);
+    const double left = work_left(m) - own, tips = m->scale * compute_tip_energy(m, m->q, m->equilibrium);
     const double allowed = fmin(fmax(s->energy_limit - tips, 0.0), left);
     double share = 1.0;
     int reached = 0;
@@ -3031,10 +3031,8 @@ static void move_equilibrium(step_t *s)
     pay_for_travel(s);
     const int by_posture = m->joined && (!s->commanded || s->input->command == ID(COMMAND_POSITION));
     const int moving = update_velocities(s, by_posture);
-    if (!by_posture) {
-        move_posture(s);
-    }
-    const double share = find_share(s, by_posture, posture, equilibrium, &rise);
+    const double own = by_posture ? 0.0 : move_posture(s);
+    const double share = find_share(s, by_posture, own, posture, equilibrium, &rise);
     s->status |= moving ? (uint32_t)ID(STATUS_MOVING) : 0u;
     for (int i = 0; by_posture && i < N; ++i) {
         m->posture_velocity[i] *= share;
@@ -3046,8 +3044,9 @@ static void move_equilibrium(step_t *s)
         memcpy(m->posture, posture, sizeof posture);
         memcpy(m->equilibrium, equilibrium, sizeof equilibrium);
         m->elastic_energy += rise;
-        book_reference(s, rise);
     }
+    /* posture and equilibrium are one move: what one releases pays for the other */
+    book_reference(s, own + (share > 0.0 ? rise : 0.0));
     if (s->commanded) {
         memcpy(m->wanted_posture, s->input->q0, sizeof posture);
         if (s->input->command == ID(COMMAND_EQUILIBRIUM)) {

@@ -58,7 +58,8 @@ def test_energy_hill_climbed(loop: Loop, moving: bool) -> None:
 
 BREAKS = json.loads((ROOT / "tests" / "data" / "energy_breaks.json").read_text())
 """Schedules that broke the bound while the controller was made, by 1e-3 to 68 J: climbs 811 (two of three calls left
-out for long), 844, 919, 958, 20013 (calls left out, delay 2; 2.2 J) and 20052 (1.4 J)."""
+out for long), 844, 919, 958, 20013 (calls left out, delay 2; 2.2 J), 20052 (1.4 J) and 300028 (what the posture of a
+command by pose released did not pay for the equilibrium, but filled the tank; 0.3 J)."""
 
 
 @pytest.mark.parametrize("name", BREAKS)

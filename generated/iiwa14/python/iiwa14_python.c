@@ -2902,7 +2902,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "f3f518a21eecedcb") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "da0a737c52f1f944") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
