@@ -46,6 +46,7 @@ enum {
     IIWA14_E_STIFFNESS = -10,
     IIWA14_E_ACTUATION = -11,
     IIWA14_E_GAINS = -12,
+    IIWA14_E_POLICY = -13,
     IIWA14_E_CONFIG_SAMPLE_TIME = -20,
     IIWA14_E_CONFIG_DELAY_SAMPLES = -21,
     IIWA14_E_CONFIG_LAW = -22,
@@ -178,6 +179,36 @@ enum {
     IIWA14_REASON_CONFIG = 13, /* [configuration] the configuration was refused (the return value names the field) */
     IIWA14_REASON_CHANGED = 14, /* [configuration] law or spring changed while engaged (law, spring) */
     IIWA14_REASON_STATE = 15 /* [configuration] the state's checksum is wrong: its memory was overwritten */
+};
+
+/* Parts of a proposal. */
+enum {
+    IIWA14_PART_POSE = 0,
+    IIWA14_PART_STIFFNESS = 1,
+    IIWA14_PART_WRENCH = 2,
+    IIWA14_PART_GRIPPER = 3
+};
+
+/* Reasons for which the policy port refuses a part. */
+enum {
+    IIWA14_REFUSED_NONE = 0, /* accepted, or not proposed */
+    IIWA14_REFUSED_TIME = 1, /* the time stamp, or now, is not finite */
+    IIWA14_REFUSED_FUTURE = 2, /* the time stamp lies in the future by more than clock_tolerance */
+    IIWA14_REFUSED_ORDER = 3, /* the time stamp is not later than the accepted one */
+    IIWA14_REFUSED_STALE = 4, /* older than hold_time and fade_time together */
+    IIWA14_REFUSED_POSE = 5, /* not finite, out of bounds, or no rotation */
+    IIWA14_REFUSED_STIFFNESS = 6, /* not finite, not symmetric, not positive semidefinite, or above the stiffness limits */
+    IIWA14_REFUSED_COUPLING = 7, /* the stiffness couples translation and rotation */
+    IIWA14_REFUSED_WRENCH = 8 /* not finite, or larger than heaviest_wrench */
+};
+
+/* Stages of a part in the policy port. */
+enum {
+    IIWA14_STAGE_WAITING = 0, /* nothing accepted yet */
+    IIWA14_STAGE_MOVING = 1, /* interpolated to the accepted part */
+    IIWA14_STAGE_HOLDING = 2, /* at the accepted part, which is held */
+    IIWA14_STAGE_FADING = 3, /* stale: fades */
+    IIWA14_STAGE_FADED = 4 /* stale: at the safe end */
 };
 
 /* Configuration; start from the defaults. */
@@ -504,6 +535,76 @@ typedef struct {
     double start_total;
 } iiwa14_impedance_output;
 
+/* Proposal of a slow commander (a learned policy, 10 to 60 Hz). A struct of zeros proposes nothing. */
+typedef struct {
+    /* per part (pose, stiffness, wrench, gripper) 1: proposed; 0: not read. */
+    int valid[4];
+    /* [s] time stamp of each part, on the clock of `now`. */
+    double time[4];
+    /* [m] (4 x 4) pose [R p; 0 1] of the tip where its spring is to be at rest. */
+    double equilibrium[16];
+    /* [N/m, N m/rad] (6 x 6) blocks Kt and Ko on the diagonal, in the axes of the controller's
+     * translation_stiffness and rotation_stiffness; the controller's springs have no coupling, so the other
+     * blocks must be 0. */
+    double stiffness[36];
+    /* [N, N m] (force, moment) that the TIP IS TO EXERT on the environment. */
+    double wrench_command[6];
+    /* value that the port passes through without reading it. */
+    double gripper;
+} iiwa14_impedance_proposal;
+
+/* Port for slow commanders: settings, report and memory; start it by policy_start. */
+typedef struct {
+    /* [s] setting: age up to which a part is held; 0.3, three periods of 10 Hz. */
+    double hold_time;
+    /* [s] setting: time in which a stale part then fades; 0.5. */
+    double fade_time;
+    /* setting: share of the stiffness that is left at the end of a fade, 0 to 1; 0.1. */
+    double stale_share;
+    /* [s] setting: longest interpolation; 0.1, the period of 10 Hz. */
+    double longest_interval;
+    /* [s] setting: how far a time stamp may lie in the future; 0.005. */
+    double clock_tolerance;
+    /* [s] latest time seen; the port's time never goes back. */
+    double now;
+    /* [s] time stamp of the accepted part. */
+    double time[4];
+    /* [s] time at which the interpolation to the accepted part began. */
+    double begin[4];
+    /* [s] duration of this interpolation. */
+    double interval[4];
+    /* why the newest proposal of each part was refused, IIWA14_REFUSED_*. */
+    int refused[4];
+    /* IIWA14_STAGE_* of each part. */
+    int stage[4];
+    /* [m] (4 x 4) pose that the port commands. */
+    double equilibrium[16];
+    /* [N/m] (3 x 3) stiffness Kt that the port commands. */
+    double translation_stiffness[9];
+    /* [N m/rad] (3 x 3) stiffness Ko that the port commands. */
+    double rotation_stiffness[9];
+    /* [N, N m] wrench_command that the port commands. */
+    double wrench_command[6];
+    /* value of the newest accepted gripper part. */
+    double gripper;
+    /* [m] (4 x 4) pose at which the interpolation began. */
+    double from_equilibrium[16];
+    /* [N/m] (3 x 3) Kt at which the interpolation began. */
+    double from_translation[9];
+    /* [N m/rad] (3 x 3) Ko at which the interpolation began. */
+    double from_rotation[9];
+    /* [N, N m] wrench_command at which the interpolation began. */
+    double from_wrench[6];
+    /* [m] (4 x 4) accepted pose, orthonormal. */
+    double to_equilibrium[16];
+    /* [N/m] (3 x 3) accepted Kt, symmetric. */
+    double to_translation[9];
+    /* [N m/rad] (3 x 3) accepted Ko, symmetric. */
+    double to_rotation[9];
+    /* [N, N m] accepted wrench_command. */
+    double to_wrench[6];
+} iiwa14_impedance_policy;
+
 /* Memory between steps; opaque, initialised by iiwa14_impedance_init. */
 typedef struct {
     double older[14];
@@ -664,6 +765,26 @@ int iiwa14_impedance_joint_gains(const double *q, const double *dq, const double
  */
 double iiwa14_impedance_late_work(const double *q, const double *q_des, const double *dq_des, const double *tau_ff,
     const double *kp, const double *kd, const double *velocity_limit, double hold);
+
+/*
+ * Start a policy port at poses (16; the arm's own), without stiffness and wrench, at the time now [s]. Its settings
+ * are then at their defaults. Return IIWA14_OK, IIWA14_E_POLICY or IIWA14_E_NULL.
+ */
+int iiwa14_impedance_policy_start(iiwa14_impedance_policy *policy, const double *poses, double now);
+
+/*
+ * Hand a proposal to a policy port when it arrives. Each part is accepted or refused by itself; policy->refused names
+ * why. Return the number of refused parts, or IIWA14_E_NULL.
+ */
+int iiwa14_impedance_policy_propose(const iiwa14_impedance_config *config, iiwa14_impedance_policy *policy,
+    const iiwa14_impedance_proposal *proposal, double now);
+
+/*
+ * Write a policy port's command into the input of the step at the time now [s]: command, equilibrium, both
+ * stiffnesses, wrench_command, and velocity and acceleration 0. All other fields (the sample; q0, the wanted posture) are
+ * the caller's. Return IIWA14_OK or IIWA14_E_NULL.
+ */
+int iiwa14_impedance_policy_command(iiwa14_impedance_policy *policy, double now, iiwa14_impedance_input *input);
 
 /*
  * Write a step's fault in words: joint, reason with the configuration fields to look at, what was seen, and its limit.

@@ -21,6 +21,7 @@ from stiffgen.emit.fields import (
     STATUS,
     Field,
 )
+from stiffgen.emit.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
 from stiffgen.emit.presets import motor_tables
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
@@ -31,7 +32,7 @@ RUNTIME = Path(__file__).parent.parent / "runtime"
 INTERFACE = "impedance.h"
 _PARTS = (
     "matrix", "joint_gains", "energy", "strength", "cap", "state", "sample", "posture", "damping", "governor",
-    "change", "stiffness", "feedforward", "torque", "text", "step",
+    "change", "stiffness", "feedforward", "torque", "text", "policy", "step",
 )  # fmt: skip
 SOURCES = tuple(f"{part}.c" for part in _PARTS)
 """Files of the library in the order in which NAME_impedance.c contains them: no function is used before its file."""
@@ -51,6 +52,8 @@ _STRUCTS = (
     ),
     ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
     ("output", "Result of a step, complete enough to draw a log from it.", OUTPUT),
+    ("proposal", "Proposal of a slow commander (a learned policy, 10 to 60 Hz). A struct of zeros proposes nothing.", PROPOSAL),
+    ("policy", "Port for slow commanders: settings, report and memory; start it by policy_start.", POLICY),
 )
 _FIRST_FIELD_ERROR = -20
 
@@ -100,6 +103,8 @@ class ControllerPage:
         tips: number of tips.
         scopes: prefix of the kernels' names, per tip.
         status, modes, faults: name and meaning.
+        parts: parts of a proposal.
+        refused, stages: name and meaning, of the policy port.
         reasons: name, class of the fault and meaning.
         seen: reason and the meaning of its numbers.
         reason_classes: number of each reason's class.
@@ -124,6 +129,9 @@ class ControllerPage:
     status: tuple[tuple[str, str], ...]
     modes: tuple[tuple[str, str], ...]
     faults: tuple[tuple[str, str], ...]
+    parts: tuple[str, ...]
+    refused: tuple[tuple[str, str], ...]
+    stages: tuple[tuple[str, str], ...]
     reasons: tuple[tuple[str, str, str], ...]
     seen: list[tuple[str, str]]
     reason_classes: list[int]
@@ -156,6 +164,9 @@ def controller_page(
         status=STATUS,
         modes=MODES,
         faults=FAULTS,
+        parts=PARTS,
+        refused=REFUSED,
+        stages=STAGES,
         reasons=REASONS,
         seen=list(SEEN.items()),
         reason_classes=[[fault for fault, _ in FAULTS].index(fault) for _, fault, _ in REASONS],

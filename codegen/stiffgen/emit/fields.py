@@ -766,5 +766,6 @@ ERRORS: tuple[tuple[str, str], ...] = (
     ),
     ("actuation", "actuation: gains need the potential law and delay_samples 0"),
     ("gains", "joint_gains: a number is not finite, or the limit of a gain is below 0"),
+    ("policy", "policy_start: a pose is no pose, or now is not finite"),
 )
 """Errors that are not those of single configuration fields, NAME_E_<NAME>, from -1 down."""

@@ -218,6 +218,8 @@ void add_torque_offset(step_t *s, const double *last, int refused);
 /* sample.c */
 void observe_sample(step_t *s, const double *last);
 int accept_command(step_t *s);
+int accept_stiffness(const double *K, double most, double *accepted);
+int accept_pose(const double *pose, double *accepted);
 
 /* posture.c */
 void pose_difference(const double *from, const double *to, double *twist);
@@ -252,6 +254,11 @@ void compensate_coriolis(step_t *s);
 void step_towards_zero(const double *last, const double *rate, double *torque);
 void limit_torque(step_t *s, const double *last);
 void compute_torque(step_t *s, const double *last, int moved);
+
+/* policy.c */
+int start_policy(policy_t *p, const double *poses, double now);
+int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double now);
+void write_command(policy_t *p, double now, input_t *input);
 
 /* text.c */
 void describe_fault(const output_t *out, char *text, size_t size);

@@ -220,7 +220,7 @@ void observe_sample(step_t *s, const double *last)
 }
 
 /* Copy a stiffness, made symmetric in every bit. Return whether K is one, up to single precision. */
-static int accept_stiffness(const double *K, double most, double *accepted)
+int accept_stiffness(const double *K, double most, double *accepted)
 {
     for (int i = 0; i < 9; ++i) {
         accepted[i] = (K[i] + K[3 * (i % 3) + i / 3]) / 2.0;
@@ -229,7 +229,7 @@ static int accept_stiffness(const double *K, double most, double *accepted)
 }
 
 /* Copy a pose. A rotation that is orthonormal up to POSE_TOLERANCE only is made so by two Newton steps. */
-static int accept_pose(const double *pose, double *accepted)
+int accept_pose(const double *pose, double *accepted)
 {
     double C[9], R[9], off = fabs(pose[12]) + fabs(pose[13]) + fabs(pose[14]) + fabs(pose[15] - 1.0);
     memcpy(accepted, pose, 16 * sizeof(double));

@@ -29,7 +29,8 @@ def _layout(structure: str) -> np.dtype[Any]:
     )
 
 
-_CONFIG, _INPUT, _OUTPUT = (_layout(structure) for structure in ("config", "input", "output"))
+_CONFIG, _INPUT, _OUTPUT, _PROPOSAL, _POLICY = map(_layout, ("config", "input", "output", "proposal", "policy"))
+_PARTS = ("pose", "stiffness", "wrench", "gripper")
 _WORDS: dict[str, dict[str, int]] = {}
 for _field, _word, _value in (*_c.CHOICES, *_c.OUTCOMES):
     _WORDS.setdefault(_field, {})[_word] = _value
@@ -45,6 +46,8 @@ STATUS_MEANING = {Status(bit): meaning for _, bit, meaning in _c.STATUSES}
 """Meaning of each bit."""
 Mode, Fault, Reason = (_enumeration(field) for field in ("mode", "fault", "reason"))
 """Mode of a step, class of a latched fault, and reason for the fault."""
+Refused, Stage = (_enumeration(field) for field in ("refused", "stage"))
+"""Why the policy port refuses a part, and the stage of a part."""
 _TYPES: dict[str, Any] = {"status": Status, "mode": Mode, "fault": Fault, "reason": Reason}
 
 
@@ -348,6 +351,107 @@ class Impedance:
         slots = np.arange(self._recorded - count, self._recorded) % max(capacity, 1)
         inputs, outputs = (Record(record[slots]) for record in self._record)
         return inputs, outputs
+
+
+class Policy:
+    """Port for a slow commander, 10 to 60 Hz, such as a learned policy: interpolates, holds, fades and refuses.
+
+    Parameters
+    ----------
+    controller : Impedance
+        Controller whose limits hold for proposals.
+    pose : (4, 4)
+        Pose of the tip at the start (with several tips, the tips are the first axis); the stiffness starts at 0.
+    now : float [s]
+        Time at the start.
+    **settings : float
+        ``hold_time``, ``fade_time``, ``stale_share``, ``longest_interval``, ``clock_tolerance``: see the header.
+
+    """
+
+    SETTINGS = ("hold_time", "fade_time", "stale_share", "longest_interval", "clock_tolerance")
+
+    def __init__(self, controller: Impedance, *, pose: ArrayLike, now: float, **settings: float) -> None:
+        self._config = controller.config
+        self._policy = np.zeros(1, _POLICY)
+        poses = np.ascontiguousarray(pose, float)
+        if poses.shape != _POLICY["equilibrium"].shape:
+            raise ValueError(f"pose: shape {poses.shape}, not {_POLICY['equilibrium'].shape}")
+        code = _c.policy_start(self._policy, poses, now)
+        if code:
+            raise ValueError(_c.error_text(code))
+        for name, value in settings.items():
+            most = {"stale_share": 1.0, "longest_interval": 1.0}.get(name, 10.0)
+            if name not in self.SETTINGS:
+                raise TypeError(f"no setting '{name}'; there are: {', '.join(self.SETTINGS)}")
+            if not 0.0 <= value <= most:
+                raise ValueError(f"{name}: {value!r} does not lie between 0 and {most:g}")
+            self._policy[name] = value
+
+    def propose(
+        self,
+        *,
+        now: float,
+        time: ArrayLike,
+        equilibrium: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+        translation_stiffness: ArrayLike | None = None,
+        rotation_stiffness: ArrayLike | None = None,
+        wrench_command: ArrayLike | None = None,
+        gripper: float | None = None,
+    ) -> dict[str, Refused]:
+        """Hand over a proposal when it arrives; return the parts that are refused, and why.
+
+        ``time`` [s] is the stamp of all parts, or one of each (pose, stiffness, wrench, gripper). What is None is not
+        proposed. Pass ``stiffness`` (6, 6), or ``translation_stiffness`` with ``rotation_stiffness``, each (3, 3).
+        """
+        blocks = (translation_stiffness, rotation_stiffness)
+        if (blocks[0] is None) != (blocks[1] is None) or (stiffness is not None and blocks[0] is not None):
+            raise TypeError("give either stiffness, or translation_stiffness and rotation_stiffness")
+        row = np.zeros(1, _PROPOSAL)
+        if blocks[0] is not None:
+            stiffness = np.zeros(_PROPOSAL["stiffness"].shape)
+            for part, block in zip((slice(0, 3), slice(3, 6)), blocks):
+                _same_shape("stiffness", block, stiffness[..., part, part].shape)
+                stiffness[..., part, part] = block
+        parts = {
+            "equilibrium": equilibrium,
+            "stiffness": stiffness,
+            "wrench_command": wrench_command,
+            "gripper": gripper,
+        }
+        for k, (name, value) in enumerate(parts.items()):
+            if value is not None:
+                _same_shape(name, value, _PROPOSAL[name].shape)
+                row[name], row["valid"][0, k] = value, 1
+        row["time"] = time
+        _c.policy_propose(self._config._values, self._policy, row, now)
+        return {part: Refused(k) for part, k in zip(_PARTS, self._policy["refused"][0].tolist()) if k}
+
+    def command(self, now: float) -> dict[str, NDArray[np.float64]]:
+        """Return the arguments of :meth:`Impedance.step` that the port commands at a time [s].
+
+        Pass them as keywords, beside q, dq and the posture.
+        """
+        row = np.zeros(1, _INPUT)
+        _c.policy_command(self._policy, now, row)
+        names = ("equilibrium", "translation_stiffness", "rotation_stiffness", "wrench_command")
+        return {name: row[name][0] for name in names}
+
+    @property
+    def gripper(self) -> float:
+        """Value of the newest accepted gripper part; 0 before the first."""
+        return float(self._policy["gripper"][0])
+
+    @property
+    def stage(self) -> dict[str, Stage]:
+        """Stage of each part at the time of the last call."""
+        return {part: Stage(k) for part, k in zip(_PARTS, self._policy["stage"][0].tolist())}
+
+
+def _same_shape(name: str, value: Any, shape: tuple[int, ...]) -> None:
+    if np.shape(value) != shape:
+        raise ValueError(f"{name}: shape {np.shape(value)}, not {shape}")
 
 
 class Gains(NamedTuple):

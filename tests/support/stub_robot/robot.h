@@ -21,5 +21,7 @@ typedef iiwa14_impedance_memory memory_t;
 typedef iiwa14_impedance_state state_t;
 typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
+typedef iiwa14_impedance_proposal proposal_t;
+typedef iiwa14_impedance_policy policy_t;
 
 #endif
