@@ -88,6 +88,12 @@ CAMPAIGNS = {
         "--output docs/compare.md",
     ),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
+    "policy": Campaign(
+        "tests/campaigns/energy.py",
+        "attack the energy bound through the policy port",
+        "--policy --count 40 --climb 20",
+        "--policy",
+    ),
     "motors": _campaign(
         "motors",
         "measure the stiffness that motors with a controller inside allow",

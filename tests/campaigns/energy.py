@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Search for schedules that break the controller's energy bound, by hill climbing.
 
-    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200]
+    python tests/campaigns/energy.py [--count 100000] [--seed 1] [--climb 200] [--policy]
 
 A schedule says what an environment and a planner do to the robot in two seconds: loads, pushes, an arm that is moved
 whatever it does (into the limit zones, too), stiffness and equilibrium that change, targets that are streamed with
@@ -15,14 +15,16 @@ compared with
 
 if the wanted equilibrium is constant (start: energy of the limit avoidance at the first sample). A moving equilibrium
 adds the smaller of two: the positive work of its motion, computed here from the springs' energy, and engagement_limit
-per second of its travel. A climb starts at a random schedule and keeps each change that brings the output nearer to the
-bound or beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
+per second of its travel. With --policy all commands reach the controller through the policy port, from a hostile
+commander (policy_law.c) whose seed the climb changes; a stream adds engagement_limit per second. A climb starts at a
+random schedule and keeps each change that brings the output nearer to the bound or beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
 """
 
 from __future__ import annotations
 
 import argparse
 import copy
+import ctypes
 import multiprocessing
 import os
 import shutil
@@ -35,7 +37,7 @@ from typing import Any
 
 import numpy as np
 
-from support.plant.loop import Q0, Loop, N
+from support.plant.loop import LAW, POLICY, Q0, Loop, N
 from support.plant.statics import random_stiffness
 from support.project import ROOT
 
@@ -454,8 +456,15 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     """Run a schedule. Calls come as often as call_gap_limit and missed_limit say; the arm keeps its velocity limits."""
     most = min(chosen.config.get(name, 3) for name in ("missed_limit", "call_gap_limit")) - 1
     parts = [{**one, "skip": min(one.get("skip", 0), most)} for one in chosen.parts]
-    constant = not any("wanted" in one for one in parts[1:]) and not any(
-        np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate", "velocity", "acceleration")
+    streamed = chosen.episode.get("streamed", 0)
+    if streamed:
+        ctypes.c_uint.in_dll(loop.library, "policy_seed").value = streamed
+    constant = (
+        not streamed
+        and not any("wanted" in one for one in parts[1:])
+        and not any(
+            np.any(one.get(name, 0)) for one in parts for name in ("jitter", "wanted_rate", "velocity", "acceleration")
+        )
     )
     away = int(bool(np.any(np.asarray(chosen.episode["q"]) != parts[0]["wanted"])))
     limit, tank = chosen.config["engagement_limit"], chosen.config["tank_initial"]
@@ -474,6 +483,12 @@ def measure(loop: Loop, chosen: Schedule) -> Measured:
     return Measured(excess, -np.inf if dead and excess <= 0 else interest, ratio, summary)
 
 
+def _stream(random: Random, loop: Loop, one: Schedule) -> None:
+    """Choose another hostile commander, if there is one."""
+    if loop.streamed:
+        one.episode["streamed"] = int(random.integers(1, 2**31))
+
+
 def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = False) -> tuple[Schedule, Measured]:
     """Return the best of a climb, restarted from the best of ten random schedules."""
     pattern = random.integers(0, 2 * len(PATTERNS))
@@ -481,9 +496,13 @@ def climb(random: Random, loop: Loop, steps: int, moving: bool, sensors: bool = 
         PATTERNS[pattern](random, loop) if pattern < len(PATTERNS) else schedule(random, loop, moving, sensors)
         for _ in range(min(10, steps))
     ]
+    for one in starts:
+        _stream(random, loop, one)
     best, most = max(((one, measure(loop, one)) for one in starts), key=lambda pair: pair[1].interest)
     for _ in range(steps - len(starts)):
         new = changed(random, loop, best, moving, sensors)
+        if random.random() < 0.3:
+            _stream(random, loop, new)
         try:
             got = measure(loop, new)
         except AssertionError:  # a configuration that is refused
@@ -497,10 +516,10 @@ _loop: Loop | None = None
 """Of a worker process."""
 
 
-def _start() -> None:
+def _start(law: Path) -> None:
     global _loop
     _folder = tempfile.mkdtemp()
-    _loop = Loop(Path(_folder), ROOT / "generated" / "iiwa14")
+    _loop = Loop(Path(_folder), ROOT / "generated" / "iiwa14", law)
     shutil.rmtree(_folder)
 
 
@@ -517,12 +536,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--climb", type=int, default=200, help="schedules of a climb")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--policy", action="store_true", help="command through the policy port")
     options = parser.parse_args()
+    law = POLICY if options.policy else LAW
     start, climbs = time.monotonic(), -(-options.count // options.climb)
     tasks = [(options.seed + k, options.climb, k % 2 == 1) for k in range(climbs)]
     found: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
     worst = 0.0
-    with multiprocessing.Pool(options.workers, _start) as pool:
+    with multiprocessing.Pool(options.workers, _start, (law,)) as pool:
         for done, (seed, moving, excess, port, reason, ratio) in enumerate(pool.imap_unordered(_climb, tasks), 1):
             found[moving].append((excess, port))
             worst = max(worst, ratio)

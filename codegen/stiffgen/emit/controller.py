@@ -52,7 +52,11 @@ _STRUCTS = (
     ),
     ("input", "One sample. A struct of zeros is a missed sample.", INPUT),
     ("output", "Result of a step, complete enough to draw a log from it.", OUTPUT),
-    ("proposal", "Proposal of a slow commander (a learned policy, 10 to 60 Hz). A struct of zeros proposes nothing.", PROPOSAL),
+    (
+        "proposal",
+        "Proposal of a slow commander (a learned policy, 10 to 60 Hz). A struct of zeros proposes nothing.",
+        PROPOSAL,
+    ),
     ("policy", "Port for slow commanders: settings, report and memory; start it by policy_start.", POLICY),
 )
 _FIRST_FIELD_ERROR = -20

@@ -289,7 +289,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
         summary->reference_work += fmax(fed, 0.0);
         const double moving = summary->port - summary->reference_work - summary->resets * e->engagement;
         summary->excess_moving = k == 0 ? moving : fmax(summary->excess_moving, moving);
-        const double paid = e->engagement * (summary->resets + fmin(summary->travel, (k + 1) * e->sample_time));
+        const double paid = e->engagement * (summary->resets + (e->streamed ? (k + 1) * e->sample_time
+                                                                          : fmin(summary->travel, (k + 1) * e->sample_time)));
         summary->excess_travel = k == 0 ? summary->port - paid : fmax(summary->excess_travel, summary->port - paid);
         summary->port_most = fmax(summary->port_most, summary->port);
         summary->excess = k == 0 ? summary->port - summary->resets * e->engagement

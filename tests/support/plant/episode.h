@@ -50,6 +50,7 @@ typedef struct {
     double velocity_limit[N];    /* [rad/s] what speeds are compared with */
     double effort[N], rate[N];   /* [N m], [N m/s] that the torque must keep */
     double engagement;           /* [J] that each return from a fault may bring in */
+    int streamed;                /* seed of a hostile commander (policy_law.c); its path is unknown: travel is the time */
     double fastest;              /* [1] over the velocity limit: the episode ends when the arm is faster; 0: never */
 } episode_t;
 

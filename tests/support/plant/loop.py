@@ -19,6 +19,10 @@ from numpy.typing import ArrayLike
 from support.plant.statics import Springs
 
 HERE = Path(__file__).resolve().parent
+LAW = HERE / "law.c"
+"""The generated controller."""
+POLICY = HERE / "policy_law.c"
+"""The controller behind its policy port, with a hostile commander: the episode's ``streamed`` is its seed."""
 FREE = HERE / "free.c"
 """Law without a controller: the arm floats; needs ``sources=KERNELS``."""
 TEXTBOOK = HERE / "textbook.c"
@@ -102,7 +106,7 @@ class Loop:
         self,
         folder: Path,
         robot: Path,
-        law: Path = HERE / "law.c",
+        law: Path = LAW,
         sources: tuple[str, ...] = (*KERNELS, "iiwa14_impedance.c"),
         flags: tuple[str, ...] = ("-O3", "-march=native"),
     ) -> None:
@@ -125,6 +129,7 @@ class Loop:
         ):
             known[name] = struct(header, name, known, sizes)
         self._known = known
+        self.streamed = law == POLICY
         if law in (FREE, TEXTBOOK):
             self.Config: Any = ctypes.c_int
             self.Output: Any = ctypes.c_int
