@@ -5,7 +5,8 @@
 
 The policy is a thread that sends datagrams to this computer; one in four is lost, one in ten has a NaN. The arm is
 simulated with the folder's mass matrix. Time stamps are time.monotonic() of the sender. Between two computers,
-synchronise the clocks (PTP, NTP), and send a time that both share. UDP has no authentication: use a network of your own.
+synchronise the clocks (PTP, NTP), and send a time that both share. UDP has no
+authentication: use a network of your own.
 """
 
 from __future__ import annotations

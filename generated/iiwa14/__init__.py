@@ -73,6 +73,8 @@ packed
 
 Impedance(**config)
     Impedance controller; ``step(q=..., ...)`` gives the torque. Status, Mode, Fault and Reason name its outcomes.
+Policy(controller, pose=..., now=...)
+    Port for slow commanders, such as learned policies; Refused and Stage name what happens to proposals.
 joint_gains(...), late_work(...)
     Split of a torque for motors with a controller inside, and the most work that a late host costs.
 DOF, JOINTS, BASE, TIP
@@ -98,7 +100,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "da0a737c52f1f944":
+if getattr(_c, "SOURCES", "") != "180390aa52063788":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"
@@ -227,7 +229,7 @@ packed = _Functions(
     limits_joint_stiffness=_c.limits_joint_stiffness_packed,
 )
 
-from .impedance import Fault, Impedance, Mode, Reason, Status, joint_gains, late_work
+from .impedance import Fault, Impedance, Mode, Policy, Reason, Refused, Stage, Status, joint_gains, late_work
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
 # NumPy's arrays and of Python's integers for each of them.
@@ -244,7 +246,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "joint_gains", "late_work",
+    "Impedance", "Policy", "joint_gains", "late_work",
 ]
 
 

@@ -19,6 +19,8 @@ typedef iiwa14_impedance_memory memory_t;
 typedef iiwa14_impedance_state state_t;
 typedef iiwa14_impedance_input input_t;
 typedef iiwa14_impedance_output output_t;
+typedef iiwa14_impedance_proposal proposal_t;
+typedef iiwa14_impedance_policy policy_t;
 
 /*
  * The impedance controller as a C library, independent of the robot. docs/controller.md has the equations, the theorem
@@ -3830,6 +3832,300 @@ static void describe_fault(const output_t *out, char *text, size_t size)
     }
 }
 
+/* Policy port: proposals of a slow commander, made into a command for each step. */
+
+enum { PARTS = 4 };
+static const double SHORTEST_INTERVAL = 1.0 / 60.0; /* [s] of an interpolation: the period of the fastest commander */
+
+/* Return a setting; the default replaces a number that is not finite or out of bounds. */
+static double read_setting(double x, double most, double replacement)
+{
+    return x >= 0.0 && x <= most ? x : replacement;
+}
+
+static double hold_time(const policy_t *p)
+{
+    return read_setting(p->hold_time, 10.0, 0.3);
+}
+
+static double fade_time(const policy_t *p)
+{
+    return read_setting(p->fade_time, 10.0, 0.5);
+}
+
+/* Advance the port's time; it never goes back. Return whether `now` is finite. */
+static int advance_time(policy_t *p, double now)
+{
+    if (!(fabs(now) <= DBL_MAX)) {
+        return 0;
+    }
+    p->now = fmax(p->now, now);
+    return 1;
+}
+
+/* Return how long [s] a part has been stale; 0 for one that is not, or was never accepted. */
+static double overdue(const policy_t *p, int part)
+{
+    return p->stage[part] == ID(STAGE_WAITING) ? 0.0 : fmax(p->now - p->time[part] - hold_time(p), 0.0);
+}
+
+/* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
+static double share_left(const policy_t *p, double late)
+{
+    const double fade = fade_time(p);
+    double x = late > 0.0 ? 1.0 : 0.0;
+    if (late > 0.0 && late < fade) {
+        x = late / fade;
+    }
+    return 1.0 - x * x * (3.0 - 2.0 * x);
+}
+
+/* Return how far the interpolation of a part has come, 0 to 1. */
+static double progress(const policy_t *p, int part)
+{
+    const double length = fmax(p->interval[part], SHORTEST_INTERVAL);
+    return clamp((p->now - p->begin[part]) / length, 0.0, 1.0);
+}
+
+static void set_stage(policy_t *p, int part)
+{
+    if (p->stage[part] == ID(STAGE_WAITING)) {
+        return;
+    }
+    const double late = overdue(p, part);
+    p->stage[part] = progress(p, part) < 1.0 ? ID(STAGE_MOVING) : ID(STAGE_HOLDING);
+    if (late > 0.0) {
+        p->stage[part] = late < fade_time(p) ? ID(STAGE_FADING) : ID(STAGE_FADED);
+    }
+}
+
+/* Interpolate linearly, and multiply by a share. The cone of positive semidefinite matrices is convex. */
+static void mix(int count, double x, double share, const double *from, const double *to, double *result)
+{
+    for (int i = 0; i < count; ++i) {
+        result[i] = share * ((1.0 - x) * from[i] + x * to[i]);
+    }
+}
+
+/* Return the share of the stiffness: a pose cannot fade, so that a stale pose fades the stiffness, too. */
+static double stiffness_share(const policy_t *p)
+{
+    const double end = read_setting(p->stale_share, 1.0, 0.1);
+    return end + (1.0 - end) * share_left(p, fmax(overdue(p, ID(PART_POSE)), overdue(p, ID(PART_STIFFNESS))));
+}
+
+static double wrench_share(const policy_t *p)
+{
+    return share_left(p, overdue(p, ID(PART_WRENCH)));
+}
+
+/* Begin an interpolation at what is commanded: the share may have risen since, and multiplies the beginning. */
+static void begin_at(int count, const double *commanded, double before, double after, double *from)
+{
+    for (int i = 0; i < count; ++i) {
+        from[i] = after >= before && after > 0.0 ? commanded[i] / after : commanded[i];
+    }
+}
+
+/* Compute what the port commands at its time. */
+static void interpolate(policy_t *p)
+{
+    const double x = progress(p, ID(PART_POSE)), y = progress(p, ID(PART_STIFFNESS));
+    const double share = stiffness_share(p);
+    for (int t = 0; t < TIPS; ++t) {
+        double twist[6];
+        pose_difference(p->from_equilibrium + 16 * t, p->to_equilibrium + 16 * t, twist);
+        for (int i = 0; i < 6; ++i) {
+            twist[i] *= x;
+        }
+        move_pose(p->from_equilibrium + 16 * t, twist, p->equilibrium + 16 * t);
+    }
+    if (x >= 1.0) {
+        memcpy(p->equilibrium, p->to_equilibrium, sizeof p->equilibrium);
+    }
+    mix(9 * TIPS, y, share, p->from_translation, p->to_translation, p->translation_stiffness);
+    mix(9 * TIPS, y, share, p->from_rotation, p->to_rotation, p->rotation_stiffness);
+    mix(6 * TIPS, progress(p, ID(PART_WRENCH)), wrench_share(p), p->from_wrench, p->to_wrench, p->wrench_command);
+    for (int part = 0; part < PARTS; ++part) {
+        set_stage(p, part);
+    }
+}
+
+/* Return why a time stamp is refused. */
+static int check_time(const policy_t *p, int part, double time, int timed)
+{
+    if (!timed || !(fabs(time) <= DBL_MAX)) {
+        return ID(REFUSED_TIME);
+    }
+    if (time > p->now + read_setting(p->clock_tolerance, 10.0, 0.005)) {
+        return ID(REFUSED_FUTURE);
+    }
+    if (p->stage[part] != ID(STAGE_WAITING) && time <= p->time[part]) {
+        return ID(REFUSED_ORDER);
+    }
+    return p->now - time > hold_time(p) + fade_time(p) ? ID(REFUSED_STALE) : ID(REFUSED_NONE);
+}
+
+static int propose_pose(policy_t *p, const proposal_t *proposal)
+{
+    double accepted[16 * TIPS];
+    for (int t = 0; t < TIPS; ++t) {
+        if (!accept_pose(proposal->equilibrium + 16 * t, accepted + 16 * t)) {
+            return ID(REFUSED_POSE);
+        }
+    }
+    memcpy(p->from_equilibrium, p->equilibrium, sizeof p->from_equilibrium);
+    memcpy(p->to_equilibrium, accepted, sizeof p->to_equilibrium);
+    return ID(REFUSED_NONE);
+}
+
+/* Return whether a stiffness couples translation and rotation; NaN in a coupling counts as one. */
+static int is_coupled(const double *K)
+{
+    int coupled = 0;
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 3; j < 6; ++j) {
+            const double most = COMMAND_TOLERANCE * sqrt(fabs(K[7 * i] * K[7 * j]));
+            coupled |= !(fabs(K[6 * i + j]) <= most && fabs(K[6 * j + i]) <= most);
+        }
+    }
+    return coupled;
+}
+
+static int propose_stiffness(const config_t *c, policy_t *p, const proposal_t *proposal)
+{
+    double Kt[9 * TIPS], Ko[9 * TIPS], block[2][9];
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const K = proposal->stiffness + 36 * t;
+        for (int i = 0; i < 9; ++i) {
+            block[0][i] = K[i / 3 * 6 + i % 3];
+            block[1][i] = K[(i / 3 + 3) * 6 + i % 3 + 3];
+        }
+        if (!accept_stiffness(block[0], c->translation_stiffness_limit, Kt + 9 * t) ||
+            !accept_stiffness(block[1], c->rotation_stiffness_limit, Ko + 9 * t)) {
+            return ID(REFUSED_STIFFNESS);
+        }
+        if (is_coupled(K)) {
+            return ID(REFUSED_COUPLING);
+        }
+    }
+    memcpy(p->to_translation, Kt, sizeof Kt);
+    memcpy(p->to_rotation, Ko, sizeof Ko);
+    return ID(REFUSED_NONE);
+}
+
+static int propose_wrench(const config_t *c, policy_t *p, const proposal_t *proposal)
+{
+    for (int t = 0; t < TIPS; ++t) {
+        const double *const wrench = proposal->wrench_command + 6 * t;
+        if (!(norm(3, wrench) <= c->heaviest_wrench[0] && norm(3, wrench + 3) <= c->heaviest_wrench[1])) {
+            return ID(REFUSED_WRENCH);
+        }
+    }
+    memcpy(p->to_wrench, proposal->wrench_command, sizeof p->to_wrench);
+    return ID(REFUSED_NONE);
+}
+
+static int propose_part(const config_t *c, policy_t *p, const proposal_t *proposal, int part)
+{
+    switch (part) {
+    case ID(PART_POSE):
+        return propose_pose(p, proposal);
+    case ID(PART_STIFFNESS):
+        return propose_stiffness(c, p, proposal);
+    case ID(PART_WRENCH):
+        return propose_wrench(c, p, proposal);
+    default:
+        memcpy(&p->gripper, &proposal->gripper, sizeof p->gripper);
+        return ID(REFUSED_NONE);
+    }
+}
+
+/* Start a port at poses, without stiffness and wrench. Return an error for poses that are none. */
+static int start_policy(policy_t *p, const double *poses, double now)
+{
+    policy_t fresh;
+    memset(&fresh, 0, sizeof fresh);
+    fresh.hold_time = 0.3;
+    fresh.fade_time = 0.5;
+    fresh.stale_share = 0.1;
+    fresh.longest_interval = 0.1;
+    fresh.clock_tolerance = 0.005;
+    fresh.now = now;
+    int good = fabs(now) <= DBL_MAX;
+    for (int t = 0; t < TIPS; ++t) {
+        good = good && accept_pose(poses + 16 * t, fresh.equilibrium + 16 * t);
+    }
+    if (!good) {
+        return ID(E_POLICY);
+    }
+    memcpy(fresh.from_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
+    memcpy(fresh.to_equilibrium, fresh.equilibrium, sizeof fresh.equilibrium);
+    *p = fresh;
+    return ID(OK);
+}
+
+/* Note the time of an accepted part; its interpolation takes the commander's period. */
+static void accept_part(policy_t *p, int part, double time)
+{
+    const double most = fmax(read_setting(p->longest_interval, 1.0, 0.1), SHORTEST_INTERVAL);
+    const int first = p->stage[part] == ID(STAGE_WAITING);
+    p->interval[part] = first ? most : clamp(time - p->time[part], SHORTEST_INTERVAL, most);
+    p->begin[part] = p->now;
+    p->time[part] = time;
+    p->stage[part] = ID(STAGE_MOVING);
+}
+
+/* Accept a proposal, part by part, and name in `refused` why a part is refused. Return the number of refused parts. */
+static int propose(const config_t *c, policy_t *p, const proposal_t *proposal, double now)
+{
+    const int timed = advance_time(p, now);
+    int count = 0, accepted[PARTS] = {0};
+    interpolate(p);
+    const double springs = stiffness_share(p), wrench = wrench_share(p);
+    for (int part = 0; part < PARTS; ++part) {
+        p->refused[part] = ID(REFUSED_NONE);
+        if (proposal->valid[part] != 1) {
+            continue;
+        }
+        const double time = proposal->time[part];
+        int refused = check_time(p, part, time, timed);
+        refused = refused == ID(REFUSED_NONE) ? propose_part(c, p, proposal, part) : refused;
+        p->refused[part] = refused;
+        if (refused != ID(REFUSED_NONE)) {
+            ++count;
+            continue;
+        }
+        accept_part(p, part, time);
+        accepted[part] = 1;
+    }
+    const double after = stiffness_share(p);
+    if (accepted[ID(PART_STIFFNESS)] || after > springs) {
+        begin_at(9 * TIPS, p->translation_stiffness, springs, after, p->from_translation);
+        begin_at(9 * TIPS, p->rotation_stiffness, springs, after, p->from_rotation);
+        p->interval[ID(PART_STIFFNESS)] = fmax(p->interval[ID(PART_STIFFNESS)], SHORTEST_INTERVAL);
+        p->begin[ID(PART_STIFFNESS)] = p->now;
+    }
+    if (accepted[ID(PART_WRENCH)]) {
+        begin_at(6 * TIPS, p->wrench_command, wrench, wrench_share(p), p->from_wrench);
+    }
+    return count;
+}
+
+/* Write the command for a step at `now` into an input; posture, sample and torque_offset stay as they are. */
+static void write_command(policy_t *p, double now, input_t *input)
+{
+    advance_time(p, now);
+    interpolate(p);
+    input->command = ID(COMMAND_EQUILIBRIUM);
+    memcpy(input->equilibrium, p->equilibrium, sizeof input->equilibrium);
+    memcpy(input->translation_stiffness, p->translation_stiffness, sizeof input->translation_stiffness);
+    memcpy(input->rotation_stiffness, p->rotation_stiffness, sizeof input->rotation_stiffness);
+    memcpy(input->wrench_command, p->wrench_command, sizeof input->wrench_command);
+    memset(input->velocity, 0, sizeof input->velocity);
+    memset(input->acceleration, 0, sizeof input->acceleration);
+}
+
 /*
  * Step: observe the sample, book the interval that ended (s), check for faults, move the equilibrium (p), vary the
  * stiffness (v), design the damping, vary the scale (v), choose a torque that is covered and within its limits.
@@ -4183,6 +4479,26 @@ double iiwa14_impedance_late_work(const double *q, const double *q_des, const do
     return null ? NAN : bound_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold);
 }
 
+int iiwa14_impedance_policy_start(policy_t *policy, const double *poses, double now)
+{
+    return policy == NULL || poses == NULL ? ID(E_NULL) : start_policy(policy, poses, now);
+}
+
+int iiwa14_impedance_policy_propose(const config_t *config, policy_t *policy, const proposal_t *proposal, double now)
+{
+    const int null = config == NULL || policy == NULL || proposal == NULL;
+    return null ? ID(E_NULL) : propose(config, policy, proposal, now);
+}
+
+int iiwa14_impedance_policy_command(policy_t *policy, double now, input_t *input)
+{
+    if (policy == NULL || input == NULL) {
+        return ID(E_NULL);
+    }
+    write_command(policy, now, input);
+    return ID(OK);
+}
+
 int iiwa14_impedance_fault_text(const output_t *output, char *text, size_t size)
 {
     if (output == NULL || text == NULL) {
@@ -4221,6 +4537,8 @@ const char *iiwa14_impedance_error_text(int code)
         return "actuation: gains need the potential law and delay_samples 0";
     case IIWA14_E_GAINS:
         return "joint_gains: a number is not finite, or the limit of a gain is below 0";
+    case IIWA14_E_POLICY:
+        return "policy_start: a pose is no pose, or now is not finite";
     case IIWA14_E_CONFIG_SAMPLE_TIME:
         return "sample_time: must lie between 1e-05 and 0.1";
     case IIWA14_E_CONFIG_DELAY_SAMPLES:

@@ -17,7 +17,8 @@ if the wanted equilibrium is constant (start: energy of the limit avoidance at t
 adds the smaller of two: the positive work of its motion, computed here from the springs' energy, and engagement_limit
 per second of its travel. With --policy all commands reach the controller through the policy port, from a hostile
 commander (policy_law.c) whose seed the climb changes; a stream adds engagement_limit per second. A climb starts at a
-random schedule and keeps each change that brings the output nearer to the bound or beyond. A schedule in which control is lost at the start counts for nothing, and nothing else is exempted.
+random schedule and keeps each change that brings the output nearer to the bound or beyond. A schedule
+in which control is lost at the start counts for nothing, and nothing else is exempted.
 """
 
 from __future__ import annotations

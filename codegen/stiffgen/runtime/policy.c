@@ -30,7 +30,7 @@ static int advance_time(policy_t *p, double now)
     return 1;
 }
 
-/* Return the age [s] of a part at which its fade begins or has begun: 0 or more, and 0 without an accepted part. */
+/* Return how long [s] a part has been stale; 0 for one that is not, or was never accepted. */
 static double overdue(const policy_t *p, int part)
 {
     return p->stage[part] == ID(STAGE_WAITING) ? 0.0 : fmax(p->now - p->time[part] - hold_time(p), 0.0);
@@ -39,7 +39,11 @@ static double overdue(const policy_t *p, int part)
 /* Return the share of a fade that is left: 1 before, 0 at its end, with a slope of 0 at both. */
 static double share_left(const policy_t *p, double late)
 {
-    const double fade = fade_time(p), x = late <= 0.0 ? 0.0 : late < fade ? late / fade : 1.0;
+    const double fade = fade_time(p);
+    double x = late > 0.0 ? 1.0 : 0.0;
+    if (late > 0.0 && late < fade) {
+        x = late / fade;
+    }
     return 1.0 - x * x * (3.0 - 2.0 * x);
 }
 

@@ -2526,6 +2526,36 @@ static const field fields[] = {
     {"output", "reference_total", "f8", offsetof(iiwa14_impedance_output, reference_total), 0, {1, 1, 1}},
     {"output", "stiffness_total", "f8", offsetof(iiwa14_impedance_output, stiffness_total), 0, {1, 1, 1}},
     {"output", "start_total", "f8", offsetof(iiwa14_impedance_output, start_total), 0, {1, 1, 1}},
+    {"proposal", "valid", "i4", offsetof(iiwa14_impedance_proposal, valid), 1, {4, 1, 1}},
+    {"proposal", "time", "f8", offsetof(iiwa14_impedance_proposal, time), 1, {4, 1, 1}},
+    {"proposal", "equilibrium", "f8", offsetof(iiwa14_impedance_proposal, equilibrium), 2, {4, 4, 1}},
+    {"proposal", "stiffness", "f8", offsetof(iiwa14_impedance_proposal, stiffness), 2, {6, 6, 1}},
+    {"proposal", "wrench_command", "f8", offsetof(iiwa14_impedance_proposal, wrench_command), 1, {6, 1, 1}},
+    {"proposal", "gripper", "f8", offsetof(iiwa14_impedance_proposal, gripper), 0, {1, 1, 1}},
+    {"policy", "hold_time", "f8", offsetof(iiwa14_impedance_policy, hold_time), 0, {1, 1, 1}},
+    {"policy", "fade_time", "f8", offsetof(iiwa14_impedance_policy, fade_time), 0, {1, 1, 1}},
+    {"policy", "stale_share", "f8", offsetof(iiwa14_impedance_policy, stale_share), 0, {1, 1, 1}},
+    {"policy", "longest_interval", "f8", offsetof(iiwa14_impedance_policy, longest_interval), 0, {1, 1, 1}},
+    {"policy", "clock_tolerance", "f8", offsetof(iiwa14_impedance_policy, clock_tolerance), 0, {1, 1, 1}},
+    {"policy", "now", "f8", offsetof(iiwa14_impedance_policy, now), 0, {1, 1, 1}},
+    {"policy", "time", "f8", offsetof(iiwa14_impedance_policy, time), 1, {4, 1, 1}},
+    {"policy", "begin", "f8", offsetof(iiwa14_impedance_policy, begin), 1, {4, 1, 1}},
+    {"policy", "interval", "f8", offsetof(iiwa14_impedance_policy, interval), 1, {4, 1, 1}},
+    {"policy", "refused", "i4", offsetof(iiwa14_impedance_policy, refused), 1, {4, 1, 1}},
+    {"policy", "stage", "i4", offsetof(iiwa14_impedance_policy, stage), 1, {4, 1, 1}},
+    {"policy", "equilibrium", "f8", offsetof(iiwa14_impedance_policy, equilibrium), 2, {4, 4, 1}},
+    {"policy", "translation_stiffness", "f8", offsetof(iiwa14_impedance_policy, translation_stiffness), 2, {3, 3, 1}},
+    {"policy", "rotation_stiffness", "f8", offsetof(iiwa14_impedance_policy, rotation_stiffness), 2, {3, 3, 1}},
+    {"policy", "wrench_command", "f8", offsetof(iiwa14_impedance_policy, wrench_command), 1, {6, 1, 1}},
+    {"policy", "gripper", "f8", offsetof(iiwa14_impedance_policy, gripper), 0, {1, 1, 1}},
+    {"policy", "from_equilibrium", "f8", offsetof(iiwa14_impedance_policy, from_equilibrium), 2, {4, 4, 1}},
+    {"policy", "from_translation", "f8", offsetof(iiwa14_impedance_policy, from_translation), 2, {3, 3, 1}},
+    {"policy", "from_rotation", "f8", offsetof(iiwa14_impedance_policy, from_rotation), 2, {3, 3, 1}},
+    {"policy", "from_wrench", "f8", offsetof(iiwa14_impedance_policy, from_wrench), 1, {6, 1, 1}},
+    {"policy", "to_equilibrium", "f8", offsetof(iiwa14_impedance_policy, to_equilibrium), 2, {4, 4, 1}},
+    {"policy", "to_translation", "f8", offsetof(iiwa14_impedance_policy, to_translation), 2, {3, 3, 1}},
+    {"policy", "to_rotation", "f8", offsetof(iiwa14_impedance_policy, to_rotation), 2, {3, 3, 1}},
+    {"policy", "to_wrench", "f8", offsetof(iiwa14_impedance_policy, to_wrench), 1, {6, 1, 1}},
 };
 
 static const choice choices[] = {
@@ -2590,6 +2620,20 @@ static const choice outcomes[] = {
     {"fault", "limit", IIWA14_FAULT_LIMIT},
     {"fault", "energy", IIWA14_FAULT_ENERGY},
     {"fault", "configuration", IIWA14_FAULT_CONFIGURATION},
+    {"refused", "none", IIWA14_REFUSED_NONE},
+    {"refused", "time", IIWA14_REFUSED_TIME},
+    {"refused", "future", IIWA14_REFUSED_FUTURE},
+    {"refused", "order", IIWA14_REFUSED_ORDER},
+    {"refused", "stale", IIWA14_REFUSED_STALE},
+    {"refused", "pose", IIWA14_REFUSED_POSE},
+    {"refused", "stiffness", IIWA14_REFUSED_STIFFNESS},
+    {"refused", "coupling", IIWA14_REFUSED_COUPLING},
+    {"refused", "wrench", IIWA14_REFUSED_WRENCH},
+    {"stage", "waiting", IIWA14_STAGE_WAITING},
+    {"stage", "moving", IIWA14_STAGE_MOVING},
+    {"stage", "holding", IIWA14_STAGE_HOLDING},
+    {"stage", "fading", IIWA14_STAGE_FADING},
+    {"stage", "faded", IIWA14_STAGE_FADED},
     {"reason", "none", IIWA14_REASON_NONE},
     {"reason", "not_finite", IIWA14_REASON_NOT_FINITE},
     {"reason", "jump", IIWA14_REASON_JUMP},
@@ -2776,6 +2820,70 @@ static PyObject *late_work(PyObject *module, PyObject *arguments)
     return result;
 }
 
+/* Start a policy port: arguments (policy, poses, now). */
+static PyObject *policy_start(PyObject *module, PyObject *arguments)
+{
+    Py_buffer policy, poses;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*y*d", &policy, &poses, &now)) {
+        return NULL;
+    }
+    void *p = structs(&policy, sizeof(iiwa14_impedance_policy), 1);
+    const void *x = p != NULL ? structs(&poses, sizeof(((const iiwa14_impedance_policy *)p)->equilibrium), 1) : NULL;
+    if (x != NULL) {
+        result = PyLong_FromLong(iiwa14_impedance_policy_start((iiwa14_impedance_policy *)p, (const double *)x, now));
+    }
+    PyBuffer_Release(&policy);
+    PyBuffer_Release(&poses);
+    return result;
+}
+
+/* Hand a proposal to a policy port: arguments (config, policy, proposal, now). */
+static PyObject *policy_propose(PyObject *module, PyObject *arguments)
+{
+    Py_buffer config, policy, proposal;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "y*w*y*d", &config, &policy, &proposal, &now)) {
+        return NULL;
+    }
+    void *c = structs(&config, sizeof(iiwa14_impedance_config), 1);
+    void *p = c != NULL ? structs(&policy, sizeof(iiwa14_impedance_policy), 1) : NULL;
+    void *x = p != NULL ? structs(&proposal, sizeof(iiwa14_impedance_proposal), 1) : NULL;
+    if (x != NULL) {
+        result = PyLong_FromLong(iiwa14_impedance_policy_propose((const iiwa14_impedance_config *)c,
+            (iiwa14_impedance_policy *)p, (const iiwa14_impedance_proposal *)x, now));
+    }
+    PyBuffer_Release(&config);
+    PyBuffer_Release(&policy);
+    PyBuffer_Release(&proposal);
+    return result;
+}
+
+/* Write a policy port's command: arguments (policy, now, input). */
+static PyObject *policy_command(PyObject *module, PyObject *arguments)
+{
+    Py_buffer policy, input;
+    double now;
+    PyObject *result = NULL;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "w*dw*", &policy, &now, &input)) {
+        return NULL;
+    }
+    void *p = structs(&policy, sizeof(iiwa14_impedance_policy), 1);
+    void *in = p != NULL ? structs(&input, sizeof(iiwa14_impedance_input), 1) : NULL;
+    if (in != NULL) {
+        result = PyLong_FromLong(
+            iiwa14_impedance_policy_command((iiwa14_impedance_policy *)p, now, (iiwa14_impedance_input *)in));
+    }
+    PyBuffer_Release(&policy);
+    PyBuffer_Release(&input);
+    return result;
+}
+
 static PyObject *error_text(PyObject *module, PyObject *arguments)
 {
     int code;
@@ -2792,6 +2900,9 @@ static PyMethodDef controller_methods[] = {
     {"joint_gains", joint_gains, METH_VARARGS, NULL},
     {"late_work", late_work, METH_VARARGS, NULL},
     {"fault_text", fault_text, METH_VARARGS, NULL},
+    {"policy_start", policy_start, METH_VARARGS, NULL},
+    {"policy_propose", policy_propose, METH_VARARGS, NULL},
+    {"policy_command", policy_command, METH_VARARGS, NULL},
     {"error_text", error_text, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
@@ -2853,9 +2964,10 @@ static int add_controller(PyObject *module)
     if (add(module, "STATUSES", list) < 0) {
         return -1;
     }
-    return add(module, "SIZES", Py_BuildValue("{s:n,s:n,s:n,s:n}",
+    return add(module, "SIZES", Py_BuildValue("{s:n,s:n,s:n,s:n,s:n,s:n}",
         "config", (Py_ssize_t)sizeof(iiwa14_impedance_config), "state", (Py_ssize_t)sizeof(iiwa14_impedance_state),
-        "input", (Py_ssize_t)sizeof(iiwa14_impedance_input), "output", (Py_ssize_t)sizeof(iiwa14_impedance_output)));
+        "input", (Py_ssize_t)sizeof(iiwa14_impedance_input), "output", (Py_ssize_t)sizeof(iiwa14_impedance_output),
+        "proposal", (Py_ssize_t)sizeof(iiwa14_impedance_proposal), "policy", (Py_ssize_t)sizeof(iiwa14_impedance_policy)));
 }
 
 /* Return an instruction set that the build uses and the machine lacks, or NULL. AVX2 includes multiply-add (FMA). */
@@ -2902,7 +3014,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "da0a737c52f1f944") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "180390aa52063788") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }
