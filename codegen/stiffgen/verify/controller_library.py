@@ -13,6 +13,7 @@ import numpy as np
 
 from stiffgen.emit.build import build_library
 from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, Field
+from stiffgen.emit.policy_fields import POLICY, PROPOSAL
 from stiffgen.errors import BuildError
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.result import Array
@@ -56,7 +57,7 @@ def build_controller(folder: Path, name: str, build: Path) -> Path:
 
 
 class ControllerLibrary:
-    """Compiled controller with a configuration, a state, an input and an output."""
+    """Compiled controller with a configuration, a state, an input, an output, a policy port and a proposal."""
 
     def __init__(self, file: Path, name: str, chain: Chain) -> None:
         self._library = ctypes.CDLL(str(file))
@@ -64,13 +65,17 @@ class ControllerLibrary:
         self.config = struct_of(chain, "Config", CONFIG)()
         self.input = struct_of(chain, "Input", INPUT)()
         self.output = struct_of(chain, "Output", OUTPUT)()
+        self.policy = struct_of(chain, "Policy", POLICY)()
+        self.proposal = struct_of(chain, "Proposal", PROPOSAL)()
         self.state = (ctypes.c_double * (_STATE_SIZE // 8))()
         self.call("default_config", self.config)
 
     def call(self, function: str, *arguments: Any) -> int:
-        """Call a function of the controller; structs and arrays are passed by address, None as a null pointer."""
-        pointers = [None if each is None else ctypes.byref(each) for each in arguments]
-        return int(self._library[self._prefix + function](*pointers))
+        """Call a function; structs and arrays are passed by address, doubles by value, None as a null pointer."""
+        passed = [
+            each if each is None or isinstance(each, ctypes.c_double) else ctypes.byref(each) for each in arguments
+        ]
+        return int(self._library[self._prefix + function](*passed))
 
     def error_text(self, error: int) -> bytes:
         """Return the text of an error code."""

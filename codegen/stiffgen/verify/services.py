@@ -14,6 +14,7 @@ import numpy as np
 from stiffgen.emit.fields import CONFIG
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.controller_library import ControllerLibrary, fill, is_same, set_field
+from stiffgen.verify.policy_streams import compare_policy
 from stiffgen.verify.result import Array
 
 
@@ -69,7 +70,8 @@ def compare_services(reference: ControllerLibrary, library: ControllerLibrary, c
             fill(each.config.task_damping, damping)
         if reference.call("validate", reference.config) != library.call("validate", library.config):
             faults.append("validate differs at task_damping")
-    return faults + _compare_joint_gains(reference, library, chain.dof)
+    faults += _compare_joint_gains(reference, library, chain.dof)
+    return faults + compare_policy(reference, library, len(chain.tips))
 
 
 def _compare_joint_gains(reference: ControllerLibrary, library: ControllerLibrary, n: int) -> list[str]:
