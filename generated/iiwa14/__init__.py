@@ -232,7 +232,7 @@ packed = _Functions(
 from .impedance import Fault, Impedance, Mode, Policy, Reason, Refused, Stage, Status, joint_gains, late_work
 
 # Names that help() documents. Arrays and enumerations are left out, because help() would add the documentation of
-# NumPy's arrays and of Python's integers for each of them.
+# NumPy's arrays and of Python's integers for each of them; Policy, since help(Policy) is a page of its own.
 __all__ = [
     "DOF", "JOINTS", "BASE", "TIP", "TOOL",
     "forward_kinematics",
@@ -246,7 +246,7 @@ __all__ = [
     "posture",
     "limits",
     "packed",
-    "Impedance", "Policy", "joint_gains", "late_work",
+    "Impedance", "joint_gains", "late_work",
 ]
 
 

@@ -3,45 +3,48 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from generated import iiwa14
-from generated.iiwa14 import Refused, Stage
-
 Q = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
-POSE = iiwa14.forward_kinematics(Q)
 K = np.diag([400.0, 500, 600, 20, 30, 40])
 TURN = np.array([0.4, -1.1, 0.7])
 
 
-def _port(**settings: float) -> Any:
-    return iiwa14.Policy(iiwa14.Impedance(), pose=POSE, now=0.0, **settings)
+def _pose(robot: ModuleType) -> Any:
+    return robot.forward_kinematics(Q)
 
 
-def _goal() -> np.ndarray:
-    goal = POSE.copy()
+def _port(robot: ModuleType, **settings: float) -> Any:
+    return robot.Policy(robot.Impedance(), pose=_pose(robot), now=0.0, **settings)
+
+
+def _goal(robot: ModuleType) -> np.ndarray:
+    goal = _pose(robot).copy()
     goal[:3, 3] += [0.1, -0.2, 0.05]
-    goal[:3, :3] = Rotation.from_rotvec(TURN).as_matrix() @ POSE[:3, :3]
+    goal[:3, :3] = Rotation.from_rotvec(TURN).as_matrix() @ _pose(robot)[:3, :3]
     return goal
 
 
-def test_path_is_a_geodesic() -> None:
-    port, goal = _port(), _goal()
+def test_path_is_a_geodesic(robot: ModuleType) -> None:
+    port, goal = _port(robot), _goal(robot)
     assert not port.propose(now=0.0, time=0.0, equilibrium=goal)
-    turns = Slerp([0.0, 0.1], Rotation.from_matrix(np.array([POSE[:3, :3], goal[:3, :3]])))
+    turns = Slerp([0.0, 0.1], Rotation.from_matrix(np.array([_pose(robot)[:3, :3], goal[:3, :3]])))
     for now in np.linspace(0.0, 0.1, 7):
         pose = port.command(now)["equilibrium"]
         np.testing.assert_allclose(pose[:3, :3], turns(now).as_matrix(), atol=1e-12)
-        np.testing.assert_allclose(pose[:3, 3], POSE[:3, 3] + now / 0.1 * (goal - POSE)[:3, 3], atol=1e-14)
+        np.testing.assert_allclose(
+            pose[:3, 3], _pose(robot)[:3, 3] + now / 0.1 * (goal - _pose(robot))[:3, 3], atol=1e-14
+        )
     np.testing.assert_array_equal(port.command(0.1)["equilibrium"][:3, 3], goal[:3, 3])
 
 
-def test_stiffness_stays_between_its_ends() -> None:
-    random, port = np.random.default_rng(1), _port()
+def test_stiffness_stays_between_its_ends(robot: ModuleType) -> None:
+    random, port = np.random.default_rng(1), _port(robot)
     old = np.zeros((3, 3))
     for k in range(20):
         A = random.normal(size=(3, 3)) * 20
@@ -54,11 +57,11 @@ def test_stiffness_stays_between_its_ends() -> None:
         old = port.command(0.05 * (k + 1) - 1e-9)["translation_stiffness"]
 
 
-def test_late_is_held_and_stale_fades_to_the_share() -> None:
-    port = _port()
-    port.propose(now=0.0, time=0.0, equilibrium=_goal(), stiffness=K, wrench_command=[5.0, 0, 0, 0, 0, 0])
+def test_late_is_held_and_stale_fades_to_the_share(robot: ModuleType) -> None:
+    port = _port(robot)
+    port.propose(now=0.0, time=0.0, equilibrium=_goal(robot), stiffness=K, wrench_command=[5.0, 0, 0, 0, 0, 0])
     held = port.command(0.3)
-    assert set(port.stage.values()) == {Stage.HOLDING, Stage.WAITING}
+    assert set(port.stage.values()) == {robot.Stage.HOLDING, robot.Stage.WAITING}
     np.testing.assert_array_equal(held["translation_stiffness"], K[:3, :3])
     last = held
     for now in np.linspace(0.3, 0.8, 11)[1:]:
@@ -66,7 +69,7 @@ def test_late_is_held_and_stale_fades_to_the_share() -> None:
         assert np.all(np.linalg.eigvalsh(last["rotation_stiffness"] - out["rotation_stiffness"]) >= 0.0)
         assert abs(out["wrench_command"][0]) <= abs(last["wrench_command"][0])
         last = out
-    assert port.stage["stiffness"] == Stage.FADED
+    assert port.stage["stiffness"] == robot.Stage.FADED
     np.testing.assert_allclose(last["rotation_stiffness"], 0.1 * K[3:, 3:], atol=1e-12)
     np.testing.assert_array_equal(last["wrench_command"], 0.0)
     np.testing.assert_array_equal(last["equilibrium"], held["equilibrium"])
@@ -74,67 +77,70 @@ def test_late_is_held_and_stale_fades_to_the_share() -> None:
 
 @pytest.mark.parametrize("end", [0.0, 0.1])
 @pytest.mark.parametrize("back", [0.0, 0.45])
-def test_a_return_is_continuous(end: float, back: float) -> None:
+def test_a_return_is_continuous(robot: ModuleType, end: float, back: float) -> None:
     """Proposals come back fresh or already fading, all parts or the pose alone."""
-    for parts in ({"equilibrium": _goal()}, {"equilibrium": _goal(), "stiffness": K, "wrench_command": np.ones(6)}):
+    for parts in (
+        {"equilibrium": _goal(robot)},
+        {"equilibrium": _goal(robot), "stiffness": K, "wrench_command": np.ones(6)},
+    ):
         for now in (0.5, 0.7, 5.0):
-            port = _port(stale_share=end)
-            port.propose(now=0.0, time=0.0, equilibrium=POSE, stiffness=K, wrench_command=np.ones(6))
+            port = _port(robot, stale_share=end)
+            port.propose(now=0.0, time=0.0, equilibrium=_pose(robot), stiffness=K, wrench_command=np.ones(6))
             before = port.command(now)
             assert not port.propose(now=now, time=now - back, **parts)
             for name, value in port.command(now).items():
                 np.testing.assert_allclose(value, before[name], atol=1e-12, err_msg=f"{name} {now}")
 
 
-def test_refusals_are_named_and_change_nothing() -> None:
-    port = _port()
-    good = {"equilibrium": _goal(), "stiffness": K, "wrench_command": np.ones(6)}
+def test_refusals_are_named_and_change_nothing(robot: ModuleType) -> None:
+    port = _port(robot)
+    good = {"equilibrium": _goal(robot), "stiffness": K, "wrench_command": np.ones(6)}
     assert not port.propose(now=1.0, time=1.0, **good, gripper=0.25)
     before = port.command(1.2)
     spoilt = K.copy()
     spoilt[0, 4] = spoilt[4, 0] = 1.0
-    cases: list[tuple[dict[str, Any], str, Refused]] = [
-        ({"equilibrium": _goal() * np.nan}, "pose", Refused.POSE),
-        ({"equilibrium": np.diag([1.0, 1, -1, 1])}, "pose", Refused.POSE),
-        ({"stiffness": -K}, "stiffness", Refused.STIFFNESS),
-        ({"stiffness": K * 1e4}, "stiffness", Refused.STIFFNESS),
-        ({"stiffness": spoilt}, "stiffness", Refused.COUPLING),
-        ({"wrench_command": np.full(6, np.nan)}, "wrench", Refused.WRENCH),
-        ({"wrench_command": [1e3, 0, 0, 0, 0, 0]}, "wrench", Refused.WRENCH),
-        ({**good, "time": 1.0}, "pose", Refused.ORDER),
-        ({**good, "time": 1.3}, "stiffness", Refused.FUTURE),
-        ({**good, "time": np.inf}, "wrench", Refused.TIME),
-        ({**good, "now": np.nan}, "wrench", Refused.TIME),
+    cases: list[tuple[dict[str, Any], str, Any]] = [
+        ({"equilibrium": _goal(robot) * np.nan}, "pose", robot.Refused.POSE),
+        ({"equilibrium": np.diag([1.0, 1, -1, 1])}, "pose", robot.Refused.POSE),
+        ({"stiffness": -K}, "stiffness", robot.Refused.STIFFNESS),
+        ({"stiffness": K * 1e4}, "stiffness", robot.Refused.STIFFNESS),
+        ({"stiffness": spoilt}, "stiffness", robot.Refused.COUPLING),
+        ({"wrench_command": np.full(6, np.nan)}, "wrench", robot.Refused.WRENCH),
+        ({"wrench_command": [1e3, 0, 0, 0, 0, 0]}, "wrench", robot.Refused.WRENCH),
+        ({**good, "time": 1.0}, "pose", robot.Refused.ORDER),
+        ({**good, "time": 1.3}, "stiffness", robot.Refused.FUTURE),
+        ({**good, "time": np.inf}, "wrench", robot.Refused.TIME),
+        ({**good, "now": np.nan}, "wrench", robot.Refused.TIME),
     ]
     for proposal, part, reason in cases:
         assert port.propose(**({"now": 1.2, "time": 1.15} | proposal))[part] == reason, proposal
     for name, value in port.command(1.2).items():
         np.testing.assert_array_equal(value, before[name])
-    assert port.propose(now=9.0, time=7.0, gripper=1.0) == {"gripper": Refused.STALE}
+    assert port.propose(now=9.0, time=7.0, gripper=1.0) == {"gripper": robot.Refused.STALE}
     assert port.gripper == 0.25
     assert port.propose(now=9.0, time=[0, 0, 0, 8.9], gripper=np.nan) == {} and np.isnan(port.gripper)
 
 
-def test_arguments_are_checked() -> None:
+def test_arguments_are_checked(robot: ModuleType) -> None:
     with pytest.raises(TypeError, match="no setting 'hold'"):
-        _port(hold=1.0)
+        _port(robot, hold=1.0)
     with pytest.raises(ValueError, match="stale_share"):
-        _port(stale_share=2.0)
+        _port(robot, stale_share=2.0)
     with pytest.raises(TypeError, match="either stiffness"):
-        _port().propose(now=0, time=0, translation_stiffness=np.eye(3))
+        _port(robot).propose(now=0, time=0, translation_stiffness=np.eye(3))
     with pytest.raises(ValueError, match="policy_start"):
-        iiwa14.Policy(iiwa14.Impedance(), pose=POSE * 2, now=0.0)
+        robot.Policy(robot.Impedance(), pose=_pose(robot) * 2, now=0.0)
 
 
-def test_a_jump_costs_no_more_than_the_governor_allows() -> None:
-    controller = iiwa14.Impedance()
-    port = iiwa14.Policy(controller, pose=POSE, now=0.0)
+def test_a_jump_costs_no_more_than_the_governor_allows(robot: ModuleType) -> None:
+    controller = robot.Impedance()
+    port = robot.Policy(controller, pose=_pose(robot), now=0.0)
     most, limit = 0.0, 0.0
     for k in range(300):
         if k % 50 == 0:
-            goal = POSE if k % 100 else _goal()
+            goal = _pose(robot) if k % 100 else _goal(robot)
             port.propose(now=1e-3 * k, time=1e-3 * k, equilibrium=goal, stiffness=K)
         out = controller.step(q=Q, dq=np.zeros(7), posture=Q, **port.command(1e-3 * k))
-        assert not out.fault and not out.status & iiwa14.Status.COMMAND_REFUSED
+        assert not out.fault and not out.status & robot.Status.COMMAND_REFUSED
         most, limit = max(most, float(out.elastic_energy)), float(out.energy_limit)
     assert 0.0 < most <= limit * (1 + 1e-9)
