@@ -34,7 +34,7 @@ _VELOCITY = Argument(
     per_configuration=True,
     floating_meaning=f"twist of the base link (linear, angular) in its own axes, then rates of the motors, {_MOTORS}",
 )  # fmt: skip
-_ACTUATED = Argument(
+ACTUATED = Argument(
     "actuated", ("actuated",), "rad or m", f"positions of the motors, {_MOTORS}", symbol="a", per_configuration=True
 )
 _START = Argument(
@@ -91,10 +91,10 @@ def _of_loops() -> tuple[Kernel, ...]:
         return _kernel(result.name, (arguments.Q,), (result,), summary, equation, program)
 
     close = Kernel(
-        "close", None, (_ACTUATED, _START), (closed,), "Joint positions of closed loops from those of the motors.",
+        "close", None, (ACTUATED, _START), (closed,), "Joint positions of closed loops from those of the motors.",
         f"Newton's method for the passive joints, {motor_programs.STEPS} steps of at most "
         f"{motor_programs.LARGEST_STEP} (rad, m)",
-        partial(motor_programs.close, actuated=_ACTUATED, start=_START, result=closed),
+        partial(motor_programs.close, actuated=ACTUATED, start=_START, result=closed),
         f"NaN unless all residuals are below {motor_programs.CLOSED:g} (m, rad). A linkage has several branches: the "
         "start decides. Take the last configuration in a control loop.",
         batch=True,

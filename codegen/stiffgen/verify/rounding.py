@@ -10,7 +10,7 @@ from a fault.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -23,6 +23,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.kernels import Kernel
 from stiffgen.symbolic.model import casadi_function, folded
 from stiffgen.symbolic.program import as_operand, evaluate
+from stiffgen.symbolic.steps import ClosedLoops, StraightLine
 from stiffgen.verify.result import Array
 
 SIGMAS = 8.0
@@ -88,6 +89,7 @@ def rounding_errors(
 
     None where a user's potential has a function that has no rule here.
     """
+    kernel, stacks = _last_step(chain, kernel, stacks)
     function = casadi_function(chain, kernel)
     count, given = len(stacks[0]), _entries(function, stacks)
     found = [np.zeros((count, function.nnz_out(k))) for k in range(function.n_out())]
@@ -118,6 +120,22 @@ def rounding_errors(
         scalar.unit * each.reshape(count, *function.size_out(k)[::-1]).transpose(0, 2, 1)
         for k, each in enumerate(found)
     ]  # fmt: skip
+
+
+def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> tuple[Kernel, Sequence[Array]]:
+    """Return the last step of Newton's method from the closed configuration; any other kernel as it is.
+
+    The steps before it do not matter: each removes the rounding of the step before, which the analysis does not see.
+    """
+    steps = kernel.steps(chain)
+    if not isinstance(steps[-1], ClosedLoops):
+        return kernel, stacks
+    function, newton = casadi_function(chain, kernel), steps[-2]
+    assert isinstance(newton, StraightLine)
+    closed = function.map(len(stacks[0]))(*(each.T for each in _entries(function, stacks)))
+    arguments = tuple(argument.array(chain) for argument in kernel.arguments)
+    last = replace(newton, arguments=arguments, outputs=steps[-1].outputs)
+    return replace(kernel, program=lambda chain: (last,)), (stacks[0], np.asarray(closed).T)
 
 
 def choices(chain: Chain, kernel: Kernel, stacks: Sequence[Array]) -> Array | None:

@@ -18,9 +18,11 @@ from stiffgen.symbolic import closure
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.model import casadi_function
 from stiffgen.symbolic.potentials import SpringOptions
+from stiffgen.verify.derivatives import check_derivatives
 from stiffgen.verify.loops import check_loops
 from stiffgen.verify.missing import function_of_stacks
-from support.exact_linkage import linkage_errors, random_linkage
+from stiffgen.verify.samples import argument_samples
+from support.exact_linkage import STEP, ExactLinkage, linkage_errors, random_linkage
 
 BOUND = 1e-11
 UP = '<axis xyz="0 0 1"/>'
@@ -88,6 +90,36 @@ def test_verify_projects_linkages_with_turned_joints(seed, tmp_path):
 
     kernels["motors_joint_stiffness"] = without_the_term
     assert failed() == {"motors_joint_stiffness"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_gradient_of_close(seed, tmp_path):
+    """Against 60 digits; verify agrees although motors stand near zero or loops do not close, and finds 1e-9."""
+    linkage = random_linkage(seed)
+    file = tmp_path / "linkage.urdf"
+    file.write_text(linkage.urdf)
+    chain, options = load_chain(file, masses=False, **linkage.options), SpringOptions(derivatives=True)
+    table = tuple(k for k in chain_kernels(chain, options) if k.qualified_name in ("close", "close_vjp"))
+    right = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in table}
+    pool = argument_samples(chain, 24, seed, options)
+    motors, start, cotangent = (pool[argument] for argument in table[1].arguments)
+    q = right["close"](motors, start)
+    closed = int(np.flatnonzero(np.isfinite(q).all(axis=1))[0])
+    exact = ExactLinkage(linkage, [c.name for c in chain.coordinates], chain.actuated, q[closed])
+    at = [exact.q[k] for k in chain.actuated]
+    for k, gradient in enumerate(right["close_vjp"](motors, start, cotangent)[0][closed]):
+        up, down = (exact.closed([x + sign * STEP * (i == k) for i, x in enumerate(at)]) for sign in (1, -1))
+        terms = [float((a - b) / (2 * STEP)) * c for a, b, c in zip(up, down, cotangent[closed], strict=True)]
+        assert abs(gradient - sum(terms)) <= 1e-11 * sum(map(abs, terms))
+    assert [check for check in check_derivatives(right, table, chain, pool) if not check.passed] == []
+
+    def wrong(*given):
+        gradients = right["close_vjp"](*given)
+        return gradients[0] * (1 + 1e-9), gradients[1]
+
+    (check,) = check_derivatives(right | {"close_vjp": wrong}, table, chain, pool)
+    assert not check.passed
 
 
 def wrong_motion(self):
