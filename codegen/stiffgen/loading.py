@@ -59,7 +59,8 @@ def load_chain(
         ignore: names of unknown elements that resemble a URDF's own and are none.
         arguments: values of a xacro template's arguments, by name.
         package_path: folders in which a template's packages are looked for, before ROS_PACKAGE_PATH.
-        close_loops: close the loops of an MJCF file (equality connect and weld).
+        close_loops: close the loops of an MJCF file (equality connect and weld) that share a joint with the chain;
+            without it they stay open.
         loop: loops to close, each "LINK:X,Y,Z=LINK:X,Y,Z": two points of two links that coincide [m].
         actuated: joints of closed loops that have a motor (default: those with an actuator in an MJCF file); all other
             joints of the loops are passive.
@@ -106,7 +107,7 @@ def read_chain(urdf: str | Path, options: ChainOptions) -> Chain:
     selection = select(description, options)
     if selection.beside:
         warnings.warn(DescriptionWarning(description.file, selection.beside), stacklevel=3)
-    if description.loops and not selection.loops:
+    if description.loops and not options.close_loops:
         warnings.warn(LoopWarning(description.file, [loop.text for loop in description.loops]), stacklevel=3)
     return assemble(description, options, selection, _RESERVED)
 

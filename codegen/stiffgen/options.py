@@ -95,7 +95,9 @@ class GenerationOptions:
     loop: Sequence[str] = field(
         default=(),
         metadata=_help(
-            "two points of two links that coincide [m]; repeatable", metavar="LINK:X,Y,Z=LINK:X,Y,Z", action="append"
+            "close a loop: two points of two links coincide [m]; repeatable",
+            metavar="LINK:X,Y,Z=LINK:X,Y,Z",
+            action="append",
         ),
     )
     actuated: str | Sequence[str] = field(

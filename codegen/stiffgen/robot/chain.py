@@ -139,7 +139,8 @@ class Loop:
     """Closed loop: two frames whose origins coincide and, for a weld, whose axes do too.
 
     ``rows`` are the independent equations: 0..2 are the distances of the origins along x, y, z of the shared link, 3..5
-    the rotations between the frames about these axes. All other equations follow from them.
+    the rotations between the frames about these axes. All other equations follow from them. ``option`` is the text of
+    ``--loop`` that describes the loop, "" for a loop of the file.
     """
 
     name: str
@@ -147,6 +148,7 @@ class Loop:
     second: LoopEnd
     rows: tuple[int, ...]
     is_weld: bool = False
+    option: str = ""
 
 
 @dataclass(frozen=True)

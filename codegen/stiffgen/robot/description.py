@@ -107,13 +107,14 @@ class LoopEndElement:
 class LoopElement:
     """Constraint that closes a loop: the origins of two frames coincide and, for a weld, their axes too.
 
-    ``text`` names the constraint and its ends, for messages.
+    ``text`` names the constraint and its ends, for messages; ``option`` is the text of ``--loop``, "" for a file's own.
     """
 
     text: str
     first: LoopEndElement
     second: LoopEndElement
     is_weld: bool = False
+    option: str = ""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,6 @@ from stiffgen.robot.geometry import Pose
 
 _NUMBERS = ",".join(3 * ("([^,:=]+)",))
 _LOOP = re.compile(f"(.+):{_NUMBERS}=(.+):{_NUMBERS}")
-OWN_LOOP = "loop "
-"""Beginning of the names of loops that ``--loop`` describes; the option's text follows."""
 _NO_BODY = Body(0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
 
 
@@ -48,45 +46,40 @@ def read_loop(text: str) -> LoopElement:
         ends = LoopEndElement(first, (x, y, z)), LoopEndElement(second, (float(u), float(v), float(w)))
     except ValueError:
         raise ChainError(f"--loop {printable(text)}: is not LINK:X,Y,Z=LINK:X,Y,Z (numbers in metres)") from None
-    return LoopElement(OWN_LOOP + text, *ends)
+    return LoopElement(f"loop {text}", *ends, option=text)
 
 
 def select_loops(
     description: Description, options: ChainOptions, couplings: Couplings, base: str, on_paths: Sequence[JointElement]
 ) -> tuple[SelectedLoop, ...]:
-    """Return the loops to close: those of ``--loop``, and those of the file that share a joint with the chain.
+    """Return the loops of ``--loop``, and with ``--close-loops`` those of the file that share a joint with the chain.
 
     Raises:
         ChainError: an end is no link or not beyond the base, a joint of a loop has no single coordinate, or there is
             nothing to close.
 
     """
-    own = [read_loop(text) for text in options.loop]
-    if (options.close_loops or options.actuated) and not (own or description.loops):
+    file, of_file = description.file, description.loops if options.close_loops else ()
+    if options.close_loops and not (options.loop or of_file):
+        raise ChainError(f"{file}: has no constraints that close loops; describe them by --loop LINK:X,Y,Z=LINK:X,Y,Z")
+    if options.actuated and not (options.loop or of_file):
         raise ChainError(
-            f"{description.file}: has no constraints that close loops; describe them by --loop LINK:X,Y,Z=LINK:X,Y,Z"
+            f"{file}: --actuated names the motors of closed loops, and none is closed; add --close-loops (loops of an "
+            "MJCF file) or --loop LINK:X,Y,Z=LINK:X,Y,Z"
         )
-    if not (own or options.close_loops or options.actuated):
-        return ()
-    wanted = {couplings[element].master.name for element in on_paths if couplings.moves(element)}
-    pending = [(element, element in own) for element in (*own, *description.loops)]
-    found: list[SelectedLoop] = []
-    while True:
-        rest = []
-        for element, is_own in pending:
-            joints = [_above(description, end.link) for end in (element.first, element.second)]
-            names = {couplings[each].master.name for path in joints for each in path if couplings.moves(each)}
-            if is_own or names & wanted:
-                loop = _selected(description, element, base)
-                moving = {couplings[each].master.name for each in loop.joints if couplings.moves(each)}
-                if is_own or moving & wanted:
-                    found.append(loop)
-                    wanted |= moving
-                    continue
-            rest.append((element, False))
-        if len(rest) == len(pending):
-            return tuple(found)
-        pending = rest
+
+    def coordinates(elements: Sequence[JointElement]) -> set[str]:
+        return {couplings[each].master.name for each in elements if couplings.moves(each)}
+
+    candidates = [_candidate(description, element) for element in (*map(read_loop, options.loop), *of_file)]
+    found = [loop for loop in candidates if loop.element.option]
+    reached = coordinates(on_paths).union(*(coordinates(loop.joints) for loop in found))
+    while near := [loop for loop in candidates if loop not in found and coordinates(loop.joints) & reached]:
+        found += near
+        reached = reached.union(*(coordinates(loop.joints) for loop in near))
+    for loop in found:
+        _check(description, loop, base)
+    return tuple(loop for loop in candidates if loop in found)
 
 
 def _above(description: Description, link: str) -> list[JointElement]:
@@ -103,26 +96,27 @@ def _above(description: Description, link: str) -> list[JointElement]:
     return path[::-1]
 
 
-def _selected(description: Description, element: LoopElement, base: str) -> SelectedLoop:
+def _candidate(description: Description, element: LoopElement) -> SelectedLoop:
     first, second = (_above(description, end.link) for end in (element.first, element.second))
     while first and second and first[0] is second[0]:
         first, second = first[1:], second[1:]
-    shared = first[0].parent if first else second[0].parent if second else element.first.link
+    return SelectedLoop(element, tuple(first), tuple(second))
+
+
+def _check(description: Description, loop: SelectedLoop, base: str) -> None:
+    """Refuse a loop that starts before the base, moves nothing, or has a joint without a single coordinate."""
+    shared = next((path[0].parent for path in (loop.first, loop.second) if path), loop.element.first.link)
     beyond = base in (shared, *(joint.parent for joint in _above(description, shared)))
-    name, moving = printable(element.text), [joint for joint in (*first, *second) if joint.type != "fixed"]
-    if not moving or (not beyond and any(base == joint.child for joint in (*first, *second))):
+    start, moving = f"{description.file}: {printable(loop.element.text)}", [j for j in loop.joints if j.type != "fixed"]
+    if not moving or (not beyond and any(base == joint.child for joint in loop.joints)):
         fault = f"starts at '{printable(shared)}', before base '{printable(base)}'" if moving else "has no moving joint"
-        raise ChainError(
-            f"{description.file}: {printable(element.text)} {fault}; choose a base nearer the root, or leave it out"
-        )
+        raise ChainError(f"{start} {fault}; choose a base nearer the root, or leave the loop out")
     without = [joint for joint in moving if joint.type not in MOVING_TYPES]
     if without:
         raise ChainError(
-            f"{description.file}: {name}: joint '{printable(without[0].name)}' is {without[0].type}, which has no "
-            "single coordinate; replace it by hinges with one coordinate each (links without mass between them), "
-            "or leave the loop open (without --close-loops)"
+            f"{start}: joint '{printable(without[0].name)}' is {without[0].type}, which has no single coordinate; "
+            "replace it by hinges with one coordinate each (links without mass between them), or leave the loop open"
         )
-    return SelectedLoop(element, tuple(first), tuple(second))
 
 
 def build_loop(loop: SelectedLoop, couplings: Couplings, masters: Sequence[str], base_joints: int) -> Loop:
@@ -132,7 +126,8 @@ def build_loop(loop: SelectedLoop, couplings: Couplings, masters: Sequence[str],
         _end(path, end, couplings, masters, base_joints)
         for path, end in ((loop.first, element.first), (loop.second, element.second))
     ]
-    return Loop(element.text, ends[0], ends[1], tuple(range(6 if element.is_weld else 3)), element.is_weld)
+    rows = tuple(range(6 if element.is_weld else 3))
+    return Loop(element.text, ends[0], ends[1], rows, element.is_weld, element.option)
 
 
 def _end(

@@ -23,7 +23,6 @@ from stiffgen.loading import load_chain
 from stiffgen.opened import GeneratedRobot
 from stiffgen.options import options_of_manifest
 from stiffgen.robot.chain import Chain
-from stiffgen.robot.loops import OWN_LOOP
 from stiffgen.verify.result import Check, faultless, left_out
 
 LIMITS = ("lower", "upper", "velocity", "effort")
@@ -109,7 +108,7 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         DescriptionError, ChainError: the URDF cannot be read, or no longer has such a chain.
 
     """
-    links, loops = [tip.link for tip in chain.tips], [loop.name for loop in chain.loops]
+    links = [tip.link for tip in chain.tips]
     names = [coordinate.name for coordinate in chain.coordinates]
     moved = {j.coordinate for loop in chain.loops for end in (loop.first, loop.second) for j in end.joints}
     fresh = load_chain(
@@ -123,8 +122,8 @@ def check_urdf(chain: Chain, urdf: Path) -> Check:
         floating_base=chain.floating,
         ignore=chain.ignored,
         arguments=dict(chain.arguments),
-        close_loops=any(not each.startswith(OWN_LOOP) for each in loops),
-        loop=[each.removeprefix(OWN_LOOP) for each in loops if each.startswith(OWN_LOOP)],
+        close_loops=not all(loop.option for loop in chain.loops),
+        loop=[loop.option for loop in chain.loops if loop.option],
         actuated=[name for k, name in enumerate(names) if chain.base_joints + k in moved and k in chain.actuated],
     )
     compared = [field.name for field in fields(Chain) if field.name not in ("source", "digest", "inputs")]

@@ -11,6 +11,7 @@ import pytest
 from stiffgen import StiffnessModel, generate, load_chain
 from stiffgen.errors import ChainError, LoopWarning
 from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.verify.files import check_urdf
 
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
 
@@ -85,7 +86,8 @@ REFUSALS = {
     "does not close: its ends stay 0.2": {"loop": ["coupler:0.35,0,0=rocker:0.25,0,0.2"]},
     "--actuated crnk: is no joint of a closed loop; these are: crank, coupler, rocker": {"actuated": ["crnk"]},
     "no joint of the closed loops has a motor": {"actuated": []},
-    "has no constraints that close loops": {"loop": []},
+    "has no constraints that close loops": {"loop": [], "close_loops": True},
+    "--actuated names the motors of closed loops, and none is closed": {"loop": []},
     "has no moving joint": {"loop": ["ground:0,0,0=ground:1,0,0"]},
     "starts at 'ground', before base 'crank'": {"base": "crank"},
 }
@@ -172,3 +174,19 @@ def test_without_the_option_loops_stay_open(tmp_path):
     with pytest.warns(LoopWarning, match="--close-loops closes them"):
         chain = load_chain(four_bar(tmp_path), tip="coupler")
     assert chain.loops == () and [each.name for each in chain.coordinates] == ["crank", "coupler"]
+
+
+def test_each_option_closes_its_own_loops(tmp_path):
+    """--loop closes no loop of the file, and --actuated closes none; verify reads the file with the same options."""
+    pytest.importorskip("mujoco")
+    file, own = four_bar(tmp_path, equality=EQUALITIES["connect"][0]), "coupler:0.2,0.1,0=pin:0.01,0.02,0"
+    motors = {"tip": "coupler", "actuated": ["crank", "pin"]}
+    with pytest.warns(LoopWarning, match="1 constraints that close loops are left out"):
+        chain = load_chain(file, loop=[own], **motors)
+    assert [loop.option for loop in chain.loops] == [own]
+    with pytest.warns(LoopWarning):
+        assert check_urdf(chain, file).passed
+    with pytest.raises(ChainError, match="add --close-loops"):
+        load_chain(file, **motors)
+    chain = load_chain(file, close_loops=True, **motors)
+    assert [loop.option for loop in chain.loops] == [""] and check_urdf(chain, file).passed
