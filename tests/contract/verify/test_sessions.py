@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,8 +14,9 @@ import pytest
 
 import stiffgen
 from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
-from stiffgen.emit.fields import CONFIG
+from stiffgen.emit.fields import CONFIG, INPUT
 from stiffgen.opened import open_robot
+from stiffgen.verify import sessions
 from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary
 from stiffgen.verify.controller_rules import check_rules
 from stiffgen.verify.sessions import SESSIONS, confined
@@ -70,6 +72,17 @@ def test_every_field_is_above_0_in_some_session(workshop: Workshop) -> None:
         config = kind(first, second, robot.chain, np.random.default_rng([0, number])).config
         zero -= {name for name in zero if np.any(np.array(getattr(config, name)))}
     assert zero == set()
+
+
+def test_verify_uses_every_function_and_input_of_the_controller(workshop: Workshop) -> None:
+    """A function that no comparison calls, or an input that no session sets, could be changed unseen."""
+    header = (workshop.folder / "iiwa14_impedance.h").read_text()
+    functions = set(re.findall(r"^\w[\w *]* \*?iiwa14_impedance_(\w+)\(", header, re.MULTILINE))
+    sources = "".join(file.read_text() for file in Path(sessions.__file__).parent.glob("*.py"))
+    assert functions >= {"step", "error_text", "policy_command"}
+    assert {name for name in functions if f'"{name}"' not in sources} == set()
+    unset = {field.name for field in INPUT if not re.search(rf"given\.{field.name}\b|\"{field.name}\"", sources)}
+    assert unset == set()
 
 
 def test_a_crash_is_a_fault_and_ends_nothing_else() -> None:
