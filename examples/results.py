@@ -101,11 +101,6 @@ def per_moment(robots: Path) -> Rows:
     return rows
 
 
-def orbits(robots: Path) -> Rows:
-    """Compute the net work of one lap of 0.3 rad about an orientation 0.5 rad from the equilibrium [J]."""
-    return [(name, *(f"{round(value, 6) + 0.0:.4f}" for value in work)) for name, work in theory.orbit_table()]
-
-
 def symmetrising(robots: Path) -> Rows:
     """Compute the symmetric part of the conventional matrix less the corrected one, on the bowl's path."""
     robot = _iiwa()
@@ -186,7 +181,6 @@ SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "appendix": (appendix, ("quantity", "value")),
     "experiments": (experiments, ("quantity", "bowl", "parkour")),
     "per moment": (per_moment, ("trajectory", "antisymmetric part [N m/rad]", "symmetric part [N m/rad]")),
-    "orbits": (orbits, ("law", "K = diag(30, 30, 10)", "diag(30, 20, 10)", "diag(30, 30, 30)")),
     "symmetrising": (symmetrising, ("wrench", "hybrid", "body", "spatial")),
     "spatial term": (spatial_term, ("conversion of the task stiffness", "largest difference")),
     "secant": (secant, ("case", "gradient", "tangent as secant")),

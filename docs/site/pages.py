@@ -44,7 +44,8 @@ CONTENTS = {
         "docs/analyze", "docs/troubleshooting",
     ),
     "Evidence": (
-        "docs/proofs", "docs/performance", "docs/threads", "docs/accuracy", "docs/targets", "benchmarks/RESULTS",
+        "docs/energy", "docs/proofs", "docs/performance", "docs/threads", "docs/accuracy", "docs/targets",
+        "benchmarks/RESULTS",
         "docs/robots",
         "urdf/README",
     ),

@@ -137,13 +137,22 @@ ROWS: dict[str, Callable[[Bench], float]] = {
 }
 
 
-def table(arm: Arm) -> str:
-    """Return an arm's table in Markdown."""
-    lines = [f"## {arm.name}", "", f"| | {' | '.join(LAWS)} |", "|---|" + "---|" * len(LAWS)]
+def measure(arm: Arm) -> dict[str, list[float]]:
+    """Return the numbers of all laws, by the title of their row."""
+    made = {}
     for title, row in ROWS.items():
-        values = [row(Bench(arm, law)) for law in range(len(LAWS))]
-        lines.append(f"| {title} | {' | '.join(f'{value:.3g}' for value in values)} |")
-        print(lines[-1], flush=True)
+        made[title] = [row(Bench(arm, law)) for law in range(len(LAWS))]
+        print(f"{arm.name}: {title}: {', '.join(f'{value:.3g}' for value in made[title])}", flush=True)
+    return made
+
+
+def table(measured: dict[str, dict[str, list[float]]]) -> str:
+    """Return one table in Markdown: each title once, then a row per arm."""
+    lines = [f"| | arm | {' | '.join(LAWS)} |", "|---|---|" + "---|" * len(LAWS)]
+    for title in ROWS:
+        for k, (name, numbers) in enumerate(measured.items()):
+            values = " | ".join(f"{value:.3g}" for value in numbers[title])
+            lines.append(f"| {'' if k else title} | {name} | {values} |")
     return "\n".join(lines)
 
 
@@ -154,10 +163,11 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, help="where robots are generated and compiled")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:
-        tables = [table(Arm(name, options.folder or Path(made))) for name in options.arms.split(",")]
+        arms = [Arm(name, options.folder or Path(made)) for name in options.arms.split(",")]
+        text = table({arm.name: measure(arm) for arm in arms})
     if options.output:
         head, *_ = options.output.read_text(encoding="utf-8").partition(MARK)
-        options.output.write_text(head + MARK + "\n\n" + "\n\n".join(tables) + "\n", encoding="utf-8")
+        options.output.write_text(head + MARK + "\n\n" + text + "\n", encoding="utf-8")
     return 0
 
 
