@@ -134,16 +134,16 @@ def test_c_and_cpp_print_what_the_page_says(language, compiler, robot_folder, de
                 code = ""
         assert not code
         assert out == printed(page, language)
-    assert compiled >= {"c": 3, "cpp": 1}[language]
+    assert compiled >= {"c": 2, "cpp": 1}[language]
 
 
 def test_c_example_is_built_as_the_page_says(robot_folder: Path, tmp_path: Path) -> None:
     (tmp_path / "generated").symlink_to(robot_folder.parent)
-    for page in (ROOT / "README.md", ROOT / "docs" / "embedding.md"):
-        (tmp_path / "example.c").write_text(of(page, "c")[0].code)
-        command = re.search(r"`(cc -std=c99 .*?)`", page.read_text())[1].split()
-        run([*command, "-O0"], tmp_path)
-        assert run(["./a.out"], tmp_path) == printed(page, "c")
+    page = ROOT / "README.md"
+    (tmp_path / "example.c").write_text(of(page, "c")[0].code)
+    command = re.search(r"`(cc -std=c99 .*?)`", page.read_text())[1].split()
+    run([*command, "-O0"], tmp_path)
+    assert run(["./a.out"], tmp_path) == printed(page, "c")
 
 
 def project(folder: Path, robot_folder: Path) -> None:
