@@ -4,13 +4,12 @@
     python -m examples.results [SECTION ...]   prints tables: all, or those of some sections
     python -m examples.results --write         replaces the tables in docs/results.md
 
-The experiments need the robots of ``make experiment``, the stance that of ``make whole-body``.
+The experiments need the robots of ``make experiment``.
 """
 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 import stiffgen
 from examples import energy_cycle, theory
-from stiffgen import StiffgenError, open_robot
+from stiffgen import StiffgenError
 
 Array = NDArray[np.float64]
 Rows = list[tuple[str, ...]]
@@ -150,33 +149,6 @@ def secant(robots: Path) -> Rows:
     return rows
 
 
-def stance(robots: Path) -> Rows:
-    """Let Solo12 stand on four feet: softest frequency predicted from the stance's stiffness, and found in MuJoCo."""
-    from examples.whole_body import identify
-    from examples.whole_body.findings import DURATION, LEANING
-    from examples.whole_body.stance import standing
-    from examples.whole_body.trials import identified
-
-    robot = open_robot(robots / "solo12").module
-    rows: Rows = []
-    for name, load in (("standing", np.zeros(3)), ("pulled by a rope", LEANING)):
-        stood = standing(robot, load)
-        mode = stood.modes()[0]
-        without = stood.modes(stood.stiffness_without_base_term())[0].frequency
-        measured = identified(stood, DURATION)
-        M = stood.mass_matrix()
-        best = max(measured, key=lambda each: identify.agreement(M, mode.direction, each.shape))
-        rows.append((name, *(f"{value:.3f} Hz" for value in (mode.frequency, best.frequency, without))))
-    return rows
-
-
-def speed(robots: Path) -> Rows:
-    """Read the ratios of benchmarks/RESULTS.md."""
-    text = (ROOT / "benchmarks" / "RESULTS.md").read_text()
-    bars = re.findall(r"^\| (single call to 7 libm sincos|batch to 7 libm sincos[^|]*) \| ([0-9.]+) \|", text, re.M)
-    return [(name, value) for name, value in bars]
-
-
 SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "appendix": (appendix, ("quantity", "value")),
     "experiments": (experiments, ("quantity", "bowl", "parkour")),
@@ -184,8 +156,6 @@ SECTIONS: dict[str, tuple[Callable[[Path], Rows], tuple[str, ...]]] = {
     "symmetrising": (symmetrising, ("wrench", "hybrid", "body", "spatial")),
     "spatial term": (spatial_term, ("conversion of the task stiffness", "largest difference")),
     "secant": (secant, ("case", "gradient", "tangent as secant")),
-    "stance": (stance, ("stance", "predicted", "found", "predicted without the base's term")),
-    "speed": (speed, ("ratio", "measured")),
 }
 """Tables of the page: function and head of the columns."""
 

@@ -27,9 +27,9 @@ def shown(section: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def robots(plate_folder: Path, ball_folder: Path, solo_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def robots(plate_folder: Path, ball_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("robots")
-    for each in (plate_folder, ball_folder, solo_folder):
+    for each in (plate_folder, ball_folder):
         (folder / each.name).symlink_to(each)
     return folder
 
@@ -37,10 +37,10 @@ def robots(plate_folder: Path, ball_folder: Path, solo_folder: Path, tmp_path_fa
 def test_every_table_has_its_section_and_its_command() -> None:
     assert set(re.findall(r"<!-- (?!end of)(.*?) -->", PAGE)) == {*results.SECTIONS, "energy"}
     for section in results.SECTIONS:
-        assert re.search(rf"examples\.results \"?{section}|make (experiment|bench|whole-body)", PAGE.replace("\n", " "))
+        assert re.search(rf"examples\.results \"?{section}|make experiment", PAGE.replace("\n", " "))
 
 
-@pytest.mark.parametrize("section", [each for each in results.SECTIONS if each not in ("experiments", "stance")])
+@pytest.mark.parametrize("section", [each for each in results.SECTIONS if each != "experiments"])
 def test_numbers(section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The same text, to the digits shown."""
     monkeypatch.setattr(results, "_iiwa", lambda: robot)
@@ -48,9 +48,8 @@ def test_numbers(section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("section", ["experiments", "stance"])
-def test_numbers_in_contact(section: str, robots: Path) -> None:
-    made, page = results.table(section, robots), shown(section)
+def test_numbers_in_contact(robots: Path) -> None:
+    made, page = results.table("experiments", robots), shown("experiments")
     assert re.sub(NUMBER, "#", made) == re.sub(NUMBER, "#", page)
     for ours, theirs in zip(re.findall(NUMBER, made), re.findall(NUMBER, page), strict=True):
         assert float(ours) == pytest.approx(float(theirs), rel=IN_CONTACT), (ours, theirs)
