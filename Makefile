@@ -113,6 +113,7 @@ $(VENV)/installed: pyproject.toml
 
 $(VENV)/installed-test: $(VENV)/installed
 	$(PIP) --editable '.[test,lint]'
+	$(PIP) --no-deps 'lerobot>=0.4.4'  # its base classes alone: with PyTorch it has 6 GB
 	@touch $@
 
 $(VENV)/installed-torch: $(VENV)/installed-test
