@@ -147,12 +147,10 @@ class Stiffgen(Robot):  # type: ignore[misc]
                 f"action: missing or unknown {', '.join(map(repr, wrong))}; the keys are {', '.join(names)}"
             )
         values = {name: float(action[name]) for name in names}
-        defaults = (self.config.translation_stiffness, self.config.rotation_stiffness)
-        stiffness = [values.get(name, default) for name, default in zip(STIFFNESS, defaults, strict=True)]
         self.refused = self.loop.propose(
             stamp,
             equilibrium=pose_matrix([values[name] for name in POSE[:3]], [values[name] for name in POSE[3:]]),
-            stiffness=np.diag(np.repeat(stiffness, 3)),
+            stiffness=self._stiffness(values),
         )
         if self.refused:
             reasons = ", ".join(f"{part}: {reason}" for part, reason in self.refused.items())
@@ -169,10 +167,15 @@ class Stiffgen(Robot):  # type: ignore[misc]
             DeviceNotConnectedError: the robot is not connected.
 
         """
-        at_rest = self.loop.stop()
+        at_rest = self.loop.stop(self._stiffness({}))
         self._loop = None
         if not at_rest:
             logging.getLogger(__name__).warning("%s did not come to rest; its brakes stopped it", self)
+
+    def _stiffness(self, action: dict[str, float]) -> Any:
+        """Return the stiffness (6, 6) of an action; what the action lacks is the configuration's."""
+        defaults = (self.config.translation_stiffness, self.config.rotation_stiffness)
+        return np.diag(np.repeat([action.get(*pair) for pair in zip(STIFFNESS, defaults, strict=True)], 3))
 
 
 def _pose_values(pose: Any) -> list[float]:

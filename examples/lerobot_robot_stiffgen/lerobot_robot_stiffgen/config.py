@@ -12,7 +12,7 @@ from lerobot.robots.config import RobotConfig
 
 @RobotConfig.register_subclass("stiffgen")
 @dataclass(kw_only=True)
-class StiffgenConfig(RobotConfig):
+class StiffgenConfig(RobotConfig):  # type: ignore[misc]
     """Settings of the arm, its springs and its policy port. SI units, radians."""
 
     robot: Path

@@ -72,13 +72,13 @@ class ControlLoop:
         for _ in range(round(seconds / PERIOD)):
             self._step(self._steps * PERIOD)
 
-    def stop(self, limit: float = 5.0) -> bool:
+    def stop(self, stiffness: Array, limit: float = 5.0) -> bool:
         """Lead the arm to rest where it is, close the brakes, end the loop; return whether it came to rest by itself.
 
-        ``limit`` [s] is the longest time before the brakes close.
+        ``stiffness`` (6, 6) holds the arm; ``limit`` [s] is the longest time before the brakes close.
         """
         q, _ = self.state()
-        self.propose(None, equilibrium=self._robot.forward_kinematics(q))
+        self.propose(None, equilibrium=self._robot.forward_kinematics(q), stiffness=stiffness)
         end, at_rest = self.now + limit, False
         while not at_rest and self.now < end:
             self.advance(0.02)
@@ -93,8 +93,8 @@ class ControlLoop:
         with self._lock:
             command = self.port.command(now)
             out = self._controller.step(q=self._arm.q, dq=self._arm.dq, posture=self._posture, **command)
-            stiffness = (out.translation_stiffness[0, 0], out.rotation_stiffness[0, 0])
-            self.in_force = (np.array(out.equilibrium), *map(float, stiffness))
+            stiffness = float(out.translation_stiffness[0, 0]), float(out.rotation_stiffness[0, 0])
+            self.in_force = np.array(out.equilibrium), *stiffness
             if out.fault != self.fault:
                 self.fault = out.fault
                 logging.getLogger(__name__).error("controller: %s", out.text or out.fault.name)
