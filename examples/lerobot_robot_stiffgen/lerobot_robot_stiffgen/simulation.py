@@ -33,7 +33,10 @@ class SimulatedArm:
         spec = mujoco.MjSpec.from_file(str(file))
         found = [joint.name for joint in spec.joints]
         if sorted(found) != sorted(joints):
-            raise ValueError(f"{file}: joints {', '.join(found)}, but the robot has {', '.join(joints)}; set model")
+            raise ValueError(
+                f"{file}: joints {', '.join(found)}, but the robot has {', '.join(joints)}; "
+                "set model to a file with these joints alone"
+            )
         spec.compiler.fusestatic = False
         for geom in list(spec.geoms):
             if file.suffix == ".urdf" and geom.type == mujoco.mjtGeom.mjGEOM_MESH:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,7 +20,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from support.lerobot_base import EPISODE, IS_WHOLE, installed_plugin
-from support.project import URDF
+from support.pages import blocks
+from support.project import ROOT, URDF
 
 POSE = ["ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz"]
 PERIOD = 0.05  # s, of actions
@@ -221,6 +223,19 @@ def test_what_does_not_fit_is_named(make: Any, robot_folder: Path, plugin: Modul
     for name, value in (("command_rate", 0.0), ("validity", -1.0), ("translation_stiffness", np.inf)):
         with pytest.raises(ValueError, match=f"^{name}: "):
             plugin.StiffgenConfig(robot=robot_folder, **{name: value})
+
+
+@pytest.mark.usefixtures("plugin")
+def test_code_of_the_page(
+    robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "generated").symlink_to(robot_folder.parent)
+    (tmp_path / "urdf").symlink_to(URDF.parent)
+    monkeypatch.chdir(tmp_path)
+    for block in blocks(ROOT / "docs" / "lerobot.md"):
+        if block.language == "python":
+            exec(block.code, {})
+    assert re.fullmatch(r"moved by -0\.0[78]\d m, refused: \{\}\n", capsys.readouterr().out)
 
 
 def test_the_recorded_episode_is_replayed(make: Any, plugin: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
