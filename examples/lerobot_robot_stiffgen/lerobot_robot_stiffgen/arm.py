@@ -31,7 +31,8 @@ class Stiffgen(Robot):  # type: ignore[misc]
     actions, holds late ones, fades the springs under stale ones, and refuses what is no pose. The arm has no gripper.
 
     Attributes:
-        refused: parts of the last action that the port refused, and the names of the reasons.
+        refused: parts of the last action that were refused, and the names of the reasons. After a fault, "controller"
+            is one of them: the springs are off until the robot is connected anew.
 
     """
 
@@ -152,11 +153,13 @@ class Stiffgen(Robot):  # type: ignore[misc]
             equilibrium=pose_matrix([values[name] for name in POSE[:3]], [values[name] for name in POSE[3:]]),
             stiffness=self._stiffness(values),
         )
+        if not self.config.real_time:
+            self.loop.advance(1.0 / self.config.command_rate)
+        if self.loop.fault:
+            self.refused["controller"] = self.loop.fault.name
         if self.refused:
             reasons = ", ".join(f"{part}: {reason}" for part, reason in self.refused.items())
             logging.getLogger(__name__).warning("action refused (%s): %s", reasons, values)
-        if not self.config.real_time:
-            self.loop.advance(1.0 / self.config.command_rate)
         equilibrium, *stiffness = self.loop.in_force
         return dict(zip(names, [*_pose_values(equilibrium), *stiffness], strict=False))
 

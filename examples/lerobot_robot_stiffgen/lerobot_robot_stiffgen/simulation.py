@@ -16,14 +16,15 @@ class SimulatedArm:
     """Arm at rest at ``start``; each :meth:`step` holds a torque for ``timestep``.
 
     Args:
-        file: URDF or MJCF. Actuators of an MJCF file are off, and links do not collide.
-        joints: names of the joints, in the order of q. The model has no other joint.
+        file: URDF or MJCF, without its actuators and sensors. Links do not collide.
+        joints: names of the joints, in the order of q. Other joints of the file, as of a hand, are fixed,
+            and couplings between joints then removed.
         start: joint positions [rad].
         motor_inertia: inertia of each rotor, seen at its joint [kg m^2].
         timestep: duration of a step [s].
 
     Raises:
-        ValueError: MuJoCo cannot read the file, or its joints are others.
+        ValueError: MuJoCo cannot read the file, or the file lacks a joint.
 
     """
 
@@ -31,12 +32,15 @@ class SimulatedArm:
         self, file: Path, joints: list[str], start: ArrayLike, motor_inertia: ArrayLike, timestep: float
     ) -> None:
         spec = mujoco.MjSpec.from_file(str(file))
-        found = [joint.name for joint in spec.joints]
-        if sorted(found) != sorted(joints):
-            raise ValueError(
-                f"{file}: joints {', '.join(found)}, but the robot has {', '.join(joints)}; "
-                "set model to a file with these joints alone"
-            )
+        missing = set(joints) - {joint.name for joint in spec.joints}
+        if missing:
+            raise ValueError(f"{file}: has no joint {', '.join(sorted(missing))}; set model to a file of this robot")
+        others = [joint for joint in spec.joints if joint.name not in joints]
+        for couplings in (spec.equalities, spec.tendons) if others else ():
+            for coupling in list(couplings):
+                spec.delete(coupling)
+        for element in [*spec.actuators, *spec.sensors, *spec.keys, *others]:
+            spec.delete(element)
         spec.compiler.fusestatic = False
         for geom in list(spec.geoms):
             if file.suffix == ".urdf" and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
@@ -46,7 +50,6 @@ class SimulatedArm:
         spec.option.timestep = timestep
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model = spec.compile()
-        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self.data = mujoco.MjData(self.model)
         ids = [self.model.joint(name).id for name in joints]
         self._q, self._dq = self.model.jnt_qposadr[ids], self.model.jnt_dofadr[ids]

@@ -24,6 +24,7 @@ from support.pages import blocks
 from support.project import ROOT, URDF
 
 POSE = ["ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz"]
+PANDA = ROOT / "tests" / "data" / "panda.urdf"
 PERIOD = 0.05  # s, of actions
 
 
@@ -177,6 +178,21 @@ def test_a_jump_costs_what_the_governor_allows(make: Any) -> None:
     assert not arm.refused and arm.loop.fault.name == "NONE"
 
 
+def test_a_fault_refuses_every_action(make: Any, caplog: pytest.LogCaptureFixture) -> None:
+    arm = make()
+    action = _pose(arm)
+    arm.send_action(action)
+    arm.loop._arm.data.qpos[0] += 0.5  # rad: no arm jumps
+    for _ in range(2):
+        arm.send_action(action)
+        assert arm.refused == {"controller": "SENSOR"}
+    assert caplog.text.count("JUMP") == 1, "the fault is described once"
+    arm.disconnect()
+    arm.connect()
+    arm.send_action(action)
+    assert not arm.refused
+
+
 def test_disconnect_leaves_the_arm_at_rest(make: Any, caplog: pytest.LogCaptureFixture) -> None:
     errors = importlib.import_module("lerobot.utils.errors")
     arm = make()
@@ -212,11 +228,36 @@ def test_real_time_follows_the_clock(make: Any) -> None:
     assert not thread.is_alive()
 
 
+HAND = """<mujoco><worldbody><body><joint name="arm"/><geom size="0.1"/><body pos="0.3 0 0"><joint name="a"/>
+<geom size="0.1"/><body pos="0.3 0 0"><joint name="b"/><geom size="0.1"/></body></body></body></worldbody>
+<tendon><fixed name="t"><joint joint="a" coef="1"/></fixed></tendon><sensor><jointpos joint="a"/></sensor>
+<equality><joint joint1="a" joint2="b"/><tendon tendon1="t"/></equality><keyframe><key qpos="0 0 0"/></keyframe>
+<actuator><position joint="arm" kp="1000"/><position tendon="t" kp="9"/></actuator></mujoco>"""
+
+
+def test_a_hand_of_mjcf_is_fixed_and_actuators_are_off(plugin: ModuleType, tmp_path: Path) -> None:
+    file = tmp_path / "hand.xml"
+    file.write_text(HAND)
+    arm = importlib.import_module(f"{plugin.__name__}.simulation").SimulatedArm(file, ["arm"], [0.7], 0.1, 1e-3)
+    arm.step(np.zeros(1))
+    assert arm.model.nq == 1 and arm.model.nu == 0 and arm.q == pytest.approx([0.7], abs=1e-9)
+
+
+def test_a_hand_is_fixed(plugin: ModuleType) -> None:
+    names = [f"panda_joint{k}" for k in range(7, 0, -1)]
+    start = np.array([0.1, 1.2, 0.3, -2.0, 0.5, 0.4, 0.7])
+    arm = importlib.import_module(f"{plugin.__name__}.simulation").SimulatedArm(PANDA, names, start, 0.1, 1e-3)
+    for _ in range(10):
+        arm.step(np.eye(7)[0])
+    assert arm.model.nq == 7 and arm.data.joint("panda_joint7").qvel[0] == arm.dq[0] > 0.01 > np.abs(arm.dq[1:]).max()
+    np.testing.assert_allclose(arm.q, start, atol=1e-3)
+
+
 def test_what_does_not_fit_is_named(make: Any, robot_folder: Path, plugin: ModuleType) -> None:
     for config, message in (
         ({"start": [0.0]}, "start: 1 positions, but the robot has 7"),
         ({"model": None}, "a folder has no model for MuJoCo; set model"),
-        ({"model": URDF.with_name("med7.urdf").parent.parent / "tests/data/panda.urdf"}, "but the robot has A1"),
+        ({"model": PANDA}, "panda.urdf: has no joint A1, A2, .*set model"),
     ):
         with pytest.raises(ValueError, match=message):
             make(**config)
