@@ -11,7 +11,7 @@ WORKERS ?= 2
 # A worker takes neighbouring tests, so that it makes what they share only once.
 SPREAD := -n $(WORKERS) --dist worksteal
 
-.PHONY: help generate test test-slow lint check-generated docs report bench bench-cuda campaign compare clean
+.PHONY: help generate test test-slow lint check-generated docs report bench bench-cuda campaign compare robosuite clean
 .DELETE_ON_ERROR:
 
 help:  ## print this list
@@ -66,6 +66,9 @@ campaign:  ## run a long search: NAME=..., OPTIONS="..."; without a name, list t
 compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/compare.md
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns compare
 
+robosuite: build/robosuite-venv/installed  ## lift a cube in robosuite with the controller
+	build/robosuite-venv/bin/python -m examples.robosuite
+
 clean:  ## remove what the above made, but not generated/
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -109,6 +112,12 @@ $(VENV)/installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("stiffgen needs Python 3.10 or newer; set PYTHON=") if sys.version_info < (3, 10) else 0'
 	@$(PYTHON) -m venv $(VENV) || { echo "python3 -m venv failed; on Debian: apt-get install python3-venv" >&2; exit 1; }
 	$(PIP) --editable .
+	@touch $@
+
+# An environment of its own: robosuite needs an older MuJoCo and NumPy.
+build/robosuite-venv/installed: pyproject.toml
+	@$(PYTHON) -m venv build/robosuite-venv
+	build/robosuite-venv/bin/pip install --quiet --disable-pip-version-check --editable '.[robosuite]'
 	@touch $@
 
 $(VENV)/installed-test: $(VENV)/installed
