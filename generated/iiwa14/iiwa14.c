@@ -19,6 +19,7 @@
 
 /* ---- Names and limits of the joints ------------------------------------------------------------------------- */
 
+#if !defined(IIWA14_WIDTH) || IIWA14_WIDTH == 128
 const char *const iiwa14_joints[N] = {
     "A1",
     "A2",
@@ -64,6 +65,7 @@ const double iiwa14_effort[N] = {
     40.0,
     40.0,
 };
+#endif
 
 /* ---- Loops of fixed length ---------------------------------------------------------------------------------- */
 

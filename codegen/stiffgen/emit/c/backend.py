@@ -10,6 +10,7 @@ from typing import Any
 
 from stiffgen.emit.backend import Backend, Request
 from stiffgen.emit.c import CFunction, suffix_of
+from stiffgen.emit.c.dispatch import DispatchedFunction, batch_function, batch_self_check, single_functions
 from stiffgen.emit.pages import Definition, shared_functions
 from stiffgen.emit.texts import declared, definition_comment, prototype, wrapped
 from stiffgen.lower.rounding import PRECISIONS
@@ -93,16 +94,26 @@ def _in_lines(names: Iterable[str]) -> list[str]:
     return wrapped(", ".join(names), width=98)
 
 
+def _dispatched(name: str, request: Request, batches: list[BatchPage]) -> list[DispatchedFunction]:
+    functions = list(single_functions(name, request.kernels))
+    for page in batches:
+        names = [array.name for array in page.inputs], [array.name for array in page.outputs]
+        functions += [batch_function(name, opening, *names) for opening, _ in page.functions]
+    return [*functions, batch_self_check(name)] if batches else functions
+
+
 def _variables(request: Request) -> dict[str, Any]:
     single, batch, precision = request.single, request.batch, PRECISIONS[request.scalar.name]
     batch_names = [
         f"{kernel.qualified_name}{each.suffix}" for kernel, _ in batch.kernels for each in kernel.batches
     ]  # fmt: skip
+    batches = [_batch_page(request.chain, request.name, batch.variant, *each) for each in batch.kernels]
     return {
         "scopes": single.scopes,
         "shared": shared_functions(single),
         "batch_shared": shared_functions(batch),
-        "batches": [_batch_page(request.chain, request.name, batch.variant, *each) for each in batch.kernels],
+        "batches": batches,
+        "dispatched": _dispatched(request.name, request, batches),
         "kernel_names": _in_lines(kernel.qualified_name for kernel, _ in single.kernels),
         "batch_names": _in_lines(batch_names),
         "single": single.variant,
@@ -116,6 +127,7 @@ def _variables(request: Request) -> dict[str, Any]:
 def _files(request: Request) -> dict[str, str]:
     name = request.name
     files = {f"{name}.h": "header.h.j2", f"{name}_lanes.h": "lanes.h.j2", f"{name}.c": "source.c.j2"}
+    files[f"{name}_dispatch.c"] = "dispatch.c.j2"
     if request.batch.kernels:
         files[f"{name}_batch.c"] = "batch.c.j2"
     if request.controller:
