@@ -14,6 +14,7 @@
  *
  * Contract of every function
  *   Allocation-free, reentrant, deterministic; no global that changes, no library but libm.
+ *   Exception: CMake's library for x86-64 chooses its vector width once, when it is loaded (iiwa14_dispatch.c).
  *   NaN or infinity in an argument gives NaN in every entry that depends on it.
  *   The result must not overlap an argument.
  *

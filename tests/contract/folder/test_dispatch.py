@@ -16,14 +16,13 @@ from support.project import URDF
 
 SINGLE, BATCH = ["128", "256", "256"], ["128", "256", "512"]
 FLAGS = {"128": ["-msse2"], "256": ["-mavx2", "-mfma"], "512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx512bw"]}
-CPU = Path("/proc/cpuinfo").read_text()
+CPU = Path("/proc/cpuinfo").read_text() if platform.system() == "Linux" else " avx2 "
 HOST = 0 if " avx2 " not in CPU else 2 if all(f" avx512{each} " in CPU for each in ("f", "dq", "vl", "bw")) else 1
 """Row of the tables for this machine: SSE2, AVX2, AVX-512."""
+COMPILERS = ["gcc", "clang"] if platform.machine() == "x86_64" else []
 EMULATED = [(["qemu-x86_64", "-cpu", "Nehalem"], 0), (["qemu-x86_64", "-cpu", "Haswell"], 1)]
 RUNS = [([], "", HOST), ([], "128", 0), ([], "256", min(HOST, 1)), ([], "nonsense", HOST)]
 RUNS += [(command, "", row) for command, row in EMULATED if shutil.which(command[0])]
-
-pytestmark = pytest.mark.skipif(platform.machine() != "x86_64", reason="x86-64 only")
 
 VALUES = """
 #include <stdio.h>
@@ -51,7 +50,7 @@ def run(*command: str | Path, width: str = "") -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", COMPILERS)
 def test_every_function_calls_its_width(robot_folder: Path, tmp_path: Path, compiler: str) -> None:
     """Replace the functions of each width by one that prints its own name, and call every public function."""
     strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{robot_folder}"]
@@ -73,13 +72,15 @@ def test_every_function_calls_its_width(robot_folder: Path, tmp_path: Path, comp
 
 
 @pytest.mark.slow
-def test_library_has_the_bits_of_each_width(tmp_path: Path) -> None:
-    folder = stiffgen.generate(URDF, output=tmp_path, build=False, controller=False, groups=("hybrid",))
+@pytest.mark.parametrize("compiler", COMPILERS[:1])
+def test_library_has_the_bits_of_each_width(tmp_path: Path, compiler: str) -> None:
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False, controller=False, kernels="hybrid")
     (tmp_path / "main.c").write_text(VALUES)
     build, sources = tmp_path / "build", [folder / "iiwa14.c", folder / "iiwa14_batch.c"]
-    run("cmake", "-S", folder, "-B", build, "-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_C_FLAGS_DEBUG=-O1")
+    flags = [f"-DCMAKE_C_COMPILER={compiler}", "-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_C_FLAGS_DEBUG=-O2"]
+    run("cmake", "-S", folder, "-B", build, *flags)
     run("cmake", "--build", build)
-    compiled = ["gcc", "-std=gnu99", "-O1", "-fPIC", f"-I{folder}", tmp_path / "main.c"]
+    compiled = [compiler, "-std=gnu99", "-O2", "-fPIC", f"-I{folder}", tmp_path / "main.c"]
     run(*compiled, build / "libiiwa14.a", "-lm", "-o", tmp_path / "chosen")
     bits = {}
     for width in BATCH[: HOST + 1]:
@@ -91,5 +92,4 @@ def test_library_has_the_bits_of_each_width(tmp_path: Path) -> None:
     if HOST:
         assert bits["128"] != bits["256"]
     run("cmake", "-S", folder, "-B", build, "-DIIWA14_NATIVE=ON")
-    assert "IIWA14_DISPATCH:BOOL=ON" not in (build / "CMakeCache.txt").read_text().replace("INTERNAL", "")
     assert "iiwa14_512" not in run("cmake", "--build", build, "--target", "help")
