@@ -74,6 +74,11 @@ class Request:
             groups = tuple(dict.fromkeys((*groups, *CONTROLLER_KERNELS, *bounded)))
         return replace(springs, groups=groups, batches=self.options.batches)
 
+    @property
+    def has_widths(self) -> bool:
+        """Whether the folder can become a library of several vector widths; the smallest folders have one width."""
+        return self.options.python or bool(self.batch.kernels)
+
     def print(self, variant: Variant) -> VariantCode:
         """Print the kernels in a variant, in the robot's type of numbers."""
         return print_kernels(self.chain, self.name, replace(variant, scalar=self.scalar), self.springs)
@@ -165,6 +170,7 @@ class Request:
             "kernels": self.kernels,
             "groups": self.groups,
             "batched": bool(self.batch.kernels),
+            "has_widths": self.has_widths,
             "functions": self.differentiable,
             "controller": self.controller,
             "libm": LIBM,

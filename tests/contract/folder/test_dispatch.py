@@ -30,7 +30,7 @@ VALUES = """
 int main(void)
 {
     double q[7 * 19], wrench[6] = {3, -5, 7, 1, 2, -1}, stiffness[36] = {0}, one[49], all[49 * 19];
-    for (int k = 0; k < 7 * 19; ++k) { q[k] = 0.037 * k - 2; }
+    for (int k = 0; k < 7 * 19; ++k) { q[k] = k / 32.0 - 2; }
     for (int k = 0; k < 6; ++k) { stiffness[7 * k] = 500 + 10 * k; }
     for (int c = 0; c < 19; ++c) {
         iiwa14_hybrid_joint_stiffness(q + 7 * c, wrench, stiffness, one);

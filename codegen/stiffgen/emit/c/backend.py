@@ -127,7 +127,8 @@ def _variables(request: Request) -> dict[str, Any]:
 def _files(request: Request) -> dict[str, str]:
     name = request.name
     files = {f"{name}.h": "header.h.j2", f"{name}_lanes.h": "lanes.h.j2", f"{name}.c": "source.c.j2"}
-    files[f"{name}_dispatch.c"] = "dispatch.c.j2"
+    if request.has_widths:
+        files[f"{name}_dispatch.c"] = "dispatch.c.j2"
     if request.batch.kernels:
         files[f"{name}_batch.c"] = "batch.c.j2"
     if request.controller:
