@@ -85,7 +85,7 @@ CAMPAIGNS = {
         "compare",
         "compare the controller with laws in use, into docs/compare.md",
         "--arms ur5",
-        "--output docs/compare.md",
+        "--count --output docs/compare.md",
     ),
     "energy": _campaign("energy", "attack the controller's energy bound", "--count 4 --climb 2"),
     "policy": Campaign(

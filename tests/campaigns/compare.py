@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Compare this controller with three laws in use, on the same plants with the same gains, in one table.
 
-    python tests/campaigns/compare.py [--arms iiwa14,panda,ur5] [--output docs/compare.md]
+    python tests/campaigns/compare.py [--arms iiwa14,panda,ur5] [--count] [--output docs/compare.md]
 
 The laws stand in tests/support/arms/laws.c, each written from its formula: a rotation vector with a projected
 nullspace; a quaternion with clipped error and an integral; operational space, decoupled by inertia. All have the same
@@ -12,16 +12,17 @@ joints, the maker's sensors and one sample of delay. 600 N/m and 30 N m/rad unle
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from support.arms.arms import Arm
+from support.arms.arms import FLAGS, Arm
 
 Array = np.ndarray[Any, np.dtype[Any]]
 LAWS = ("stiffgen", "rotation vector", "quaternion, clipped", "operational space")
@@ -55,7 +56,7 @@ class Bench:
         )
         made = arm.plant(flexible=True, law=self.law, **(plant or {}))
         poses = np.broadcast_to(poses, (samples, 4, 4))
-        return arm.run(made, samples, config, goal=arm.posture, pose=poses, **inputs)
+        return arm.run(made, samples, config, **{"goal": arm.posture, "pose": poses} | inputs)
 
     def away(self, rows: Array, poses: Any) -> Array:
         return np.asarray(1e3 * np.linalg.norm(rows["pose"].reshape(-1, 4, 4)[:, :3, 3] - poses[..., :3, 3], axis=1))
@@ -79,10 +80,24 @@ class Bench:
         force = self.run(5000, goal, plant)["contact"][-1000:, 2]
         return float(np.ptp(force))
 
-    def clamped(self) -> float:
-        sway = 0.05 * np.sin(2 * np.pi * np.arange(5000) * 1e-3)
+    def clamped(self, rise: float) -> float:
+        time = np.arange(5000) * 1e-3
+        sway = 0.05 * np.minimum((time + 1e-3) / rise, 1.0) * np.sin(2 * np.pi * time)
         goal = np.array([turned(self.pose, (0, x, 0)) for x in sway])
         return float(np.abs(self.run(5000, goal, {"clamp_start": 10})["v"]).max())
+
+    def limit(self) -> float:
+        """Return how far [mrad] a joint goes beyond its limit if its goal is 0.3 rad beyond; negative: not at all."""
+        arm, beyond = self.arm, -np.inf
+        for joint, most in enumerate(arm.module.UPPER):
+            start = arm.posture.copy()
+            start[joint] = most - 0.4
+            q = arm.posture.copy()
+            q[joint] = most + 0.3
+            goal = arm.module.forward_kinematics(q)
+            rows = self.run(3000, goal, start=start)
+            beyond = max(beyond, float((rows["q"][:, joint] - most).max()))
+        return 1e3 * beyond
 
     def singular(self) -> float:
         away = self.pose[:3, 3] / np.linalg.norm(self.pose[:3, 3])
@@ -113,11 +128,6 @@ class Bench:
         work = self.run(6000, self.pose, load=load)["work"]
         return float(work[5999] - work[1999]) / 4
 
-    def cost(self) -> float:
-        start = time.perf_counter()
-        self.run(3000, self.pose)
-        return (time.perf_counter() - start) / 3000 * 1e6
-
 
 ROWS: dict[str, Callable[[Bench], float]] = {
     "step of 10 cm: error at rest [mm]": Bench.step,
@@ -125,7 +135,9 @@ ROWS: dict[str, Callable[[Bench], float]] = {
     "wall of 1e4 N/m: swing of the force at rest [N]": lambda b: b.wall(1e4),
     "wall of 1e5 N/m [N]": lambda b: b.wall(1e5),
     "wall of 1e6 N/m [N]": lambda b: b.wall(1e6),
-    "tip clamped, target swings 5 cm at 1 Hz: fastest joint [rad/s]": Bench.clamped,
+    "tip clamped, target swings 5 cm at 1 Hz, at once: fastest joint [rad/s]": lambda b: b.clamped(1e-3),
+    "the same, but the swing grows within a second [rad/s]": lambda b: b.clamped(1.0),
+    "target 0.3 rad beyond a joint's limit: joint beyond its limit by [mrad]": Bench.limit,
     "target 1 m out of reach: largest speed over its limit": Bench.singular,
     "target half a turn away: largest speed over its limit": Bench.half_turn,
     "targets at 10 Hz: largest speed over its limit": lambda b: b.fast_targets()[0],
@@ -133,8 +145,35 @@ ROWS: dict[str, Callable[[Bench], float]] = {
     "payload of 3 kg dropped: largest speed over its limit": Bench.drop,
     "stiffness switched 100 to 2000 N/m at 5 Hz, 30 N swing: most work put out [J]": Bench.switched,
     "orbit of a 20 N force: work put out per turn [J]": Bench.orbit,
-    "time of a sample with the plant [us]": Bench.cost,
 }
+STEPS = 200
+WITHOUT_AVX512 = "-mno-avx512f"
+
+
+def run_line(name: str, folder: str, law: int) -> None:
+    """Run a law along the start of a line: what valgrind counts. Valgrind knows no AVX-512."""
+    arm = Arm(name, Path(folder), flags=(*FLAGS, WITHOUT_AVX512))
+    bench = Bench(arm, law)
+    bench.run(STEPS, [turned(bench.pose, (0, 2e-4 * k, 0)) for k in range(STEPS)])
+
+
+def count_instructions(arm: Arm, folder: Path) -> list[float]:
+    """Return the mean number of instructions of a step of each law, counted by callgrind."""
+    folder = folder / "counted"
+    folder.mkdir(exist_ok=True)
+    environment = os.environ | {"CC": f"gcc {WITHOUT_AVX512}"}
+    made = []
+    for law, step in enumerate((f"{arm.name}_impedance_step", "textbook", "textbook", "textbook")):
+        counts = folder / f"{arm.name}.{law}"
+        code = f"from campaigns.compare import run_line; run_line({arm.name!r}, {str(folder)!r}, {law})"
+        python = [sys.executable, "-c", code]
+        counter = ["valgrind", "-q", "--tool=callgrind", f"--callgrind-out-file={counts}", "--collect-atstart=no"]
+        if law == 0:
+            subprocess.run(python, check=True, env=environment)  # compiles
+        subprocess.run([*counter, f"--toggle-collect={step}", *python], check=True, env=environment)
+        summary = next(line for line in counts.read_text().splitlines() if line.startswith("summary:"))
+        made.append(int(summary.split()[1]) / STEPS)
+    return made
 
 
 def measure(arm: Arm) -> dict[str, list[float]]:
@@ -149,9 +188,9 @@ def measure(arm: Arm) -> dict[str, list[float]]:
 def table(measured: dict[str, dict[str, list[float]]]) -> str:
     """Return one table in Markdown: each title once, then a row per arm."""
     lines = [f"| | arm | {' | '.join(LAWS)} |", "|---|---|" + "---|" * len(LAWS)]
-    for title in ROWS:
+    for title in next(iter(measured.values())):
         for k, (name, numbers) in enumerate(measured.items()):
-            values = " | ".join(f"{value:.3g}" for value in numbers[title])
+            values = " | ".join(f"{value:.0f}" if value >= 1000 else f"{value:.3g}" for value in numbers[title])
             lines.append(f"| {'' if k else title} | {name} | {values} |")
     return "\n".join(lines)
 
@@ -160,11 +199,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", default="iiwa14,panda,ur5")
     parser.add_argument("--output", type=Path, help="page whose table is written anew")
+    parser.add_argument("--count", action="store_true", help="count the instructions of a step, too (valgrind)")
     parser.add_argument("--folder", type=Path, help="where robots are generated and compiled")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:
-        arms = [Arm(name, options.folder or Path(made)) for name in options.arms.split(",")]
-        text = table({arm.name: measure(arm) for arm in arms})
+        folder = options.folder or Path(made)
+        arms = [Arm(name, folder) for name in options.arms.split(",")]
+        measured = {arm.name: measure(arm) for arm in arms}
+        for arm in arms if options.count else ():
+            measured[arm.name]["instructions of a step"] = count_instructions(arm, folder)
+    text = table(measured)
     if options.output:
         head, *_ = options.output.read_text(encoding="utf-8").partition(MARK)
         options.output.write_text(head + MARK + "\n\n" + text + "\n", encoding="utf-8")

@@ -78,10 +78,12 @@ class Arm:
     Args:
         name: of the arm, in MAKERS.
         folder: where the robot is generated and compiled; what another process left there is used again.
+        maker: of an arm that is not in MAKERS.
+        flags: of gcc.
 
     """
 
-    def __init__(self, name: str, folder: Path, maker: Maker | None = None) -> None:
+    def __init__(self, name: str, folder: Path, maker: Maker | None = None, flags: tuple[str, ...] = FLAGS) -> None:
         self.name, self.maker = name, maker or MAKERS[name]
         made = folder / name
         if not (made / f"{name}.h").exists():
@@ -93,7 +95,7 @@ class Arm:
             names = (f"-DROBOT={name}", f"-DUPPER={name.upper()}", f"-DJOINTS={n}")
             headers = ("-include", f"{name}.h", "-include", f"{name}_impedance.h")
             sources = [HERE / "arms.c", HERE / "laws.c", made / f"{name}.c", made / f"{name}_impedance.c"]
-            subprocess.run(["gcc", *FLAGS, *names, f"-I{made}", f"-I{HERE}", *headers, *map(str, sources),
+            subprocess.run(["gcc", *flags, *names, f"-I{made}", f"-I{HERE}", *headers, *map(str, sources),
                             "-lm", "-o", str(path)], check=True)  # fmt: skip
         self.library = ctypes.CDLL(str(path))
         known: dict[str, Any] = {}
