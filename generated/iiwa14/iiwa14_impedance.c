@@ -3158,6 +3158,22 @@ static void adopt_tool(step_t *s)
 }
 
 /*
+ * Take the caller's torque out of the last one: the energy account is about the controller's own. A torque in force at the
+ * start is the caller's as far as it has the sign of `torque_offset` and is no larger, so that gravity counts once.
+ */
+static void separate_torque_offset(step_t *s, double *last, int refused)
+{
+    memory_t *const m = s->m;
+    const int starts = !refused && !m->known && m->fault == ID(FAULT_NONE) && s->input->sample_valid;
+    for (int i = 0; i < N; ++i) {
+        if (starts && fabs(s->input->torque_offset[i]) <= DBL_MAX) {
+            m->offset[i] = clamp(s->input->torque_offset[i], fmin(last[i], 0.0), fmax(last[i], 0.0));
+        }
+        last[i] -= m->offset[i];
+    }
+}
+
+/*
  * Add the caller's torque to the controller's own. The own torque goes first in the rate limit, since the reserve counts
  * on its fall; the caller's goes first in the effort limit (limit_torque). Without a position the caller's stays, and it
  * goes to zero with a configuration that is refused.
@@ -4353,8 +4369,7 @@ static int step(const config_t *c, state_t *state, const input_t *input, output_
         m->unaccounted = 1;
         latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }
-    /* the energy account is about the controller's own torque */
-    add_scaled(N, -1.0, m->offset, last);
+    separate_torque_offset(&s, last, error != ID(OK));
     memcpy(s.transit, last, sizeof last);
     if (error == ID(OK)) {
         start_step(&s, state, last);

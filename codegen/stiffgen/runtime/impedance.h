@@ -213,6 +213,7 @@ void book_interval(step_t *s, const double *q);
 
 /* change.c */
 void adopt_tool(step_t *s);
+void separate_torque_offset(step_t *s, double *last, int refused);
 void add_torque_offset(step_t *s, const double *last, int refused);
 
 /* sample.c */

@@ -226,8 +226,7 @@ int step(const config_t *c, state_t *state, const input_t *input, output_t *outp
         m->unaccounted = 1;
         latch_fault(m, ID(REASON_STATE), NO_JOINT, 0.0, 0.0);
     }
-    /* the energy account is about the controller's own torque */
-    add_scaled(N, -1.0, m->offset, last);
+    separate_torque_offset(&s, last, error != ID(OK));
     memcpy(s.transit, last, sizeof last);
     if (error == ID(OK)) {
         start_step(&s, state, last);

@@ -3014,7 +3014,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "062a080e63ccca63") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "102b20cb81e9adbd") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -235,6 +235,35 @@ def test_a_configuration_that_halves_the_stiffness_is_refused(robot: ModuleType)
 # ---- torques of the caller, filtered velocity
 
 
+@pytest.mark.parametrize("lost", [0, 3])
+def test_gravity_in_force_at_the_start_counts_once(robot: ModuleType, lost: int) -> None:
+    """The robot holds its gravity at the start: the torque does not move, or it comes back after a gap."""
+    q, held = np.array(ARMS["iiwa14"]), np.array([0.0, -40, 5, 20, -1, 2, 0])
+    still = {"q": q, "dq": np.zeros(7), "q0": q, "translation_stiffness": np.eye(3), "rotation_stiffness": np.eye(3)}
+    controller, last = robot.Impedance(torque=held), held
+    for _ in range(lost):
+        last = controller.missed().torque
+    for _ in range(20):
+        out = controller.step(**still, torque_offset=held)
+        assert np.all(np.abs(out.torque - held) <= np.abs(last - held) + 1e-12)
+        last = out.torque
+    np.testing.assert_allclose(out.torque, held, atol=1e-12)
+    np.testing.assert_allclose(out.offset_torque, held, atol=1e-12)
+
+
+def test_an_initial_torque_beyond_the_offset_falls_at_the_rate_limit(robot: ModuleType) -> None:
+    q, offset = np.array(ARMS["iiwa14"]), np.array([3.0, -40, 5, 20, 0, np.nan, 0])
+    torque = np.array([-2.0, -60, 2, 20, 4, 5, 0])
+    still = {"q": q, "dq": np.zeros(7), "q0": q, "translation_stiffness": np.eye(3), "rotation_stiffness": np.eye(3)}
+    controller = robot.Impedance(torque=torque)
+    rate = 1e-3 * controller.config.torque_rate_limit
+    out = controller.step(**still, torque_offset=offset)
+    assert np.all(np.abs(out.torque - torque) <= rate * (1 + 1e-9))
+    for _ in range(300):
+        out = controller.step(**still, torque_offset=offset)
+    np.testing.assert_allclose(out.torque, np.nan_to_num(offset), atol=1e-9)
+
+
 def test_torque_offset_stays_inside_the_limits(robot: ModuleType) -> None:
     """Gravity that comes and goes at once: the sum keeps both limits, and the energy account stays the same."""
     q = np.array(ARMS["iiwa14"])
