@@ -74,10 +74,10 @@ def compilers(compiler: str, flags: str, more: str = "") -> list[str]:
 
 
 def build_robot(robot: Path, folder: Path, *, compiler: str, flags: str) -> list[str]:
-    """Build and install a robot's library; return the CMake options with which the client finds it."""
+    """Build and install a robot's library, of one vector width; return the CMake options for the client to find it."""
     name, root = robot.name, folder / "installed"
     run_cmake(
-        ["-S", robot, "-B", folder, *compilers(compiler, f"{flags} {EXACT}")],
+        ["-S", robot, "-B", folder, f"-D{name.upper()}_DISPATCH=OFF", *compilers(compiler, f"{flags} {EXACT}")],
         ["--build", folder, "-j2"],
         ["--install", folder, "--prefix", root],
     )
