@@ -3,8 +3,9 @@
  * One library for every x86-64 processor, built by CMake's option IIWA14_DISPATCH (gcc and clang).
  *
  * iiwa14.c and iiwa14_batch.c are compiled once per vector width, with IIWA14_WIDTH as its
- * number of bits, which then ends the names of the functions (iiwa14_lanes.h). The public functions below call the width that the processor has. Without
- * IIWA14_DISPATCH this file defines nothing, and iiwa14.c defines the public functions itself.
+ * number of bits, which then ends the names of the functions (iiwa14_lanes.h). The public functions below call the
+ * width that the processor has. Without IIWA14_DISPATCH this file defines nothing, and iiwa14.c defines the
+ * public functions itself.
  */
 #include "iiwa14.h"
 

@@ -731,7 +731,8 @@ int iiwa14_impedance_validate(const iiwa14_impedance_config *config);
 
 /*
  * Prepare a state: no sample seen. torque (7): the torque in force, from which the controller's torque moves on at
- * the rate limit; NULL for zero. Return IIWA14_OK, an error of iiwa14_impedance_validate, or IIWA14_E_TORQUE.
+ * the rate limit; NULL for zero. Give the torque_offset that it contains with the first sample: it then counts once.
+ * Return IIWA14_OK, an error of iiwa14_impedance_validate, or IIWA14_E_TORQUE.
  */
 int iiwa14_impedance_init(const iiwa14_impedance_config *config, iiwa14_impedance_state *state,
     const double *torque);

@@ -56,7 +56,7 @@ class Bench:
         )
         made = arm.plant(flexible=True, law=self.law, **(plant or {}))
         poses = np.broadcast_to(poses, (samples, 4, 4))
-        return arm.run(made, samples, config, **{"goal": arm.posture, "pose": poses} | inputs)
+        return arm.run(made, samples, config, goal=arm.posture, pose=poses, **inputs)
 
     def away(self, rows: Array, poses: Any) -> Array:
         return np.asarray(1e3 * np.linalg.norm(rows["pose"].reshape(-1, 4, 4)[:, :3, 3] - poses[..., :3, 3], axis=1))

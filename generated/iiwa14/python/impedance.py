@@ -196,7 +196,8 @@ class Impedance:
         Values of configuration fields by name: words ("modal") where the header has choices, one number for all
         entries of an array. Other fields have their defaults.
     torque : (n) [N m], optional
-        Torque in force, from which the controller's torque moves on at its rate limit; default: zero.
+        Torque in force, from which the controller's torque moves on at its rate limit; default: zero. Give the
+        ``torque_offset`` that it contains with the first sample: it then counts once.
     record : int, optional
         Number of steps whose inputs and outputs are recorded, the newest ones (:attr:`trace`).
     **fields

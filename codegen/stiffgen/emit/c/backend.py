@@ -94,7 +94,8 @@ def _in_lines(names: Iterable[str]) -> list[str]:
     return wrapped(", ".join(names), width=98)
 
 
-def _dispatched(name: str, request: Request, batches: list[BatchPage]) -> list[DispatchedFunction]:
+def _public_functions(request: Request, batches: list[BatchPage]) -> list[DispatchedFunction]:
+    name = request.name
     functions = list(single_functions(name, request.kernels))
     for page in batches:
         names = [array.name for array in page.inputs], [array.name for array in page.outputs]
@@ -113,7 +114,7 @@ def _variables(request: Request) -> dict[str, Any]:
         "shared": shared_functions(single),
         "batch_shared": shared_functions(batch),
         "batches": batches,
-        "dispatched": _dispatched(request.name, request, batches),
+        "dispatched": _public_functions(request, batches),
         "kernel_names": _in_lines(kernel.qualified_name for kernel, _ in single.kernels),
         "batch_names": _in_lines(batch_names),
         "single": single.variant,
