@@ -220,7 +220,7 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
             if (summary->finished == 0) {
                 summary->start_energy = spring_energy(motion.q, &command, &command);
                 summary->first_energy = command.energy;
-            } else if (!command.faulted) {
+            } else if (!was_faulted) { /* a call may move the equilibrium and then find that it has to fault */
                 const double work = spring_energy(motion.q, &previous, &command) -
                                     spring_energy(motion.q, &previous, &previous);
                 summary->reference_work += fmax(work, 0.0);
@@ -236,7 +236,8 @@ int episode_run(const episode_t *e, int samples, int segments, const segment_t *
                 summary->reason = command.reason;
                 summary->fault_at = k;
             }
-            summary->resets += was_faulted && !command.faulted;
+            /* a return from a fault may end in another fault within its call */
+            summary->resets += was_faulted && (!command.faulted || command.fault_time < previous.fault_time);
             was_faulted = command.faulted != 0;
             double H[16], moved[N], tip = 0.0;
             iiwa14_forward_kinematics(command.reference, H);
