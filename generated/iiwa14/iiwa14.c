@@ -76,10 +76,10 @@ static double finite_or_nan(double x)
     return x + 0.0 * x;
 }
 
-/* Store row i of an n x n matrix, NaN for infinity. Vectors are stored whole: later rows overwrite the excess. */
-static inline void put_row(double *matrix, int n, int i, const lanes *row, int blocks)
+/* Store vectors of row i of an n x n matrix, NaN for infinity. Later stores overwrite the excess of the last vector. */
+static inline void put_row(double *matrix, int n, int i, const lanes *row, int first, int blocks)
 {
-    for (int j = 0; j < blocks; ++j) {
+    for (int j = first; j < blocks; ++j) {
         const int at = n * i + LANES * j;
         const lanes finite = finite_lanes(row[j]);
         if (at + LANES <= n * n) {
@@ -120,7 +120,9 @@ static inline void copy_rows(const double *from, int stride, int rows, double *t
 /* Copy the upper triangle of a matrix of n rows to the opposite triangle. */
 static inline void mirror_upper(double *matrix, int n)
 {
+    UNROLLED
     for (int i = 0; i < n; ++i) {
+        UNROLLED
         for (int j = i + 1; j < n; ++j) {
             matrix[n * j + i] = matrix[n * i + j];
         }
@@ -130,7 +132,9 @@ static inline void mirror_upper(double *matrix, int n)
 /* Copy the lower triangle of a matrix of n rows to the opposite triangle. */
 static inline void mirror_lower(double *matrix, int n)
 {
+    UNROLLED
     for (int i = 0; i < n; ++i) {
+        UNROLLED
         for (int j = i + 1; j < n; ++j) {
             matrix[n * i + j] = matrix[n * j + i];
         }
@@ -1396,12 +1400,14 @@ void iiwa14_gravity_joint_stiffness(const double q[7], const double gravity[3], 
     }
 
     /* Kq_ij = a_i . u_j for i<=j, mirrored */
+    UNROLLED_ROWS
     for (int i = 0; i < N; ++i) {
         lanes row[PADDED];
-        for (int j = 0; j < BLOCKS; ++j) {
+        UNROLLED_ROWS
+        for (int j = FIRST_BLOCK(i); j < BLOCKS; ++j) {
             row[j] = C_of[0][i] * u[0][j] + C_of[1][i] * u[1][j] + C_of[2][i] * u[2][j];
         }
-        put_row(joint_stiffness, N, i, row, BLOCKS);
+        put_row(joint_stiffness, N, i, row, FIRST_BLOCK(i), BLOCKS);
     }
     mirror_upper(joint_stiffness, N);
 }
@@ -1492,7 +1498,7 @@ void iiwa14_body_kinematic_stiffness(const double q[7], const double wrench[6], 
             row[j] = J_of[0][i] * z_beyond[0][j] + J_of[1][i] * z_beyond[1][j] + J_of[2][i] * z_beyond[2][j]
                 + J_of[3][i] * z_beyond[3][j] + J_of[4][i] * z_beyond[4][j] + J_of[5][i] * z_beyond[5][j];
         }
-        put_row(kinematic_stiffness, N, i, row, BLOCKS);
+        put_row(kinematic_stiffness, N, i, row, 0, BLOCKS);
     }
 
     /* Kkin_ij = J_i . z_j for i>=j */
@@ -1603,7 +1609,7 @@ void iiwa14_body_joint_stiffness(const double q[7], const double wrench[6], cons
             row[j] = J_of[0][i] * u[0][j] + J_of[1][i] * u[1][j] + J_of[2][i] * u[2][j] + J_of[3][i] * u[3][j]
                 + J_of[4][i] * u[4][j] + J_of[5][i] * u[5][j];
         }
-        put_row(joint_stiffness, N, i, row, BLOCKS);
+        put_row(joint_stiffness, N, i, row, 0, BLOCKS);
     }
     mirror_lower(joint_stiffness, N);
 }
@@ -1659,7 +1665,7 @@ void iiwa14_body_joint_stiffness_uncorrected(const double q[7], const double wre
             row[j] = J_of[0][i] * u_beyond[0][j] + J_of[1][i] * u_beyond[1][j] + J_of[2][i] * u_beyond[2][j]
                 + J_of[3][i] * u_beyond[3][j] + J_of[4][i] * u_beyond[4][j] + J_of[5][i] * u_beyond[5][j];
         }
-        put_row(joint_stiffness_uncorrected, N, i, row, BLOCKS);
+        put_row(joint_stiffness_uncorrected, N, i, row, 0, BLOCKS);
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
@@ -1759,7 +1765,7 @@ void iiwa14_spatial_kinematic_stiffness(const double q[7], const double wrench[6
         for (int j = 0; j < BLOCKS; ++j) {
             row[j] = same(0.0);
         }
-        put_row(kinematic_stiffness, N, i, row, BLOCKS);
+        put_row(kinematic_stiffness, N, i, row, 0, BLOCKS);
     }
 
     /* z_j = gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
@@ -1876,13 +1882,15 @@ void iiwa14_spatial_joint_stiffness(const double q[7], const double wrench[6],
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
+    UNROLLED_ROWS
     for (int i = 0; i < N; ++i) {
         lanes row[PADDED];
-        for (int j = 0; j < BLOCKS; ++j) {
+        UNROLLED_ROWS
+        for (int j = FIRST_BLOCK(i); j < BLOCKS; ++j) {
             row[j] = J_of[0][i] * u[0][j] + J_of[1][i] * u[1][j] + J_of[2][i] * u[2][j] + J_of[3][i] * u[3][j]
                 + J_of[4][i] * u[4][j] + J_of[5][i] * u[5][j];
         }
-        put_row(joint_stiffness, N, i, row, BLOCKS);
+        put_row(joint_stiffness, N, i, row, FIRST_BLOCK(i), BLOCKS);
     }
     mirror_upper(joint_stiffness, N);
 }
@@ -1938,7 +1946,7 @@ void iiwa14_spatial_joint_stiffness_uncorrected(const double q[7], const double 
             row[j] = J_of[0][i] * u_beyond[0][j] + J_of[1][i] * u_beyond[1][j] + J_of[2][i] * u_beyond[2][j]
                 + J_of[3][i] * u_beyond[3][j] + J_of[4][i] * u_beyond[4][j] + J_of[5][i] * u_beyond[5][j];
         }
-        put_row(joint_stiffness_uncorrected, N, i, row, BLOCKS);
+        put_row(joint_stiffness_uncorrected, N, i, row, 0, BLOCKS);
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
@@ -2043,7 +2051,7 @@ void iiwa14_hybrid_kinematic_stiffness(const double q[7], const double wrench[6]
         for (int j = 0; j < BLOCKS; ++j) {
             row[j] = J_of[3][i] * z_beyond[3][j] + J_of[4][i] * z_beyond[4][j] + J_of[5][i] * z_beyond[5][j];
         }
-        put_row(kinematic_stiffness, N, i, row, BLOCKS);
+        put_row(kinematic_stiffness, N, i, row, 0, BLOCKS);
     }
 
     /* z_j = gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
@@ -2148,13 +2156,15 @@ void iiwa14_hybrid_joint_stiffness(const double q[7], const double wrench[6],
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
+    UNROLLED_ROWS
     for (int i = 0; i < N; ++i) {
         lanes row[PADDED];
-        for (int j = 0; j < BLOCKS; ++j) {
+        UNROLLED_ROWS
+        for (int j = FIRST_BLOCK(i); j < BLOCKS; ++j) {
             row[j] = J_of[0][i] * u[0][j] + J_of[1][i] * u[1][j] + J_of[2][i] * u[2][j] + J_of[3][i] * u[3][j]
                 + J_of[4][i] * u[4][j] + J_of[5][i] * u[5][j];
         }
-        put_row(joint_stiffness, N, i, row, BLOCKS);
+        put_row(joint_stiffness, N, i, row, FIRST_BLOCK(i), BLOCKS);
     }
     mirror_upper(joint_stiffness, N);
 }
@@ -2210,7 +2220,7 @@ void iiwa14_hybrid_joint_stiffness_uncorrected(const double q[7], const double w
             row[j] = J_of[0][i] * u_beyond[0][j] + J_of[1][i] * u_beyond[1][j] + J_of[2][i] * u_beyond[2][j]
                 + J_of[3][i] * u_beyond[3][j] + J_of[4][i] * u_beyond[4][j] + J_of[5][i] * u_beyond[5][j];
         }
-        put_row(joint_stiffness_uncorrected, N, i, row, BLOCKS);
+        put_row(joint_stiffness_uncorrected, N, i, row, 0, BLOCKS);
     }
 
     /* u_j = y_j + gradient of (dJ_i/dq_j) . F with respect to J_i, for the joints j before joint i */
@@ -2755,13 +2765,15 @@ void iiwa14_spring_joint_stiffness(const double q[7], const double equilibrium[1
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
+    UNROLLED_ROWS
     for (int i = 0; i < N; ++i) {
         lanes row[PADDED];
-        for (int j = 0; j < BLOCKS; ++j) {
+        UNROLLED_ROWS
+        for (int j = FIRST_BLOCK(i); j < BLOCKS; ++j) {
             row[j] = J_of[0][i] * u[0][j] + J_of[1][i] * u[1][j] + J_of[2][i] * u[2][j] + J_of[3][i] * u[3][j]
                 + J_of[4][i] * u[4][j] + J_of[5][i] * u[5][j];
         }
-        put_row(joint_stiffness, N, i, row, BLOCKS);
+        put_row(joint_stiffness, N, i, row, FIRST_BLOCK(i), BLOCKS);
     }
     mirror_upper(joint_stiffness, N);
 }
@@ -2942,13 +2954,15 @@ void iiwa14_spring_linearization(const double q[7], const double equilibrium[16]
     }
 
     /* Kq_ij = J_i . u_j for i<=j, mirrored */
+    UNROLLED_ROWS
     for (int i = 0; i < N; ++i) {
         lanes row[PADDED];
-        for (int j = 0; j < BLOCKS; ++j) {
+        UNROLLED_ROWS
+        for (int j = FIRST_BLOCK(i); j < BLOCKS; ++j) {
             row[j] = J_of[0][i] * u[0][j] + J_of[1][i] * u[1][j] + J_of[2][i] * u[2][j] + J_of[3][i] * u[3][j]
                 + J_of[4][i] * u[4][j] + J_of[5][i] * u[5][j];
         }
-        put_row(joint_stiffness, N, i, row, BLOCKS);
+        put_row(joint_stiffness, N, i, row, FIRST_BLOCK(i), BLOCKS);
     }
     mirror_upper(joint_stiffness, N);
 

@@ -10,6 +10,9 @@ from stiffgen.lower.form import Function, Loop, LoopForm
 from stiffgen.lower.variant import Variant
 from stiffgen.symbolic.program import Over
 
+UNROLLED_ROWS = 8
+"""Rows of a symmetric matrix up to which its loop is unrolled, which makes the first vector of each row a constant."""
+
 
 class Loops:
     """Texts of loops and of helpers' calls in one function; ``calls`` collects the helpers."""
@@ -52,14 +55,18 @@ class Loops:
         """Print a loop over rows i and vectors of joints j."""
         name, size = item.output.array.name, self.scope.size
         first, last, _ = self.columns_of(item.over)
+        triangle = item.mirror and item.over.upper and len(self.scope.chain.joints) <= UNROLLED_ROWS
+        block, unrolled = ("FIRST_BLOCK(i)", ["UNROLLED_ROWS"]) if triangle else ("0", [])
         # The first map over pairs stores whole rows: what it does not cover is overwritten.
         put = f"put_entries({name}, {size}, i, row, {first}, {last});"
         if item.first:
-            put = f"put_row({name}, {size}, i, row, {self.scope.blocks});"
+            put = f"put_row({name}, {size}, i, row, {block}, {self.scope.blocks});"
         return [
+            *unrolled,
             f"for (int i = 0; i < {self.rows_of(item.over)}; ++i) {{",
             f"    lanes row[{self.scope.padded}];",
-            f"    for (int j = 0; j < {self.scope.blocks}; ++j) {{",
+            *indented(unrolled, 1),
+            f"    for (int j = {block}; j < {self.scope.blocks}; ++j) {{",
             *indented(lines, 2),
             "    }",
             f"    {put}",

@@ -55,6 +55,21 @@ typedef {{ scalar.pattern }} pattern __attribute__((vector_size(LANE_BYTES)));
 #define ROLLED
 #endif
 
+/*
+ * First vector of row i of a symmetric matrix that is computed, for loops behind UNROLLED_ROWS. The narrowest vectors leave
+ * out what lies below the diagonal; of wider ones too few do to pay for it.
+ */
+#if LANE_BYTES == 16
+#define FIRST_BLOCK(i) ((i) / LANES)
+#else
+#define FIRST_BLOCK(i) 0
+#endif
+#if defined(__clang__) && LANE_BYTES == 16
+#define UNROLLED_ROWS _Pragma("clang loop unroll(full)")
+#else
+#define UNROLLED_ROWS UNROLLED
+#endif
+
 /* The same lanes as numbers or as bit patterns. */
 typedef union {
     lanes number;
