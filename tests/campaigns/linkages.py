@@ -3,7 +3,7 @@
 
 Linkages with one to three loops, planar and spatial, with joints before and after them (support/exact_linkage.py). The
 table has the largest error of each function relative to its largest entry; exit code 1 if one is beyond 1e-11.
-Configurations with a condition number above 100 are drawn again; a linkage without another one is counted.
+Configurations with a condition number above 1000 are drawn again; a linkage without another one is counted.
 """
 
 from __future__ import annotations

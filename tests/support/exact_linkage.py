@@ -26,6 +26,7 @@ from support.exact_tree import AT_ORIGIN, STEP, ExactTree, Pose, as_array, diffe
 _LIMIT = "<limit lower='-3' upper='3' effort='9' velocity='1'/>"
 STEP_OF_MASS = mp.mpf(10) ** -10
 MOST_MOTORS_WITH_MASS = 3
+WORST_CONDITION = 1000
 _UP = (0.0, 0.0, 1.0)
 
 
@@ -236,7 +237,7 @@ def closed_state(chain: Chain, seed: int) -> tuple[SimpleNamespace, np.ndarray]:
     for _ in range(40):
         away = source.uniform(-0.3, 0.3, len(chain.actuated))
         q = np.array(functions.close(start[list(chain.actuated)] + away, start)).ravel()
-        if np.isfinite(q).all() and float(functions.motors_condition(q)) < 100:
+        if np.isfinite(q).all() and float(functions.motors_condition(q)) < WORST_CONDITION:
             return functions, q
     raise ArithmeticError("no closed configuration found")
 

@@ -29,6 +29,8 @@ from stiffgen.symbolic.steps import (
     Weights,
 )
 
+_LARGEST = 1e300
+
 
 def _any_map(run: Gradients, step: Map) -> None:
     (_pairs if step.over.is_pairs else _map)(run, step)
@@ -177,7 +179,10 @@ def _closed_loops(run: Gradients, step: ClosedLoops) -> None:
     bars = tuple(run.bars[closed.name])
 
     def expressions(chain: Chain, q: ca.SX, *values: ca.SX) -> Expressions:
-        return Expressions(motor_gradient(chain, q, sum(values, ca.SX.zeros(closed.size))), ())
+        gradient = motor_gradient(chain, q, sum(values, ca.SX.zeros(closed.size)))
+        sizes = ca.vertcat(*(ca.fabs(q[k]) for k in chain.actuated))
+        one = (sizes < _LARGEST) / (sizes <= _LARGEST)  # 0/0 if q is NaN, also for motors outside of the loops
+        return Expressions(gradient * one, ())
 
     heading = "gradient with respect to the motors: G^T cotangent"
     run.steps.append(StraightLine((run.new(motors),), expressions, (closed, *bars), heading=heading))

@@ -33,7 +33,7 @@ from stiffgen.robot.chain import Chain, Joint, LoopEnd
 from stiffgen.symbolic.kinematics import constant, cross, joint_position
 
 SINGULAR = 1e-9
-"""Sine of the angle between a column of C_p and those before it, below which the results are NaN."""
+"""Distance of a column of C_p from the span of those before it, below which the results are NaN; see ``_Units``."""
 _NONE = ca.SX(0)
 
 
@@ -133,7 +133,18 @@ class Closure:
                 else:
                     apart.append(other)
             groups = [*apart, (rows, columns)]
-        return [Factors(self.jacobian, sorted(rows), sorted(columns)) for rows, columns in groups]
+        return [
+            Factors(self.jacobian, sorted(rows), sorted(columns), self._units(sorted(rows))) for rows, columns in groups
+        ]
+
+    def _units(self, rows: Sequence[int]) -> _Units:
+        types = enumerate(self.chain.coordinates, start=self.chain.base_joints)
+        slides = {k for k, coordinate in types if coordinate.type == "prismatic"}
+        angular = {row for row in rows if self.rows[row][1] >= 3}
+        block = self.jacobian[[row for row in rows if row not in angular], :]
+        levers = [block[:, k] for k in range(self.n) if k not in slides and block[:, k].nnz()]
+        squared = sum(map(ca.sumsqr, levers), _NONE) / len(levers) if levers else ca.SX(1)
+        return _Units(squared, frozenset(slides), frozenset(angular), has_points=len(angular) < len(rows))
 
     def motion(self) -> ca.SX:
         """Return G = dq/da; entries that are zero by structure are not stored."""
@@ -190,8 +201,35 @@ class Closure:
         """Return the largest condition number of a block, 1 at best."""
         largest = ca.SX(1)
         for block in self.blocks:
-            largest = ca.fmax(largest, block.condition())
+            value = block.condition()
+            is_less = value < largest
+            largest = is_less * largest + (1 - is_less) * value  # NaN if one is; fmax would drop it
         return largest
+
+
+@dataclass(frozen=True)
+class _Units:
+    """Unit of length of a block: root mean square of the levers of all its hinges, those of motors included.
+
+    A lever is the displacement of an end per radian. One unit for all columns, since a column that vanishes is a
+    singularity of the motors. ``squared`` is the unit's square [m^2], ``slides`` are coordinates, ``angular`` rows.
+    """
+
+    squared: ca.SX
+    slides: frozenset[int]
+    angular: frozenset[int]
+    has_points: bool
+
+    def column(self, coordinate: int) -> ca.SX:
+        """Return the squared length of a typical column."""
+        if coordinate in self.slides:
+            return ca.SX(1)
+        return self.squared * int(self.has_points) + int(bool(self.angular))
+
+    def entry(self, row: int, coordinate: int) -> ca.SX:
+        """Return the square of the factor that frees an entry of C from its unit."""
+        factor = ca.SX(1) if row in self.angular else 1 / self.squared
+        return factor * self.squared if coordinate in self.slides else factor
 
 
 class Factors:
@@ -200,7 +238,7 @@ class Factors:
     Columns with few entries come first, so that reflections stay short.
     """
 
-    def __init__(self, matrix: ca.SX, rows: Sequence[int], columns: Sequence[int]) -> None:
+    def __init__(self, matrix: ca.SX, rows: Sequence[int], columns: Sequence[int], units: _Units) -> None:
         def filled(column: int) -> int:
             return sum(not matrix[row, column].is_zero() for row in rows)
 
@@ -211,17 +249,16 @@ class Factors:
             left.remove(self.rows[-1])
         self.columns = order
         self.size = len(order)
-        self.matrix = [[ca.SX(matrix[row, column]) for column in order] for row in self.rows]
+        self.whole, self.units = matrix, units
         self.reflections: list[tuple[int, list[ca.SX], ca.SX]] = []
         self.inverse_diagonal: list[ca.SX] = []
-        self.triangle = [list(row) for row in self.matrix]
+        self.triangle = [[ca.SX(matrix[row, column]) for column in order] for row in self.rows]
         for k in range(self.size):
             self._eliminate(k)
 
     def _eliminate(self, k: int) -> None:
         A = self.triangle
         column = [A[i][k] for i in range(k, self.size)]
-        length = ca.sumsqr(ca.vertcat(*(row[k] for row in self.matrix)))
         if all(value.is_zero() for value in column[1:]):
             pivot = column[0]
         else:
@@ -235,8 +272,10 @@ class Factors:
                 rest = _reflected(v, scale, [A[i][j] for i in range(k, self.size)])
                 for i, value in enumerate(rest, start=k):
                     A[i][j] = value
-        is_regular = pivot * pivot > SINGULAR**2 * length
-        self.inverse_diagonal.append(is_regular / pivot / is_regular)  # 0/0 at a singularity
+        distance, least = pivot * pivot, SINGULAR**2 * self.units.column(self.columns[k])
+        is_regular, is_singular = distance > least, distance <= least
+        # 0/0 at a singularity; CasADi would simplify x / pivot / x
+        self.inverse_diagonal.append(is_regular / (pivot * (1 - is_singular)))
 
     def solve(self, right: Sequence[ca.SX]) -> list[ca.SX]:
         """Return the solution x of A x = right, in the order of the columns."""
@@ -259,13 +298,21 @@ class Factors:
         return b
 
     def condition(self) -> ca.SX:
-        """Return |A D| |(A D)^-1| / size in Frobenius' norm, where D scales all columns to length 1; 1 at best."""
-        total = ca.SX(0)
-        lengths = [ca.sumsqr(ca.vertcat(*(row[j] for row in self.matrix))) for j in range(self.size)]
-        for unit in range(self.size):
-            solution = self.solve([ca.SX(int(row == unit)) for row in range(self.size)])
-            total += sum((length * x * x for length, x in zip(lengths, solution, strict=True)), _NONE)
-        return ca.sqrt(total / self.size)
+        """Return |C| |C_p^-1| of the block without units, in Frobenius' norm, less size - 1.
+
+        This is at least 1, at least cond(C_p) - 1 in the spectral norm, and grows with G = -C_p^-1 C_a.
+        """
+        size, inverse = ca.SX(0), ca.SX(0)
+        for row in self.rows:
+            for k in range(self.whole.size2()):
+                value = self.whole[row, k]
+                if not value.is_zero():
+                    size += self.units.entry(row, k) * value * value
+        for unit, row in enumerate(self.rows):
+            solution = self.solve([ca.SX(int(i == unit)) for i in range(self.size)])
+            for k, value in zip(self.columns, solution, strict=True):
+                inverse += value * value / self.units.entry(row, k)
+        return ca.sqrt(size * inverse) - (self.size - 1)
 
 
 def _reflected(v: list[ca.SX], scale: ca.SX, b: list[ca.SX]) -> list[ca.SX]:

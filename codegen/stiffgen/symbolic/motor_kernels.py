@@ -95,8 +95,8 @@ def _of_loops() -> tuple[Kernel, ...]:
         f"Newton's method for the passive joints, {motor_programs.STEPS} steps of at most "
         f"{motor_programs.LARGEST_STEP} (rad, m)",
         partial(motor_programs.close, actuated=ACTUATED, start=_START, result=closed),
-        f"NaN unless all residuals are below {motor_programs.CLOSED:g} (m, rad). A linkage has several branches: the "
-        "start decides. Take the last configuration in a control loop.",
+        f"NaN unless the last step is at most {motor_programs.LAST_STEP:g} (rad, m). A linkage has several branches: "
+        "the start decides. Take the last configuration in a control loop.",
         batch=True,
     )  # fmt: skip
     return (
@@ -111,7 +111,7 @@ def _of_loops() -> tuple[Kernel, ...]:
         ),
         of_closure(
             condition, "Condition number of the closed loops: how near the motors are to a singularity.",
-            "|C_p D| |(C_p D)^-1| / size in Frobenius' norm, D scales columns to length 1", Closure.condition,
+            "|C| |C_p^-1| in Frobenius' norm less size - 1, lengths in units of the hinges' levers", Closure.condition,
         ),
         _kernel(
             "multipliers", (arguments.Q, _GRADIENT), (_MULTIPLIERS,),

@@ -15,14 +15,14 @@ from stiffgen.symbolic.program import Array, Operand, Over, Program
 from stiffgen.symbolic.steps import ClosedLoops, Map, StraightLine, SumJoints
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
-STEPS = 14
+STEPS = 16
 """Number of Newton's steps of ``close``."""
 TRACKING = 8
 """Number of equal parts in which the motors move from the start to their positions, one Newton's step each."""
 LARGEST_STEP = 0.5
 """Largest step of the passive coordinates, as a root of the sum of their squares [rad, m]."""
-CLOSED = 1e-11
-"""Largest residual of a closed configuration [m, rad]."""
+LAST_STEP = 1e-8
+"""Largest last step of a closed configuration [rad, m]: each step squares the error, so that rounding is left."""
 GAP = 1e-4
 """Largest distance of the ends of a closed loop with all equations [m, rad]: files round points and axes."""
 
@@ -149,7 +149,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
     the branch of the start.
     """
     motors, begin = actuated.array(chain), start.array(chain)
-    states = [Array(f"q{k}", begin.shape, "y") for k in range(1, STEPS + 1)]
+    states = [Array(f"q{k}", begin.shape, "y") for k in range(1, STEPS)]
     parts = [Array(f"motors{k}", motors.shape, "m") for k in range(1, TRACKING)]
 
     def spread(chain: Chain, actuated: ca.SX, start: ca.SX) -> Expressions:
@@ -166,18 +166,22 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         return _expressions(closure, ca.vertcat(*moved))
 
     def checked(chain: Chain, actuated: ca.SX, q: ca.SX) -> Expressions:
+        q = _placed(chain, actuated, q)
         closure = Closure(chain, q)
-        is_closed = (ca.sumsqr(closure.residual()) <= CLOSED**2) * (closure.squared_gap() <= GAP**2)
-        return Expressions(ca.densify(_placed(chain, actuated, q) + ca.sqrt(is_closed - 1)), ())
+        step = closure.passive_rates(closure.residual())[chain.base_joints :]
+        is_closed = (ca.sumsqr(step) <= LAST_STEP**2) * (closure.squared_gap() <= GAP**2)
+        return _expressions(closure, q + step + ca.sqrt(is_closed - 1))
 
     meaning = "One step of Newton's method for the passive joints"
-    targets = [*parts, *(STEPS - len(parts)) * [motors]]
+    targets = [*parts, *(len(states) - len(parts)) * [motors]]
     steps = [
         StraightLine((after,), newton, (target, before), "newton_step", meaning=meaning)
         for target, before, after in zip(targets, (begin, *states), states, strict=False)
     ]
     first = StraightLine(tuple(parts), spread, (motors, begin), heading="the motors on their way")
-    last = ClosedLoops((result.array(chain),), checked, (motors, states[-1]), heading="NaN unless closed")
+    last = ClosedLoops(
+        (result.array(chain),), checked, (motors, states[-1]), heading="the last step; NaN unless closed"
+    )
     return first, *steps, last
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from stiffgen import StiffnessModel, generate, load_chain
 from stiffgen.errors import ChainError, LoopWarning
 from stiffgen.symbolic.kernels import chain_kernels
+from stiffgen.symbolic.model import casadi_function
+from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.verify.files import check_urdf
 
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
@@ -27,6 +30,9 @@ def bar(name: str, parent: str, xyz: str, axis: str = "0 0 1", kind: str = "revo
 CRANK, COUPLER = bar("crank", "ground", "0 0 0"), bar("coupler", "crank", "0.15 0 0")
 ROCKER = bar("rocker", "ground", "0.3 0 0")
 MASS = '><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+_SIDE = math.acos((0.5**2 + 0.3**2 - 0.25**2) / (2 * 0.5 * 0.3))  # triangle of ground, crank with coupler, and rocker
+DEAD = (_SIDE, 0.0, math.atan2(0.5 * math.sin(_SIDE), 0.5 * math.cos(_SIDE) - 0.3))
+"""Dead centre of the four-bar with the rocker as motor: crank and coupler in line."""
 
 
 def loaded(folder: Path, *bars: str, **options):
@@ -61,16 +67,81 @@ def test_at_a_dead_centre_nothing_is_a_number(tmp_path):
     """With crank and coupler in line, the rocker as motor has no finite leverage on the crank."""
     chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=[LOOP], actuated=["rocker"])
     model = StiffnessModel(chain)
-    side = (0.5**2 + 0.3**2 - 0.25**2) / (2 * 0.5 * 0.3)  # triangle of ground, crank with coupler, and rocker
-    crank = np.arccos(side)
-    rocker = np.arctan2(0.5 * np.sin(crank), 0.5 * np.cos(crank) - 0.3)
-    dead = np.array([crank, 0.0, rocker])
+    dead = np.array(DEAD)
     assert np.abs(np.array(model.motors.residual(dead))).max() < 1e-15
     load = dead, np.ones(6), np.eye(6)
     assert np.isnan(np.array(model.motors.joint_stiffness(*load))).all()
-    near = np.add(dead, [0, 1e-3, 0])
-    assert 500 < float(model.motors.condition(near)) < 1e5
-    assert not float(model.motors.condition(dead)) < 1e9
+    for away, is_singular in ((0.0, True), (1e-10, True), (1e-8, False), (1e-3, False)):
+        q = np.add(dead, [0, away, 0])
+        motion, condition = np.array(model.motors.jacobian(q)).ravel(), float(model.motors.condition(q))
+        assert np.isnan(motion).tolist() == [is_singular, is_singular, False]
+        assert np.isnan(condition) == is_singular
+        assert is_singular or np.abs(motion[:2]).max() < condition < 10 * np.abs(motion[:2]).max()
+
+
+def test_a_passive_joint_without_leverage_is_near_a_singularity(tmp_path):
+    """With crank and coupler folded, the loop closes at the crank's axis, and columns of length 1 would hide it."""
+    chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=["coupler:0.15,0,0=rocker:0.3,0,0"], actuated=["coupler"])
+    model = StiffnessModel(chain)
+    for fold in (1e-2, 1e-5):
+        coupler = np.pi - fold
+        along = np.arccos(np.cos(coupler / 2) / 2)  # direction from the crank's axis to the point
+        crank = along - coupler / 2
+        point = 0.15 * np.exp(1j * crank) + 0.15 * np.exp(1j * (crank + coupler))
+        q = np.array([crank, coupler, np.angle(point - 0.3)])
+        assert np.abs(np.array(model.motors.residual(q))).max() < 1e-15
+        columns = 1j * np.array([point, 0.15 * np.exp(1j * (crank + coupler)), -(point - 0.3)])
+        C = np.array([columns.real, columns.imag])
+        expected = np.linalg.norm(C) * np.linalg.norm(np.linalg.inv(C[:, [0, 2]])) - 1
+        assert abs(float(model.motors.condition(q)) / expected - 1) < 1e-9
+        assert expected > 1 / fold
+
+
+def test_one_unit_of_length(tmp_path):
+    """The condition number of a tenfold slider-crank is the same."""
+    conditions = []
+    for size in (0.1, 1.0):
+        crank, rod = bar("crank", "ground", "0 0 0"), bar("rod", "crank", f"{0.2 * size} 0 0")
+        piston = bar("piston", "ground", "0 0 0", axis="1 0 0", kind="prismatic", limit=3 * size)
+        chain = loaded(
+            tmp_path, crank, rod, piston, loop=[f"rod:{0.5 * size},0,0=piston:0,0,0"], actuated=["crank"], tip="rod"
+        )
+        model = StiffnessModel(chain)
+        q = np.array(model.close(0.7, chain.start)).ravel()
+        conditions.append(float(model.motors.condition(q)))
+    assert 1 < conditions[0] < 20
+    assert abs(conditions[1] / conditions[0] - 1) < 1e-12
+
+
+@pytest.mark.parametrize("block", ["", "2"])
+def test_the_condition_is_that_of_the_worst_block(block, tmp_path):
+    """Also where it is no number."""
+    second = bar("crank2", "coupler", "0.2 0.1 0"), bar("coupler2", "crank2", "0.15 0 0")
+    links = CRANK, COUPLER, ROCKER, *second, bar("rocker2", "coupler", "0.5 0.1 0")
+    loops = [LOOP, "coupler2:0.35,0,0=rocker2:0.25,0,0"]
+    chain = loaded(tmp_path, *links, loop=loops, actuated=["rocker", "rocker2"], tip="coupler2")
+    condition = StiffnessModel(chain).motors.condition
+    place = dict(zip([each.name for each in chain.coordinates], chain.start, strict=True))
+    assert 1 < float(condition(list(place.values()))) < 100
+    place |= {f"crank{block}": DEAD[0], f"coupler{block}": 1e-3, f"rocker{block}": DEAD[2]}
+    assert float(condition(list(place.values()))) > 1000
+    place[f"coupler{block}"] = 0.0
+    assert np.isnan(float(condition(list(place.values()))))
+
+
+def test_where_loops_do_not_close_no_motor_has_a_gradient(tmp_path):
+    """Motors outside of the loops included."""
+    links = CRANK, COUPLER, ROCKER, bar("tool", "coupler", "0.1 0 0")
+    chain = loaded(tmp_path, *links, loop=["coupler:0.2,0,0=rocker:0.1,0,0"], actuated=["rocker"], tip="tool")
+    kernels = chain_kernels(chain, SpringOptions(derivatives=True))
+    close, gradient = (casadi_function(chain, k) for k in kernels if k.qualified_name in ("close", "close_vjp"))
+    outside = [chain.coordinates[k].name for k in chain.actuated].index("tool")
+    near, far = np.array(chain.start)[list(chain.actuated)], np.zeros(2)
+    for motors, is_closed in ((near, True), (far, False)):
+        assert np.isfinite(np.array(close(motors, chain.start))).all() == is_closed
+        found = np.array(gradient(motors, chain.start, np.arange(1.0, 5.0))[0]).ravel()
+        assert np.isfinite(found).all() == np.isfinite(found).any() == is_closed
+        assert not is_closed or found[outside] == 1 + [each.name for each in chain.coordinates].index("tool")
 
 
 def test_positions_out_of_reach_are_not_numbers(tmp_path):
