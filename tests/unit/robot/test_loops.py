@@ -113,6 +113,44 @@ def test_one_unit_of_length(tmp_path):
     assert abs(conditions[1] / conditions[0] - 1) < 1e-12
 
 
+WELD = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="crank"><joint name="crank" axis="0 0 1"/><geom size="0.01"/>
+ <body name="coupler" pos="0.15 0 0"><joint name="coupler" axis="0 0 1"/><geom size="0.01"/>
+  <body name="end" pos="0.15 0 0"><joint name="end" axis="0 0 1"/><geom size="0.01"/>
+   <site name="a"/></body></body></body>
+<body name="rocker" pos="0.3 0 0"><joint name="rocker" axis="0 0 1"/><geom size="0.01"/>
+ <site name="b" pos="0.25 0 0"/></body></worldbody>
+<equality><weld site1="a" site2="b"/></equality><actuator><motor joint="crank"/></actuator></mujoco>"""
+
+
+def test_a_welded_loop_is_singular_where_its_passive_joints_are_in_line(tmp_path):
+    """The condition number against complex numbers; frames at half a turn are not closed."""
+    file = tmp_path / "weld.xml"
+    file.write_text(WELD)
+    chain = load_chain(file, tip="end", close_loops=True, masses=False)
+    assert [each.name for each in chain.coordinates] == ["crank", "coupler", "end", "rocker"]
+    model, straight = StiffnessModel(chain), math.acos((0.15**2 + 0.3**2 - 0.4**2) / (2 * 0.15 * 0.3))
+    for away, is_singular in ((0.0, True), (1e-3, False)):
+        elbow = 0.15 * np.exp(1j * (straight - away))
+        to_ground = 0.3 - elbow
+        bend = math.acos((abs(to_ground) ** 2 + 0.15**2 - 0.25**2) / (0.3 * abs(to_ground))) if away else 0.0
+        direction = np.angle(to_ground) + bend
+        point = elbow + 0.15 * np.exp(1j * direction)
+        rocker = np.angle(point - 0.3)
+        q = np.array([straight - away, direction - (straight - away), rocker - direction, rocker])
+        assert np.abs(np.array(model.motors.residual(q))).max() < 1e-15
+        assert np.isnan(np.array(model.motors.jacobian(q))).any() == is_singular
+        levers = 1j * np.array([point, point - elbow, 0, 0.3 - point])
+        levers /= np.sqrt(np.mean(np.abs(levers[[0, 1, 3]]) ** 2))
+        C = np.array([levers.real, levers.imag, [1, 1, 1, -1]])
+        expected = np.linalg.norm(C) * np.linalg.norm(np.linalg.inv(C[:, 1:])) - 2
+        if not is_singular:
+            assert abs(float(model.motors.condition(q)) / expected - 1) < 1e-9
+    q = np.array(model.close(chain.start[0], chain.start)).ravel()
+    assert np.isfinite(q).all()
+    assert np.isnan(np.array(model.close(q[0], np.add(q, [0, 0, np.pi, 0])))).all()
+
+
 @pytest.mark.parametrize("block", ["", "2"])
 def test_the_condition_is_that_of_the_worst_block(block, tmp_path):
     """Also where it is no number."""
@@ -124,7 +162,9 @@ def test_the_condition_is_that_of_the_worst_block(block, tmp_path):
     place = dict(zip([each.name for each in chain.coordinates], chain.start, strict=True))
     assert 1 < float(condition(list(place.values()))) < 100
     place |= {f"crank{block}": DEAD[0], f"coupler{block}": 1e-3, f"rocker{block}": DEAD[2]}
-    assert float(condition(list(place.values()))) > 1000
+    alone = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=[LOOP], actuated=["rocker"])
+    worst = float(StiffnessModel(alone).motors.condition(np.add(DEAD, [0, 1e-3, 0])))
+    assert abs(float(condition(list(place.values()))) / worst - 1) < 1e-9
     place[f"coupler{block}"] = 0.0
     assert np.isnan(float(condition(list(place.values()))))
 
