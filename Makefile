@@ -66,8 +66,8 @@ campaign:  ## run a long search: NAME=..., OPTIONS="..."; without a name, list t
 compare: $(VENV)/installed-test  ## compare the controller with laws in use, into docs/compare.md
 	@PYTHONPATH=tests:. $(BIN)/python -m campaigns compare
 
-robosuite: build/robosuite-venv/installed  ## lift a cube in robosuite with the controller
-	build/robosuite-venv/bin/python -m examples.robosuite
+robosuite: build/robosuite-venv/installed  ## compare the controller in robosuite with its own, into docs/robosuite.md
+	build/robosuite-venv/bin/python -m examples.robosuite --output docs/robosuite.md
 
 clean:  ## remove what the above made, but not generated/
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis

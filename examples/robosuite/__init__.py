@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Register the impedance controller at robosuite's extension point, and lift a cube with it."""
+"""Register the impedance controller at robosuite's extension point, and compare it with robosuite's own."""

@@ -1,88 +1,127 @@
 # SPDX-License-Identifier: MIT
-"""Lift a cube with a Panda in robosuite, without rendering.
+"""Compare the impedance controller with robosuite's own controllers on its tasks, at equal stiffness of the tip.
 
-    python -m examples.robosuite [--seed N]
+    python -m examples.robosuite [--robots Panda] [--tasks Lift] [--seeds 3] [--output docs/robosuite.md]
 
-The exit status is 0 if the cube was lifted and frames, masses and torques agree with MuJoCo.
+Without --output the tables are printed. The exit status is 0 if frames and masses of every robot agree with MuJoCo.
 """
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
+import os
 import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
-import robosuite
 
-from examples.robosuite.controller import ImpedancePart, controller_config
+from examples.robosuite.controller import PART, VELOCITY_LIMITS
+from examples.robosuite.measures import CONTROLLERS, Arm, Episode, Job, make, run_job
+from examples.robosuite.motions import TASKS, tip_pose
 
-STEP = 0.05  # m of an action of 1
-PHASES = (("above", 30, 0.1, -1.0), ("down", 30, 0.0, -1.0), ("close", 10, 0.0, 1.0), ("lift", 30, 0.15, 1.0))
-"""Name, actions at 20 Hz, height over the cube's first place [m], gripper (-1 open, 1 closed)."""
+MARK = "<!-- python -m examples.robosuite writes all below this line -->"
+AGREEMENT = 1e-9  # m, 1 and kg m^2: largest difference from MuJoCo
+SHORT = {PART: "stiffgen", "OSC_POSE": "OSC_POSE", "JOINT_POSITION": "JOINT_POSITION"}
 
 
-def disagreements(env: Any) -> dict[str, float]:
-    """Return the largest differences of the generated robot from MuJoCo: pose [m, 1], mass matrix [kg m^2].
+def disagreement(robot: str) -> float:
+    """Return the largest difference of the generated robot from MuJoCo in pose [m, 1] and mass matrix [kg m^2].
 
     The fingers are moved to 0, where the chain has them.
     """
-    robot, sim = env.robots[0], env.sim
-    part: ImpedancePart = robot.composite_controller.part_controllers["right"]
-    sim.data.qpos[robot._ref_gripper_joint_pos_indexes["right"]] = 0.0
+    env = make("Lift", robot, PART, 1)
+    env.reset()
+    part, sim = Arm(env).part, env.sim
+    sim.data.qpos[env.robots[0]._ref_gripper_joint_pos_indexes["right"]] = 0.0
     sim.forward()
-    q = sim.data.qpos[part.qpos_index][part.order]
-    base = np.eye(4)
+    part.update(force=True)
+    part.run_controller()
+    q, base = sim.data.qpos[part.qpos_index][part.order], np.eye(4)
     base[:3, :3] = sim.data.xmat[part.base_body].reshape(3, 3)
     base[:3, 3] = sim.data.xpos[part.base_body]
-    pose, site = base @ part.module.forward_kinematics(q), sim.model.site_name2id(part.ref_name)
-    mass = np.zeros((sim.model.nv, sim.model.nv))
-    mujoco.mj_fullM(sim.model._model, mass, sim.data.qM)
-    columns = np.asarray(part.qvel_index)[part.order]
+    pose = base @ part.module.forward_kinematics(q) - tip_pose(env)
     own = part.module.mass_matrix(q) + np.diag(part.settings["motor_inertia"])
-    return {
-        "position": float(np.abs(pose[:3, 3] - sim.data.site_xpos[site]).max()),
-        "rotation": float(np.abs(pose[:3, :3] - sim.data.site_xmat[site].reshape(3, 3)).max()),
-        "mass": float(np.abs(own - mass[np.ix_(columns, columns)]).max()),
-    }
+    mass = own - Arm(env).mass_matrix()[np.ix_(part.order, part.order)]
+    return float(max(np.abs(pose).max(), np.abs(mass).max()))
 
 
-def lift(env: Any) -> dict[str, Any]:
-    """Run the scripted motion; return success, worst position error of the tip while it is held [m], and faults."""
-    obs, faults, error = env.reset(), set(), 0.0
-    part: ImpedancePart = env.robots[0].composite_controller.part_controllers["right"]
-    start = np.array(obs["cube_pos"])
-    for _, actions, height, gripper in PHASES:
-        for _ in range(actions):
-            way = (start + np.array([0.0, 0.0, height]) - obs["robot0_eef_pos"]) / STEP
-            obs, *_ = env.step(np.concatenate([np.clip(0.5 * way, -0.5, 0.5), np.zeros(3), [gripper]]))
-            faults.add(part.output.fault.name)
-        error = max(error, float(np.linalg.norm(way)) * STEP)
-    return {"success": bool(env._check_success()), "error": error, "faults": sorted(faults - {"NONE"})}
+def run_jobs(jobs: Sequence[Job], workers: int) -> dict[Job, Any]:
+    """Run all jobs in processes of their own, and print how far they are."""
+    found: dict[Job, Any] = {}
+    begin = time.monotonic()
+    with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=20) as pool:
+        for job, result in zip(jobs, pool.imap(run_job, jobs), strict=True):
+            found[job] = result
+            seconds = time.monotonic() - begin
+            print(f"{len(found)} of {len(jobs)}, {seconds:.0f} s: {' '.join(map(str, job))}", flush=True)
+    return found
+
+
+def episode_table(found: dict[Job, Any], robots: Iterable[str], tasks: Iterable[str], seeds: int) -> list[str]:
+    """Return the table of episodes: means of all seeds, of the force the largest."""
+    columns: tuple[tuple[str, Callable[[list[Episode]], str]], ...] = (
+        ("success", lambda all_: f"{np.mean([each.success for each in all_]):.2f}"),
+        ("largest force [N]", lambda all_: f"{max(each.force for each in all_):.0f}"),
+        ("error of the tip [mm]", lambda all_: f"{1e3 * np.mean([each.error for each in all_]):.1f}"),
+        ("torque change [N m]", lambda all_: f"{np.mean([each.chatter for each in all_]):.2f}"),
+    )
+    lines = ["| robot | task | " + " | ".join(name for name, _ in columns) + " |", "|---" * (2 + len(columns)) + "|"]
+    for robot in robots:
+        for task in tasks:
+            groups = [[found[robot, task, each, seed] for seed in range(1, seeds + 1)] for each in CONTROLLERS]
+            cells = [", ".join(show(group) for group in groups) for _, show in columns]
+            lines.append(f"| {robot} | {task} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def orbit_table(found: dict[Job, Any], robots: Iterable[str], seeds: int) -> list[str]:
+    """Return the table of closed orbits: the largest work of all seeds."""
+    lines = ["| robot | " + " | ".join(SHORT.values()) + " |", "|---" * (1 + len(SHORT)) + "|"]
+    for robot in robots:
+        work = [max(found[robot, "", each, seed] for seed in range(1, seeds + 1)) for each in CONTROLLERS]
+        lines.append(f"| {robot} | " + " | ".join(f"{1e3 * each:.1e}" for each in work) + " |")
+    return lines
 
 
 def main() -> int:
-    """Run the example."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--seed", type=int, default=1, help="seed of the cube's place [1]")
+    """Run the comparison."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robots", nargs="+", default=list(VELOCITY_LIMITS), choices=list(VELOCITY_LIMITS))
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=list(TASKS))
+    parser.add_argument("--seeds", type=int, default=3, help="number of initial states [3]")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--output", type=Path, help="page whose tables are replaced")
     options = parser.parse_args()
-    env = robosuite.make(
-        "Lift",
-        robots="Panda",
-        controller_configs=controller_config("Panda"),
-        has_renderer=False,
-        has_offscreen_renderer=False,
-        use_camera_obs=False,
-        control_freq=20,
-        seed=options.seed,
-    )
-    found, differences = lift(env), disagreements(env)
-    faults = ", ".join(found["faults"]) or "none"
-    print(f"cube lifted: {found['success']}; faults: {faults}")
-    print(f"largest position error at the end of a phase: {1e3 * found['error']:.1f} mm")
-    print("largest differences from MuJoCo: " + ", ".join(f"{name} {value:.1e}" for name, value in differences.items()))
-    return 0 if found["success"] and not found["faults"] and max(differences.values()) < 1e-9 else 1
+    worst = 0.0
+    for robot in options.robots:
+        worst = max(worst, disagreement(robot))
+        print(f"{robot}: largest difference from MuJoCo so far {worst:.1e}", flush=True)
+    tasks = [*options.tasks, ""]
+    jobs = [(robot, task, controller, seed) for robot in options.robots for task in tasks
+            for controller in CONTROLLERS for seed in range(1, options.seeds + 1)]  # fmt: skip
+    found = run_jobs(jobs, options.workers)
+    faults = {job[:2]: result.faults for job, result in found.items() if job[1] and result.faults}
+    lines = [
+        f"Three numbers in a cell: {', '.join(SHORT.values())}. {options.seeds} initial states each; faults of this "
+        f"controller: {faults or 'none'}. Largest difference from MuJoCo in frames and masses: {worst:.1e}.",
+        "",
+        *episode_table(found, options.robots, options.tasks, options.seeds),
+        "",
+        "Work that the springs put out on a closed orbit [mJ]:",
+        "",
+        *orbit_table(found, options.robots, options.seeds),
+    ]
+    text = "\n".join(lines) + "\n"
+    if options.output:
+        head = options.output.read_text(encoding="utf-8").partition(MARK)[0]
+        options.output.write_text(f"{head}{MARK}\n\n{text}", encoding="utf-8")
+    else:
+        print(text)
+    return 0 if worst < AGREEMENT else 1
 
 
 if __name__ == "__main__":

@@ -26,7 +26,8 @@ class Simulation:
         self.model = SimpleNamespace(
             site_name2id=lambda name: mujoco.mj_name2id(self.plain, mujoco.mjtObj.mjOBJ_SITE, name),
             body_id2name=lambda index: mujoco.mj_id2name(self.plain, mujoco.mjtObj.mjOBJ_BODY, index),
-            site_bodyid=self.plain.site_bodyid,
+            jnt_bodyid=self.plain.jnt_bodyid,
+            body_parentid=self.plain.body_parentid,
             opt=self.plain.opt,
             dof_armature=self.plain.dof_armature,
         )
@@ -46,6 +47,7 @@ class OperationalSpaceController:
 
     def __init__(self, sim: Simulation, ref_name: str, joint_indexes: Any, actuator_range: Any, kp: Any, **rest: Any):
         self.sim, self.ref_name = sim, ref_name
+        self.joint_index = joint_indexes["joints"]
         self.qpos_index, self.qvel_index = joint_indexes["qpos"], joint_indexes["qvel"]
         self.joint_names = [sim.plain.joint(joint).name for joint in joint_indexes["joints"]]
         self.actuator_min, self.actuator_max = actuator_range

@@ -146,6 +146,69 @@ def test_stiffness_in_newtons_per_metre(register: dict[str, Any], axis: int) -> 
     np.testing.assert_allclose(moved, 5.0 / KP[axis] * np.eye(3)[axis], atol=0.01 * 5.0 / KP[axis])
 
 
+def test_goals_are_interpolated(register: dict[str, Any]) -> None:
+    """A goal that jumps by 5 mm at 20 Hz moves the equilibrium at 0.1 m/s, with little on top."""
+    run = Run(register)
+    run.steps(0.2)
+    places = [run.part.output.equilibrium[:3, 3].copy()]
+    for _ in range(4):
+        run.part.goal_pos = run.part.goal_pos + np.array([0.0, 0.0, 0.005])
+        for _ in range(25):
+            run.steps(0.002)
+            places.append(run.part.output.equilibrium[:3, 3].copy())
+    moves = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert moves.sum() > 0.01
+    assert moves.max() < 0.0004
+
+
+def test_an_old_goal_keeps_its_stiffness(register: dict[str, Any]) -> None:
+    run = Run(register)
+    run.steps(1.5)
+    np.testing.assert_allclose(np.diag(run.part.output.translation_stiffness), KP[:3])
+
+
+def test_gains_of_equal_stiffness(register: dict[str, Any]) -> None:
+    from examples.robosuite.measures import STIFFNESS, equal_gains
+
+    random = np.random.default_rng(1)
+    J, root = random.normal(size=(6, 7)), random.normal(size=(7, 7))
+    M, K = root @ root.T + np.eye(7), np.diag(STIFFNESS)
+    joint = M @ np.diag(equal_gains("JOINT_POSITION", J, M))  # torque = M kp error
+    np.testing.assert_allclose(np.diag(joint), np.diag(J.T @ K @ J))
+    for half in (slice(0, 3), slice(3, 6)):
+        inertia = np.linalg.inv(J[half] @ np.linalg.inv(M) @ J[half].T)
+        force = inertia @ np.diag(equal_gains("OSC_POSE", J, M)[half])
+        np.testing.assert_allclose(np.diag(force), STIFFNESS[half])
+
+
+def test_a_tip_closes_across_an_object(register: dict[str, Any]) -> None:
+    from examples.robosuite import motions
+
+    closing = np.array([0.6, 0.8, 0.0])
+    now = np.diag([1.0, -1.0, -1.0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(motions, "closing_axis", lambda env: closing)
+        patch.setattr(motions, "tip_pose", lambda env: motions.placed(now, 0.0, 0.0, 0.0))
+        rotation = motions.grasp_from_above(None, np.array([2.0, 1.0, 0.3]))
+    np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(rotation[:, 2], [0, 0, -1], atol=1e-12)
+    assert abs(abs((rotation @ closing) @ [2.0, 1.0, 0.0]) / np.sqrt(5.0) - 1.0) < 1e-12
+    assert np.trace(now.T @ rotation) > 1.0
+
+
+def test_targets_reach_every_pose_of_the_motion(register: dict[str, Any]) -> None:
+    from examples.robosuite.motions import Leg, placed, targets
+
+    turned = np.diag([-1.0, -1.0, 1.0])
+    legs = [Leg(placed(np.eye(3), 0.1, 0.0, 0.0), 1.0, -1.0), Leg(placed(turned, 0.1, 0.2, 0.0), 2.0, 1.0)]
+    found = targets(np.eye(4), legs, 0.05)
+    assert len(found) == 60
+    np.testing.assert_allclose(found[19][0], legs[0].pose, atol=1e-12)
+    np.testing.assert_allclose(found[-1][0], legs[1].pose, atol=1e-12)
+    places = np.array([pose[:3, 3] for pose, _ in found])
+    np.testing.assert_allclose(np.diff(places[:20, 0]), 0.005)
+
+
 @pytest.mark.parametrize(("fields", "message"), [
     ({"impedance": None}, "velocity_limit"),
     ({"impedance_mode": "variable"}, "variable_kp"),
