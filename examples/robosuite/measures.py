@@ -97,7 +97,8 @@ class Arm:
         model, data = self.env.sim.model._model, mujoco.MjData(self.env.sim.model._model)
         data.qpos[:] = self.env.sim.data.qpos
         places, jacobian = np.asarray(self.part.qpos_index), np.zeros((2, 3, model.nv))
-        limits = model.jnt_range[self.part.joint_index].T
+        limited = model.jnt_limited[self.part.joint_index].astype(bool)
+        limits = np.where(limited, model.jnt_range[self.part.joint_index].T, [[-np.inf], [np.inf]])
         q = np.array(q)
         for _ in range(10):
             data.qpos[places] = q

