@@ -58,6 +58,7 @@ static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which
 static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
 static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
+static const double CREEPING = 1e-3;     /* [s] of travel below which a posture for which the equilibrium waits is at the end of its reach */
 static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */
@@ -2775,7 +2776,8 @@ static int approach_posture(step_t *s, const double *here, int arrived)
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
-    const int leads = m->beyond && pose_distance(here, m->equilibrium) > PATH_LEAD;
+    const double lead = pose_distance(here, m->equilibrium);
+    const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
     if (m->detour) {
         add_scaled(N, 1.0, m->trial, step);
         add_scaled(N, -1.0, m->posture, step);
@@ -2784,7 +2786,7 @@ static int approach_posture(step_t *s, const double *here, int arrived)
         distance = find_posture_step(s, m->posture, m->beyond ? s->goal : m->equilibrium, s->input->q0, step);
     }
     const double size = relative_size(N, 1, step, limits);
-    const int stands = size <= STATIONARY && !m->detour;
+    const int stands = size <= (awaited ? CREEPING : STATIONARY) && !m->detour;
     int moving = !stands || leads || !arrived;
     if (size <= STATIONARY && m->detour) {
         m->detour = 0;
@@ -2888,8 +2890,12 @@ static int update_velocities(step_t *s, int by_posture)
         robot_poses(m->posture, m->tool_pose, here);
     }
     if (!by_posture && !joining) {
-        if (s->commanded && pose_distance(m->wanted_equilibrium, s->goal) > SAME_POSE) {
+        const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
+        if (streamed > SAME_POSE) {
+            /* beyond the reach, the posture goes on towards the poses of a stream: waiting for each, it would stop */
+            const int far = m->beyond && !m->detour && pose_distance(here, s->goal) > PATH_LEAD;
             forget_search(m);
+            m->beyond = far && streamed <= PATH_LEAD;
         }
         const double pace = find_pace(s, here);
         const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)

@@ -47,6 +47,7 @@ static const double ANOTHER = 0.3;       /* [rad] or [m] from the arm from which
 static const double RESTING = 0.03;      /* [rad/s] or [m/s] up to which an arm rests */
 static const double UNLOADED = 0.5;      /* [N m] or [N] up to which an arm at rest has no load */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] of a search */
+static const double CREEPING = 1e-3;     /* [s] of travel below which a posture for which the equilibrium waits is at the end of its reach */
 static const double NEAR_TIME = 0.1;     /* [s] of travel that one step of self-motion looks ahead */
 static const double BRAKED = 0.9;     /* share of the velocity limits from which on a joint is braked */
 static const double TANK_FLOOR = 0.1; /* share of the tank's maximum that stiffness is not paid from */

@@ -56,6 +56,28 @@ def test_a_pose_out_of_reach_says_so(arm: Arm) -> None:
     assert np.linalg.norm(arm.pose(got["q"])[:3, 3] - SHOULDER) > 0.8
 
 
+def test_a_stream_beyond_the_reach_leads_the_arm_on(arm: Arm) -> None:
+    """The arm follows the direction of poses out of reach, and comes back. Before, it stood still until they did."""
+    start = arm.pose(START)
+    way = start[:3, 3] - SHOULDER
+
+    def pose(time: float) -> np.ndarray:
+        farther = 1.0 + 0.5 * min(time, 1.5) - 0.375 * np.clip(time - 3.5, 0.0, 2.0)
+        angle = 0.4 * np.clip(time - 1.5, 0.0, 2.0)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        moved = start.copy()
+        moved[:3, :3], moved[:3, 3] = turn @ start[:3, :3], SHOULDER + farther * turn @ way
+        return moved
+
+    for seconds, degrees in ((2.5, 4.0), (3.5, 4.0), (7.5, 0.1)):
+        stream = [Target("far", START, pose(time), START) for time in np.arange(0.0, seconds, 0.001)]
+        tip = arm.pose(arm.run(*stream, seconds=0.001)["q"])[:3, 3] - SHOULDER
+        goal = stream[-1].pose[:3, 3] - SHOULDER
+        cosine = tip @ goal / (np.linalg.norm(tip) * np.linalg.norm(goal))
+        assert np.degrees(np.arccos(min(cosine, 1.0))) < degrees, seconds
+    assert np.linalg.norm(tip - goal) < 1e-3
+
+
 def test_each_pose_is_searched_for_anew(arm: Arm) -> None:
     """After a pose that is out of reach, another one is found that needs another configuration of the arm."""
     first = out_of_reach(arm, START, 2.0)
