@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import stiffgen
-from stiffgen.emit import fields
+from stiffgen.emit import fields, signals, status_words
 from stiffgen.emit.fields import Field
 from stiffgen.play.page import write_page
 from stiffgen.robot.chain import Chain
@@ -128,7 +128,7 @@ def controller() -> str:
 
     config, given, results = (
         table(("field", "shape", "unit", "meaning"), map(row, which))
-        for which in (fields.CONFIG, fields.INPUT, fields.OUTPUT)
+        for which in (fields.CONFIG, signals.INPUT, signals.OUTPUT)
     )
     return (
         "# Fields of the controller\n\n"
@@ -142,14 +142,15 @@ def controller() -> str:
 def faults() -> str:
     """Return the page of modes, faults with their reasons, status bits and errors."""
     reasons = [
-        (f"`{name}`", cause, dict(fields.FAULTS)[cause], meaning)
-        for name, cause, meaning in fields.REASONS
+        (f"`{name}`", cause, dict(status_words.FAULTS)[cause], meaning)
+        for name, cause, meaning in status_words.REASONS
         if name != "none"
     ]
     pairs = {
         title: [(f"`{name}`", meaning) for name, meaning in which]
         for title, which in (
-            ("Modes", fields.MODES), ("Status bits", fields.STATUS), ("Errors beyond single fields", fields.ERRORS),
+            ("Modes", status_words.MODES), ("Status bits", status_words.STATUS),
+            ("Errors beyond single fields", status_words.ERRORS),
         )
     }  # fmt: skip
     sections = "\n".join(f"## {title}\n\n{table(('name', 'meaning'), rows)}" for title, rows in pairs.items())

@@ -8,21 +8,11 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from stiffgen.emit.fields import (
-    CONFIG,
-    ERRORS,
-    FAULTS,
-    INPUT,
-    MAX_DOF,
-    MODES,
-    OUTPUT,
-    REASONS,
-    SEEN,
-    STATUS,
-    Field,
-)
+from stiffgen.emit.fields import CONFIG, MAX_DOF, Field
 from stiffgen.emit.policy_fields import PARTS, POLICY, PROPOSAL, REFUSED, STAGES
 from stiffgen.emit.presets import motor_tables
+from stiffgen.emit.signals import INPUT, OUTPUT
+from stiffgen.emit.status_words import ERRORS, FAULTS, MODES, REASONS, SEEN, STATUS
 from stiffgen.lower.scalar import DOUBLE, Scalar
 from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.springs import Placement

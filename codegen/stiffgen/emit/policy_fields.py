@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Table of the policy port's fields, refusals and stages, as fields.py has those of the controller."""
+"""Table of the policy port's fields, refusals and stages, as fields.py has that of the controller's configuration."""
 
 from __future__ import annotations
 

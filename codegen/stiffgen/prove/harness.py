@@ -11,7 +11,8 @@ from math import prod
 
 import jinja2
 
-from stiffgen.emit.fields import CONFIG, FAULTS, REASONS, Field
+from stiffgen.emit.fields import CONFIG, Field
+from stiffgen.emit.status_words import FAULTS, REASONS
 from stiffgen.errors import OutputError
 from stiffgen.lower.graph import LIBM, LIBM_OF_TWO
 from stiffgen.opened import GeneratedRobot

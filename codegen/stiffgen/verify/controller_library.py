@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from stiffgen.emit.build import build_library
-from stiffgen.emit.fields import CONFIG, INPUT, OUTPUT, Field
+from stiffgen.emit.fields import CONFIG, Field
 from stiffgen.emit.policy_fields import POLICY, PROPOSAL
+from stiffgen.emit.signals import INPUT, OUTPUT
 from stiffgen.errors import BuildError
 from stiffgen.robot.chain import Chain
 from stiffgen.verify.result import Array

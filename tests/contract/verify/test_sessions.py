@@ -14,7 +14,8 @@ import pytest
 
 import stiffgen
 from campaigns.mutations import Mutant, Workshop, changed_defaults, count_survivors, mutants
-from stiffgen.emit.fields import CONFIG, INPUT
+from stiffgen.emit.fields import CONFIG
+from stiffgen.emit.signals import INPUT
 from stiffgen.opened import open_robot
 from stiffgen.verify import sessions
 from stiffgen.verify.controller_library import CAREFUL, ControllerLibrary

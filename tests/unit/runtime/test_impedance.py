@@ -15,7 +15,9 @@ import pytest
 
 import stiffgen
 from stiffgen import open_robot
-from stiffgen.emit.fields import CONFIG, FAULTS, INPUT, OUTPUT, REASONS, STATUS
+from stiffgen.emit.fields import CONFIG
+from stiffgen.emit.signals import INPUT, OUTPUT
+from stiffgen.emit.status_words import FAULTS, REASONS, STATUS
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Placement
 from stiffgen.verify.controller import check_controller, elastic_torque, joint_hessian, modal_damping
