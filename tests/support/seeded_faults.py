@@ -35,7 +35,7 @@ STIFFNESS, BATCH, LANES = (
 )
 FAULTS = (
     Fault("a row too many", "i < N; ++i", "i <= N; ++i", STIFFNESS, "hybrid_joint_stiffness"),
-    Fault("rows stored too far", "row, BLOCKS);", "row, BLOCKS + 2);", STIFFNESS, "hybrid_joint_stiffness"),
+    Fault("rows stored too far", "(i), BLOCKS);", "(i), BLOCKS + 2);", STIFFNESS, "hybrid_joint_stiffness"),
     Fault("a block too short", "lanes u[6][PADDED]", "lanes u[5][PADDED]", STIFFNESS, "hybrid_joint_stiffness"),
     Fault("a local array too short", "lanes row[PADDED]", "lanes row[PADDED - 2]", STIFFNESS, "hybrid_joint_stiffness"),
     Fault("an argument read beyond its end", "F[5]", "F[6]", STIFFNESS, "hybrid_joint_stiffness"),
