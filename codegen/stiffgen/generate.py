@@ -67,8 +67,8 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
         )
     if chain.loops and scalar != DOUBLE:
         raise ChainError(
-            f"--scalar {scalar.name} does not go with closed loops, whose equations need the digits of a double; leave out one "
-            "of the two"
+            f"--scalar {scalar.name} does not go with closed loops, whose equations need the digits of a double; leave "
+            "out one of the two"
         )
     name = identifier(chain.robot) if options.name is None else checked_identifier(options.name)
     folder = Path(options.output) / name
