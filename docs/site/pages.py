@@ -38,8 +38,8 @@ CONTENTS = {
         "docs/glossary",
     ),
     "Use": (
-        "docs/embedding", "docs/controller", "docs/conventions", "docs/lerobot", "docs/ros2", "docs/fri",
-        "docs/fri_reference", "docs/fri_robot",
+        "docs/embedding", "docs/controller", "docs/conventions", "docs/lerobot", "docs/robosuite", "docs/ros2",
+        "docs/fri", "docs/fri_reference", "docs/fri_robot",
         "docs/results", "docs/experiment", "docs/stance", "docs/compare",
         "docs/analyze", "docs/troubleshooting",
     ),
