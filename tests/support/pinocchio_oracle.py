@@ -8,6 +8,8 @@ follow a coordinate of the chain move with it.
 
 from __future__ import annotations
 
+import math
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
@@ -34,6 +36,12 @@ class State:
         J = self.jacobian[representation]
         kinematic = np.stack([dJ.T @ wrench for dJ in self.derivative[representation]], axis=1)
         return np.asarray(kinematic + J.T @ corrected_stiffness @ J)
+
+
+def with_exact_right_angles(text: str) -> str:
+    """Return a URDF with rounded right angles in full: stiffgen takes 1.57079632679 as pi/2, Pinocchio as written."""
+    text = re.sub(r"1\.570796326\d*", repr(math.pi / 2), text)
+    return re.sub(r"3\.1415926535\d*", repr(math.pi), text)
 
 
 def readable_by_pinocchio(xml: str | bytes, masses: bool = True) -> ET.Element:

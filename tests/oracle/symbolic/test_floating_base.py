@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -19,6 +18,7 @@ from stiffgen.symbolic.connection import REPRESENTATIONS
 from stiffgen.symbolic.kernels import chain_kernels
 from stiffgen.symbolic.potentials import Potential, SpringOptions
 from support.exact_tree import ExactTree, as_array, differentiated, exact_pose, exponential, mp, tree_urdf
+from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close
 
 DATA = ROOT / "tests" / "data"
@@ -326,10 +326,9 @@ def urdf_of(robot):
 def test_real_robots(robot, tmp_path):
     """A humanoid and a quadruped: J, M, gravity and bias forces by Pinocchio's free-flyer."""
     urdf = urdf_of(robot)
-    # stiffgen takes 1.57079632679 as the right angle that is meant, Pinocchio as it is written.
-    text = re.sub(r"1\.570796326\d*", repr(math.pi / 2), urdf.read_text())
+    text = with_exact_right_angles(urdf.read_text())
     urdf = tmp_path / urdf.name
-    urdf.write_text(re.sub(r"3\.1415926535\d*", repr(math.pi), text))
+    urdf.write_text(text)
     chain = stiffgen.load_chain(urdf, tip=ROBOTS[robot], floating_base=True)
     kernels = stiffgen.StiffnessModel(chain)
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
