@@ -25,7 +25,7 @@ from examples.robosuite.motions import TASKS, tip_pose
 
 MARK = "<!-- python -m examples.robosuite writes all below this line -->"
 AGREEMENT = 1e-9  # m, 1 and kg m^2: largest difference from MuJoCo
-SHORT = {PART: "stiffgen", "OSC_POSE": "OSC_POSE", "JOINT_POSITION": "JOINT_POSITION"}
+NAMES = ("stiffgen", *CONTROLLERS[1:])
 
 
 def disagreement(robot: str) -> float:
@@ -38,8 +38,6 @@ def disagreement(robot: str) -> float:
     part, sim = Arm(env).part, env.sim
     sim.data.qpos[env.robots[0]._ref_gripper_joint_pos_indexes["right"]] = 0.0
     sim.forward()
-    part.update(force=True)
-    part.run_controller()
     q, base = sim.data.qpos[part.qpos_index][part.order], np.eye(4)
     base[:3, :3] = sim.data.xmat[part.base_body].reshape(3, 3)
     base[:3, 3] = sim.data.xpos[part.base_body]
@@ -57,7 +55,10 @@ def run_jobs(jobs: Sequence[Job], workers: int) -> dict[Job, Any]:
         for job, result in zip(jobs, pool.imap(run_job, jobs), strict=True):
             found[job] = result
             seconds = time.monotonic() - begin
-            print(f"{len(found)} of {len(jobs)}, {seconds:.0f} s: {' '.join(map(str, job))}", flush=True)
+            print(
+                f"{len(found)} of {len(jobs)}, {seconds:.0f} s: {' '.join(str(each or 'orbit') for each in job)}",
+                flush=True,
+            )
     return found
 
 
@@ -67,7 +68,7 @@ def episode_table(found: dict[Job, Any], robots: Iterable[str], tasks: Iterable[
         ("success", lambda all_: f"{np.mean([each.success for each in all_]):.2f}"),
         ("largest force [N]", lambda all_: f"{max(each.force for each in all_):.0f}"),
         ("error of the tip [mm]", lambda all_: f"{1e3 * np.mean([each.error for each in all_]):.1f}"),
-        ("torque change [N m]", lambda all_: f"{np.mean([each.chatter for each in all_]):.2f}"),
+        ("torque change [N m]", lambda all_: f"{np.mean([each.torque_change for each in all_]):.2f}"),
     )
     lines = ["| robot | task | " + " | ".join(name for name, _ in columns) + " |", "|---" * (2 + len(columns)) + "|"]
     for robot in robots:
@@ -80,9 +81,9 @@ def episode_table(found: dict[Job, Any], robots: Iterable[str], tasks: Iterable[
 
 def orbit_table(found: dict[Job, Any], robots: Iterable[str], seeds: int) -> list[str]:
     """Return the table of closed orbits: the largest work of all seeds."""
-    lines = ["| robot | " + " | ".join(SHORT.values()) + " |", "|---" * (1 + len(SHORT)) + "|"]
+    lines = ["| robot | " + " | ".join(NAMES) + " |", "|---" * (1 + len(NAMES)) + "|"]
     for robot in robots:
-        work = [max(found[robot, "", each, seed] for seed in range(1, seeds + 1)) for each in CONTROLLERS]
+        work = [max(found[robot, None, each, seed] for seed in range(1, seeds + 1)) for each in CONTROLLERS]
         lines.append(f"| {robot} | " + " | ".join(f"{1e3 * each:.1e}" for each in work) + " |")
     return lines
 
@@ -100,13 +101,13 @@ def main() -> int:
     for robot in options.robots:
         worst = max(worst, disagreement(robot))
         print(f"{robot}: largest difference from MuJoCo so far {worst:.1e}", flush=True)
-    tasks = [*options.tasks, ""]
+    tasks = [*options.tasks, None]
     jobs = [(robot, task, controller, seed) for robot in options.robots for task in tasks
             for controller in CONTROLLERS for seed in range(1, options.seeds + 1)]  # fmt: skip
     found = run_jobs(jobs, options.workers)
     faults = {job[:2]: result.faults for job, result in found.items() if job[1] and result.faults}
     lines = [
-        f"Three numbers in a cell: {', '.join(SHORT.values())}. {options.seeds} initial states each; faults of this "
+        f"Three numbers in a cell: {', '.join(NAMES)}. {options.seeds} initial states each; faults of this "
         f"controller: {faults or 'none'}. Largest difference from MuJoCo in frames and masses: {worst:.1e}.",
         "",
         *episode_table(found, options.robots, options.tasks, options.seeds),

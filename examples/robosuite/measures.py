@@ -25,7 +25,7 @@ STIFFNESS = (1000.0, 1000.0, 1000.0, 50.0, 50.0, 50.0)  # N/m, N m/rad
 FREQUENCY = 20  # Hz, of the actions
 SETTLE = 1.0  # s, for objects to come to rest
 ORBIT, ORBIT_PERIOD = 0.02, 3.0  # rad and s, of the closed orbit: small enough for all effort limits
-Job = tuple[str, str, str, int]
+Job = tuple[str, str | None, str, int]
 """Robot, task, controller and seed; without a task a closed orbit."""
 CONTROLLERS = (PART, "OSC_POSE", "JOINT_POSITION")
 
@@ -170,7 +170,7 @@ class Episode:
     success: float
     force: float  # N
     error: float  # m
-    chatter: float  # N m in a step of the simulation
+    torque_change: float  # N m in a step of the simulation
     faults: tuple[str, ...]
 
 
@@ -232,7 +232,7 @@ def _driven_work(robot: str, controller: str, seed: int, sign: float) -> float:
         sim.data.qpos[part.qpos_index] = q
         sim.data.qvel[part.qvel_index] = rate * (-first * np.sin(phase) + sign * second * np.cos(phase))
         sim.forward()
-        part.update_origin(*_origin(env, part))
+        env.robots[0].composite_controller.update_state()
         part.update(force=True)
         torque = np.array(part.run_controller()) - part.torque_compensation
         work += float((torque + last) @ (q - before)) / 2.0 if k > rounds else 0.0
@@ -241,13 +241,7 @@ def _driven_work(robot: str, controller: str, seed: int, sign: float) -> float:
     return work
 
 
-def _origin(env: Any, part: Any) -> tuple[Vector, Vector]:
-    """Return position and rotation of the arm's "center" site, the frame of robosuite's goals."""
-    site = env.sim.model.site_name2id(f"{part.naming_prefix}{part.part_name}_center")
-    return np.array(env.sim.data.site_xpos[site]), np.array(env.sim.data.site_xmat[site]).reshape(3, 3)
-
-
 def run_job(job: Job) -> Episode | float:
-    """Run an episode, or with an empty task a closed orbit."""
+    """Run an episode, or without a task a closed orbit."""
     robot, task, controller, seed = job
     return run_episode(task, robot, controller, seed) if task else orbit_work(robot, controller, seed)

@@ -155,7 +155,7 @@ def _over_peg(env: Any, rotation: Vector, offset: Vector, peg: Vector) -> tuple[
 def wipe(env: Any, depth: float = 0.015, speed: float = 0.1) -> list[Leg]:
     """Move over all markers at ``speed`` [m/s], with the goal ``depth`` [m] below the table."""
     sim = env.sim
-    rotation = grasp_wiper(env)
+    rotation = flat_wiper(env)
     names = [marker.root_body for marker in env.model.mujoco_arena.markers]
     places = np.array([sim.data.body_xpos[sim.model.body_name2id(name)] for name in names])[::4]
     table = float(places[0, 2])
@@ -167,7 +167,7 @@ def wipe(env: Any, depth: float = 0.015, speed: float = 0.1) -> list[Leg]:
     return [*legs, Leg(legs[-1].pose, 0.5, 0.0)]
 
 
-def grasp_wiper(env: Any) -> Vector:
+def flat_wiper(env: Any) -> Vector:
     """Return the rotation nearest to the present one with which the wiper lies flat on the table."""
     now = tip_pose(env)[:3, :3]
     down = np.array([0.0, 0.0, -1.0])

@@ -107,6 +107,7 @@ class ControllerPage:
         structs: config, input and output.
         remembered: fields of the output copied from the memory: name, the memory's member, whether it is an array.
         choice_fields: name and words of the fields that are choices.
+        infinite_fields: names of the configuration's fields that may be infinite.
         defaults, joint_defaults: C statements that set the configuration's fields, and entry i of those over joints.
         motors: tables of the motors, per coordinate: name, source and C initialiser.
         axes: axes of the translational and of the rotational stiffness.
@@ -134,6 +135,7 @@ class ControllerPage:
     structs: list[Struct]
     remembered: list[tuple[str, str, bool]]
     choice_fields: list[tuple[str, tuple[str, ...]]]
+    infinite_fields: list[str]
     defaults: list[str]
     joint_defaults: list[str]
     motors: list[tuple[str, str, str]]
@@ -169,6 +171,7 @@ def controller_page(
         structs=[_struct(chain, prefix, *each) for each in _STRUCTS],
         remembered=[(f.name, f.name if f.memory == "=" else f.memory, bool(f.shape)) for f in OUTPUT if f.memory],
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
+        infinite_fields=[field.name for field in CONFIG if math.isinf(field.most)],
         defaults=[line for f in CONFIG for line in _defaults(f, prefix)],
         joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)],
         motors=_motors(chain),

@@ -52,20 +52,22 @@ class Field:
         return f"{each} lie between {self.least:g} and {self.most:g}"
 
 
-_N = ("n",)
-_SCALAR: tuple[Extent, ...] = ()
+SCALAR: tuple[Extent, ...] = ()
+N, NN = ("n",), ("n", "n")
+POSE, WRENCH, TASK, SPRING = ("tips", 4, 4), ("tips", 6), ("tips", 6, 6), ("tips", 3, 3)
+"""Shapes of a pose, a wrench, a task stiffness, and the stiffness of a spring's translation or rotation."""
 
 
 def choice_field(name: str, meaning: str, choices: tuple[str, ...], default: str) -> Field:
     """Return a field whose values are words."""
-    return Field(name, _SCALAR, "", meaning, default, 1, len(choices), "int", choices)
+    return Field(name, SCALAR, "", meaning, default, 1, len(choices), "int", choices)
 
 
 CONFIG: tuple[Field, ...] = (
-    Field("sample_time", _SCALAR, "s", "time T from one call of step to the next", "0.001", 1e-5, 0.1),
+    Field("sample_time", SCALAR, "s", "time T from one call of step to the next", "0.001", 1e-5, 0.1),
     Field(
         "delay_samples",
-        _SCALAR,
+        SCALAR,
         "samples",
         "delay from the sample that a torque is computed from to the sample at which it acts; 0 if it acts at once",
         "0",
@@ -87,10 +89,10 @@ CONFIG: tuple[Field, ...] = (
         "corrected",
     ),
     Field(
-        "posture_stiffness", _N, "N m/rad", "stiffness k of the posture spring k (q - posture)^2 / 2", "1.0", 0.0, 1e4
+        "posture_stiffness", N, "N m/rad", "stiffness k of the posture spring k (q - posture)^2 / 2", "1.0", 0.0, 1e4
     ),
-    Field("translation_stiffness_limit", _SCALAR, "N/m", "largest accepted entry (absolute value)", "5e3", 1.0, 1e6),
-    Field("rotation_stiffness_limit", _SCALAR, "N m/rad", "largest accepted entry (absolute value)", "500.0", 0.1, 1e5),
+    Field("translation_stiffness_limit", SCALAR, "N/m", "largest accepted entry (absolute value)", "5e3", 1.0, 1e6),
+    Field("rotation_stiffness_limit", SCALAR, "N m/rad", "largest accepted entry (absolute value)", "500.0", 0.1, 1e5),
     choice_field(
         "spring",
         "spring at the tips: trace (kernels of the group spring) or bounded (spring_bounded, needs a folder generated "
@@ -98,8 +100,8 @@ CONFIG: tuple[Field, ...] = (
         ("trace", "bounded"),
         "trace",
     ),
-    Field("spring_force_limit", _SCALAR, "N", "largest force of each bounded spring", "40.0", 1e-3, 1e6),
-    Field("spring_moment_limit", _SCALAR, "N m", "largest moment of each bounded spring", "10.0", 1e-3, 1e5),
+    Field("spring_force_limit", SCALAR, "N", "largest force of each bounded spring", "40.0", 1e-3, 1e6),
+    Field("spring_moment_limit", SCALAR, "N m", "largest moment of each bounded spring", "10.0", 1e-3, 1e5),
     choice_field(
         "stiffness_cap",
         "what init does if the sample time allows less than half of the stiffness limits in some posture: refuse the "
@@ -107,7 +109,7 @@ CONFIG: tuple[Field, ...] = (
         ("refuse", "accept"),
         "refuse",
     ),
-    Field("stiffness_time", _SCALAR, "s", "time constant of a change of stiffness", "0.002", 1e-4, 100.0),
+    Field("stiffness_time", SCALAR, "s", "time constant of a change of stiffness", "0.002", 1e-4, 100.0),
     choice_field(
         "damping_design",
         "design of the damping: modal (tangent and mass matrix diagonalised together) or task (J^T task_damping J); "
@@ -115,7 +117,7 @@ CONFIG: tuple[Field, ...] = (
         ("modal", "task"),
         "modal",
     ),
-    Field("damping_ratio", _N, "1", "damping ratio of each mode, softest first; modal design only", "0.7", 0.0, 100.0),
+    Field("damping_ratio", N, "1", "damping ratio of each mode, softest first; modal design only", "0.7", 0.0, 100.0),
     Field(
         "task_damping",
         (6, 6),
@@ -125,7 +127,7 @@ CONFIG: tuple[Field, ...] = (
         -1e5,
         1e5,
     ),
-    Field("joint_damping", _SCALAR, "N m s/rad", "damping d of every joint, added as d I", "0.1", 0.0, 1e4),
+    Field("joint_damping", SCALAR, "N m s/rad", "damping d of every joint, added as d I", "0.1", 0.0, 1e4),
     choice_field(
         "coriolis",
         "whether the torque compensates Coriolis and centrifugal forces; on: C(q, dq) dq is added, paid from the tank; "
@@ -135,7 +137,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "motor_inertia",
-        _N,
+        N,
         "kg m^2",
         "inertia of the motors' rotors at the joints; a URDF has none, and without it light joints are damped wrongly",
         "{name}_motor_inertia[i]",
@@ -144,7 +146,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "lower_limit",
-        _N,
+        N,
         "rad or m",
         "lower limit of the position; may be -infinity",
         "{name}_lower[i]",
@@ -153,7 +155,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "upper_limit",
-        _N,
+        N,
         "rad or m",
         "upper limit of the position; may be infinity",
         "{name}_upper[i]",
@@ -162,7 +164,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "position_tolerance",
-        _SCALAR,
+        SCALAR,
         "rad or m",
         "distance beyond a position limit up to which there is no fault",
         "0.1",
@@ -171,7 +173,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "limit_zone",
-        _SCALAR,
+        SCALAR,
         "rad or m",
         "width of the zone inside each limit where the limit avoidance acts",
         "0.1",
@@ -180,7 +182,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "limit_stiffness",
-        _N,
+        N,
         "N m/rad",
         "stiffness of the limit avoidance in the zone, up to the effort limit; softened to what torque rate and sample "
         "time can follow; 0 turns it off",
@@ -190,7 +192,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "velocity_limit",
-        _N,
+        N,
         "rad/s or m/s",
         "velocity limit of the arm; exceeding it for overspeed_time is a limit fault",
         "{name}_velocity[i]",
@@ -199,16 +201,16 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "reference_velocity_limit",
-        _N,
+        N,
         "rad/s or m/s",
         "velocity limit of the equilibrium, which uses 0.8 of it; from 0.9 of it on the arm's joint is braked",
         "0.9 * {name}_velocity[i]",
         1e-6,
         1e3,
     ),
-    Field("tip_velocity_limit", _SCALAR, "m/s", "velocity limit of the equilibrium's translation", "1.0", 1e-6, 100.0),
-    Field("tip_rotation_limit", _SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "2.5", 1e-6, 100.0),
-    Field("ramp_time", _SCALAR, "s", "time in which the equilibrium reaches its largest velocity", "0.05", 1e-4, 100.0),
+    Field("tip_velocity_limit", SCALAR, "m/s", "velocity limit of the equilibrium's translation", "1.0", 1e-6, 100.0),
+    Field("tip_rotation_limit", SCALAR, "rad/s", "velocity limit of the equilibrium's rotation", "2.5", 1e-6, 100.0),
+    Field("ramp_time", SCALAR, "s", "time in which the equilibrium reaches its largest velocity", "0.05", 1e-4, 100.0),
     Field(
         "heaviest_wrench",
         (2,),
@@ -221,7 +223,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "energy_limit",
-        _SCALAR,
+        SCALAR,
         "J",
         "largest energy that a move of the equilibrium may store in the springs of the tips; 0: the energy at which "
         "they exert heaviest_wrench",
@@ -231,7 +233,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "engagement_limit",
-        _SCALAR,
+        SCALAR,
         "J",
         "work that moves of the equilibrium may cost after a start or a reset, and per second of a command's travel at "
         "the governor's velocity limits; 0: work against heaviest_wrench in a second at the tip's velocity limits",
@@ -239,10 +241,10 @@ CONFIG: tuple[Field, ...] = (
         0.0,
         1e5,
     ),
-    Field("effort_limit", _N, "N m or N", "largest torque", "{name}_effort[i]", 1e-6, 1e5),
+    Field("effort_limit", N, "N m or N", "largest torque", "{name}_effort[i]", 1e-6, 1e5),
     Field(
         "torque_rate_limit",
-        _N,
+        N,
         "N m/s or N/s",
         "largest change of the torque per second",
         "{name}_torque_rate[i]",
@@ -257,13 +259,13 @@ CONFIG: tuple[Field, ...] = (
         ("torque", "gains"),
         "torque",
     ),
-    Field("kp_limit", _N, "N m/rad", "largest kp that a motor takes; actuation gains only", "500.0", 0.0, 1e6),
-    Field("kd_limit", _N, "N m s/rad", "largest kd that a motor takes; actuation gains only", "5.0", 0.0, 1e5),
-    Field("force_limit", _SCALAR, "N", "largest measured force (norm) that is believed", "500.0", 1e-3, 1e6),
-    Field("moment_limit", _SCALAR, "N m", "largest measured moment (norm) that is believed", "100.0", 1e-3, 1e6),
+    Field("kp_limit", N, "N m/rad", "largest kp that a motor takes; actuation gains only", "500.0", 0.0, 1e6),
+    Field("kd_limit", N, "N m s/rad", "largest kd that a motor takes; actuation gains only", "5.0", 0.0, 1e5),
+    Field("force_limit", SCALAR, "N", "largest measured force (norm) that is believed", "500.0", 1e-3, 1e6),
+    Field("moment_limit", SCALAR, "N m", "largest measured moment (norm) that is believed", "100.0", 1e-3, 1e6),
     Field(
         "missed_limit",
-        _SCALAR,
+        SCALAR,
         "samples",
         "number of calls without a believed sample for which the torque is held; from then on it moves to zero at the "
         "rate limit until a sample comes; as many calls left out in a row are a fault",
@@ -274,7 +276,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "loss_limit",
-        _SCALAR,
+        SCALAR,
         "samples",
         "number of missing or bad samples in a row that is a fault, at least missed_limit; each good sample takes half "
         "of one back, so random loss of 5 % is none",
@@ -285,7 +287,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "state_period",
-        _SCALAR,
+        SCALAR,
         "s",
         "time from one new state of the robot to the next; within it a sample that repeats the last one is no new "
         "sample, and none that is missing; at most missed_limit sample times; 0: each sample is new",
@@ -295,7 +297,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "call_gap_limit",
-        _SCALAR,
+        SCALAR,
         "samples",
         "most sample times from one call to the next, with a sample or without; 1 if no call is ever left out, which "
         "lets the tank cover larger torques; no larger than missed_limit counts",
@@ -306,7 +308,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "position_quantum",
-        _SCALAR,
+        SCALAR,
         "rad or m",
         "resolution of the positions that velocities are computed from; the damping then uses the mean velocity of as "
         "many samples (up to 8) as the torque's rate limit needs",
@@ -316,7 +318,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "velocity_noise",
-        _SCALAR,
+        SCALAR,
         "rad/s or m/s",
         "standard deviation or resolution of dq, the larger one; what the checks of samples and speed allow for",
         "0.0",
@@ -325,7 +327,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "velocity_filter_time",
-        _SCALAR,
+        SCALAR,
         "s",
         "time constant of a low pass on the velocity that the damping uses, for noisy velocities; the damping is "
         "designed for its delay",
@@ -335,7 +337,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "frozen_window",
-        _SCALAR,
+        SCALAR,
         "samples",
         "number of samples for which a value may stand still while the other signal moves, before it is judged",
         "20",
@@ -345,7 +347,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "overspeed_time",
-        _SCALAR,
+        SCALAR,
         "s",
         "time for which a joint may be beyond velocity_limit, as after a bump; it is braked from the first sample on",
         "0.2",
@@ -354,7 +356,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "automatic_reset_time",
-        _SCALAR,
+        SCALAR,
         "s",
         "time of good samples after which a fault resets itself; 0: never",
         "0.0",
@@ -363,7 +365,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "communication_reset_time",
-        _SCALAR,
+        SCALAR,
         "s",
         "time of good samples after which a communication fault resets itself; 0: as automatic_reset_time",
         "0.0",
@@ -379,7 +381,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "tank_initial",
-        _SCALAR,
+        SCALAR,
         "J",
         "tank energy at the start; with the stored energy it covers the torques, so it bounds what the arm can hold "
         "(status RESERVE; table in docs/controller.md); 0: what heaviest_wrench needs, computed by init",
@@ -389,7 +391,7 @@ CONFIG: tuple[Field, ...] = (
     ),
     Field(
         "tank_maximum",
-        _SCALAR,
+        SCALAR,
         "J",
         "tank energy above which income goes to the engagement or is lost, unless the reserve is larger; 0: as "
         "tank_initial",

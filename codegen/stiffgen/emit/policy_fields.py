@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from stiffgen.emit.fields import Field
+from stiffgen.emit.fields import POSE, SPRING, TASK, WRENCH, Field
 
 _PARTS = (4,)
-_POSE, _WRENCH, _TASK, _SPRING = ("tips", 4, 4), ("tips", 6), ("tips", 6, 6), ("tips", 3, 3)
 
 PARTS = ("pose", "stiffness", "wrench", "gripper")
 """Parts of a proposal; arrays over parts have this order."""
@@ -14,15 +13,15 @@ PARTS = ("pose", "stiffness", "wrench", "gripper")
 PROPOSAL: tuple[Field, ...] = (
     Field("valid", _PARTS, "", "per part (pose, stiffness, wrench, gripper) 1: proposed; 0: not read", type="int"),
     Field("time", _PARTS, "s", "time stamp of each part, on the clock of `now`"),
-    Field("equilibrium", _POSE, "m", "pose [R p; 0 1] of the tip where its spring is to be at rest"),
+    Field("equilibrium", POSE, "m", "pose [R p; 0 1] of the tip where its spring is to be at rest"),
     Field(
         "stiffness",
-        _TASK,
+        TASK,
         "N/m, N m/rad",
         "blocks Kt and Ko on the diagonal, in the axes of the controller's translation_stiffness and "
         "rotation_stiffness; the controller's springs have no coupling, so the other blocks must be 0",
     ),
-    Field("wrench_command", _WRENCH, "N, N m", "(force, moment) that the TIP IS TO EXERT on the environment"),
+    Field("wrench_command", WRENCH, "N, N m", "(force, moment) that the TIP IS TO EXERT on the environment"),
     Field("gripper", (), "", "value that the port passes through without reading it"),
 )
 POLICY: tuple[Field, ...] = (
@@ -37,19 +36,19 @@ POLICY: tuple[Field, ...] = (
     Field("interval", _PARTS, "s", "duration of this interpolation"),
     Field("refused", _PARTS, "", "why the newest proposal of each part was refused, NAME_REFUSED_*", type="int"),
     Field("stage", _PARTS, "", "NAME_STAGE_* of each part", type="int"),
-    Field("equilibrium", _POSE, "m", "pose that the port commands"),
-    Field("translation_stiffness", _SPRING, "N/m", "stiffness Kt that the port commands"),
-    Field("rotation_stiffness", _SPRING, "N m/rad", "stiffness Ko that the port commands"),
-    Field("wrench_command", _WRENCH, "N, N m", "wrench_command that the port commands"),
+    Field("equilibrium", POSE, "m", "pose that the port commands"),
+    Field("translation_stiffness", SPRING, "N/m", "stiffness Kt that the port commands"),
+    Field("rotation_stiffness", SPRING, "N m/rad", "stiffness Ko that the port commands"),
+    Field("wrench_command", WRENCH, "N, N m", "wrench_command that the port commands"),
     Field("gripper", (), "", "value of the newest accepted gripper part"),
-    Field("from_equilibrium", _POSE, "m", "pose at which the interpolation began"),
-    Field("from_translation", _SPRING, "N/m", "Kt at which the interpolation began"),
-    Field("from_rotation", _SPRING, "N m/rad", "Ko at which the interpolation began"),
-    Field("from_wrench", _WRENCH, "N, N m", "wrench_command at which the interpolation began"),
-    Field("to_equilibrium", _POSE, "m", "accepted pose, orthonormal"),
-    Field("to_translation", _SPRING, "N/m", "accepted Kt, symmetric"),
-    Field("to_rotation", _SPRING, "N m/rad", "accepted Ko, symmetric"),
-    Field("to_wrench", _WRENCH, "N, N m", "accepted wrench_command"),
+    Field("from_equilibrium", POSE, "m", "pose at which the interpolation began"),
+    Field("from_translation", SPRING, "N/m", "Kt at which the interpolation began"),
+    Field("from_rotation", SPRING, "N m/rad", "Ko at which the interpolation began"),
+    Field("from_wrench", WRENCH, "N, N m", "wrench_command at which the interpolation began"),
+    Field("to_equilibrium", POSE, "m", "accepted pose, orthonormal"),
+    Field("to_translation", SPRING, "N/m", "accepted Kt, symmetric"),
+    Field("to_rotation", SPRING, "N m/rad", "accepted Ko, symmetric"),
+    Field("to_wrench", WRENCH, "N, N m", "accepted wrench_command"),
 )
 REFUSED: tuple[tuple[str, str], ...] = (
     ("none", "accepted, or not proposed"),

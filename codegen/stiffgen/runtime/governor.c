@@ -113,10 +113,11 @@ static int rests_elsewhere(const step_t *s)
  * Update the posture's velocity towards a posture of the pose that is commanded, nearest to the wanted one. The posture
  * follows the equilibrium. Where it ends short of the equilibrium, the pose is out of reach from here (beyond): the
  * posture then goes towards the pose itself, as near as it can, and the equilibrium goes where the posture is. From there
- * another posture of the pose is searched; if there is one, the posture goes to it (detour). here: pose of the posture;
- * arrived: the equilibrium is at its goal. Return whether the posture is still on its way.
+ * another posture of the pose is searched; if there is one, the posture goes to it (detour). lead: distance of the
+ * equilibrium from the pose of the posture; arrived: the equilibrium is at its goal. Return whether the posture is still
+ * on its way.
  */
-static int approach_posture(step_t *s, const double *here, int arrived)
+static int approach_posture(step_t *s, double lead, int arrived)
 {
     const config_t *const c = s->c;
     memory_t *const m = s->m;
@@ -126,7 +127,6 @@ static int approach_posture(step_t *s, const double *here, int arrived)
         approach_step(c, step, 0.0, 1.0, m->posture_velocity);
         return 0;
     }
-    const double lead = pose_distance(here, m->equilibrium);
     const int leads = m->beyond && lead > PATH_LEAD, awaited = !m->beyond && lead >= 2.0 * PATH_LEAD;
     if (m->detour) {
         add_scaled(N, 1.0, m->trial, step);
@@ -210,11 +210,11 @@ static int push_beyond_limit(const memory_t *m, double zone)
 }
 
 /*
- * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture, whose
- * pose is here, than the posture can follow. It is slow while the arm is deep in a limit zone, and waits while its springs
- * push the arm out of the limits.
+ * Find the share of its velocity limits that an equilibrium by pose uses. It goes no farther ahead of its posture than
+ * the posture can follow (lead: distance from the pose of the posture). It is slow while the arm is deep in a limit zone,
+ * and waits while its springs push the arm out of the limits.
  */
-static double find_pace(const step_t *s, const double *here)
+static double find_pace(const step_t *s, double lead)
 {
     const memory_t *const m = s->m;
     double depth = 0.0;
@@ -225,7 +225,7 @@ static double find_pace(const step_t *s, const double *here)
         return 0.0;
     }
     const double zone = fmax(1.0 - 2.0 * depth / fmax(s->c->limit_zone, DBL_MIN), SLOWEST);
-    return m->beyond ? zone : fmin(zone, 2.0 - pose_distance(here, m->equilibrium) / PATH_LEAD);
+    return m->beyond ? zone : fmin(zone, 2.0 - lead / PATH_LEAD);
 }
 
 /* Update the velocities of posture and equilibrium. Return whether either is still away from its goal. */
@@ -247,10 +247,10 @@ static int update_velocities(step_t *s, int by_posture)
             forget_search(m);
             m->beyond = far && streamed <= PATH_LEAD;
         }
-        const double pace = find_pace(s, here);
+        const double lead = pose_distance(here, m->equilibrium), pace = find_pace(s, lead);
         const int arrived = m->beyond ? approach_poses(s, here, NULL, pace)
                                       : approach_poses(s, s->goal, m->wanted_equilibrium, pace);
-        return approach_posture(s, here, arrived) || !arrived;
+        return approach_posture(s, lead, arrived) || !arrived;
     }
     for (int i = 0; i < N; ++i) {
         away[i] = s->commanded && !joining ? s->input->q0[i] - m->posture[i] : 0.0;

@@ -101,7 +101,8 @@ class Config:
             trial[0][name] = number
         code = _c.validate(trial)
         if code:
-            unstated = [name for name in _CONFIG.names if name not in values and not np.isfinite(trial[0][name]).all()]
+            limits = {*_CONFIG.names} - {*values} - {"lower_limit", "upper_limit"}
+            unstated = [name for name in _CONFIG.names if name in limits and not np.isfinite(trial[0][name]).all()]
             if unstated:
                 raise ValueError(f"the robot's file lacks velocity or effort limits of joints; set {', '.join(unstated)}")
             raise ValueError(_c.error_text(code))

@@ -41,7 +41,8 @@ def arm() -> str:
     motors = ""
     for k in range(7, 0, -1):
         name = f"robot0_joint{k}"
-        joint = f'<joint name="{name}" axis="{AXES[k - 1]}" range="-2.9 2.9" armature="{0.8 / k:.3f}"/>'
+        limits = 'range="-2.9 2.9"' if k < 7 else 'limited="false"'  # the last joint turns without end
+        joint = f'<joint name="{name}" axis="{AXES[k - 1]}" {limits} armature="{0.8 / k:.3f}"/>'
         content = joint + inertial(4 - 0.4 * k, "0.01 0 0.08", 0.02) + body
         body = f'<body name="robot0_link{k}" pos="0 0 {LENGTHS[k - 1]}">{content}</body>'
         motors += f'<motor name="torq_j{k}" joint="{name}" ctrllimited="true" ctrlrange="-{LIMIT} {LIMIT}"/>'
@@ -171,6 +172,10 @@ def test_limits_that_the_file_lacks_are_named(register: dict[str, Any]) -> None:
     module = Run(register).part.module
     with pytest.raises(ValueError, match=r"lacks velocity or effort limits of joints; set velocity_limit, reference"):
         module.Impedance()
+    with pytest.raises(
+        ValueError, match=r"sample_time: must lie between"
+    ):  # and not lower_limit, which may be infinite
+        module.Impedance(velocity_limit=2.5, reference_velocity_limit=2.0, sample_time=-1.0)
 
 
 def test_gains_of_equal_stiffness(register: dict[str, Any]) -> None:
