@@ -176,8 +176,15 @@ double available_energy(const memory_t *m)
 }
 
 /*
- * Return the stiffness of joint i's limit avoidance: the configured one, as far as the torque can follow spring and
- * damping within its rate limit, and as far as the sample time allows (docs/controller.md).
+ * Return the stiffness k of joint i's limit avoidance: the configured one, reduced to three bounds. With the width z of
+ * the zone, the rate limit r of the torque, the velocity limit v and the inertia m = 1 / sum_j |(M^-1)_ij| of joint i,
+ * which no motion of the other joints undercuts:
+ *
+ *     k v <= r                            the torque follows the spring
+ *     2 sqrt(k m) (k z / m) <= r          the torque follows the damping 2 sqrt(k m) at the acceleration k z / m
+ *     k <= s m / (T^2 (1 + 2 delay))      s: LIMIT_SHARE of LARGEST_STIFFNESS, what sample time and delay allow
+ *
+ * The third bound holds for every set of joints: no eigenvalue of M^-1 K exceeds the largest row sum of |K M^-1|.
  */
 static double limit_stiffness(const step_t *s, int i)
 {

@@ -3014,7 +3014,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "3d78cc6000dd7456") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "98e77c7edf7a698f") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""The pictures of docs/controller.md show what the page says, and the page names tests that exist."""
+"""Code, pictures and numbers of docs/controller.md are right, and the tests that it names exist."""
 
 from __future__ import annotations
 
 import re
+import subprocess
+from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
@@ -11,7 +13,8 @@ import numpy as np
 import pytest
 
 from examples import controller
-from support.project import ROOT
+from support.pages import blocks
+from support.project import ROOT, require_compiler
 
 PAGE = (ROOT / "docs" / "controller.md").read_text()
 
@@ -52,7 +55,7 @@ def test_figures_are_those_of_the_page(robot: ModuleType) -> None:
 def test_what_a_tank_covers(robot: ModuleType) -> None:
     """The page's table, from R <= 0.7 tank with three missed samples a fault; the controller agrees just beside it."""
     rows = re.findall(r"^\| (\d+)(?: \(default\))? \| (\d+) \| (\d+) \| (\d+) \|$", PAGE, re.MULTILINE)
-    assert len(rows) == 6
+    assert len(rows) == 3
     rate, m = 10 * robot.EFFORT, 3
 
     def covered(tank: float, joints: list[int], slow: float) -> float:
@@ -78,3 +81,46 @@ def test_what_a_tank_covers(robot: ModuleType) -> None:
             out = arm.step(q=q, dq=np.zeros(7), q0=q + away * np.eye(7)[1], **soft)
         assert bool(out.status & robot.Status.RESERVE) == limited
         assert not out.fault
+
+
+def test_c_of_the_page(robot: ModuleType, tmp_path: Path) -> None:
+    """The three lines compile in a function that has the structs, and initialise and step the controller."""
+    (lines,) = (block.code for block in blocks(ROOT / "docs" / "controller.md") if block.language == "c")
+    structs = "".join(
+        f"    iiwa14_impedance_{each} {each} = {{0}};\n" for each in ("config", "state", "input", "output")
+    )
+    started = "code == IIWA14_OK && output.mode == IIWA14_MODE_START"
+    source = tmp_path / "main.c"
+    source.write_text(
+        '#include "iiwa14_impedance.h"\n#include <stddef.h>\n\nint main(void)\n{\n'
+        f"{structs}    int code;\n{lines}    return {started} ? 0 : 1;\n}}\n"
+    )
+    folder = Path(robot.__file__).parent
+    sources = [str(folder / f"{name}.c") for name in ("iiwa14_impedance", "iiwa14")]
+    flags = ["-std=c99", "-O0", "-Wall", "-Wextra", "-Werror", f"-I{folder}"]
+    subprocess.run([require_compiler("gcc"), *flags, str(source), *sources, "-o", "a", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "a"], check=True)
+
+
+def test_python_of_the_page(robot: ModuleType) -> None:
+    """The policy port accepts each part of the proposal, and the gains are the diagonals within their limits."""
+    q = np.full(7, 0.3)
+    arm = robot.Impedance()
+    names = {"iiwa14": robot, "np": np, "q": q, "q0": q.copy(), "dq": np.zeros(7), "now": 0.02, "stamp": 0.0}
+    names |= {"controller": arm, "pose": robot.forward_kinematics(q), "K": np.diag([400, 400, 400, 20, 20, 20])}
+    for block in blocks(ROOT / "docs" / "controller.md"):
+        if block.what.endswith("::test_python_of_the_page"):
+            exec(block.code, names)  # the page's own text
+    assert not any(names["refused"])
+    assert not names["out"].fault
+    assert np.all(names["gains"].kp == 100)
+    assert np.all(names["gains"].tau_ff == 1)
+    assert 0 < names["joules"] < 0.1
+
+
+def test_tests_that_the_page_names_exist() -> None:
+    """The safety case stands on them."""
+    tests = "".join(file.read_text() for file in (ROOT / "tests").rglob("test_*.py"))
+    named = set(re.findall(r"\btest_\w+\b(?!\.py)", PAGE))
+    assert len(named) > 30
+    assert {name for name in named if f"def {name}(" not in tests} == set()

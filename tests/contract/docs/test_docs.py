@@ -134,7 +134,7 @@ def test_c_and_cpp_print_what_the_page_says(language, compiler, robot_folder, de
                 code = ""
         assert not code
         assert out == printed(page, language)
-    assert compiled >= {"c": 2, "cpp": 1}[language]
+    assert compiled >= 1
 
 
 def test_c_example_is_built_as_the_page_says(robot_folder: Path, tmp_path: Path) -> None:
