@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import base64
+import csv
 import itertools
 import json
 import os
@@ -47,6 +48,7 @@ CONTENTS = {
         "docs/energy", "docs/proofs", "docs/performance", "docs/threads", "docs/accuracy", "docs/targets",
         "benchmarks/RESULTS",
         "docs/robots",
+        "reference/misra",
         "urdf/README",
     ),
     "Reference": (
@@ -226,6 +228,18 @@ def python() -> str:
     return "\n".join(parts)
 
 
+def misra() -> str:
+    """Return the page of MISRA's findings: the table that the tests compare with cppcheck."""
+    with (ROOT / "docs" / "misra.csv").open() as file:
+        head, *rows = csv.reader(file)
+    return (
+        "# Findings of MISRA C:2012\n\n"
+        "In the C of a folder, with the reason why each kind is accepted ([proofs](../docs/proofs.md#misra-c-2012)). "
+        "Numbers are the standard's rules; words are cppcheck's own checks.\n\n"
+        + table(tuple(head), (tuple(row) for row in rows))
+    )
+
+
 def help_of(*command: str) -> str:
     """Return the page of the command line: the help of every command."""
     environment = os.environ | {"COLUMNS": "96", "NO_COLOR": "1"}
@@ -292,6 +306,6 @@ def stage(folder: Path) -> None:
     for file in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
         (folder / "notebooks" / f"{file.stem}.md").write_text(notebook(file, folder / "notebooks"))
     (folder / "reference").mkdir()
-    for page in (functions, controller, faults, cpp, python, command_line):
+    for page in (functions, controller, faults, cpp, python, misra, command_line):
         (folder / "reference" / f"{page.__name__}.md").write_text(page())
     playground(folder)

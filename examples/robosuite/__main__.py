@@ -3,7 +3,8 @@
 
     python -m examples.robosuite [--robots Panda] [--tasks Lift] [--seeds 3] [--output docs/robosuite.md]
 
-Without --output the tables are printed. The exit status is 0 if frames and masses of every robot agree with MuJoCo.
+Without --output the tables are printed; with it a CSV file beside the page has a row per robot, task and controller,
+of which the page's tables are made. The exit status is 0 if frames and masses of every robot agree with MuJoCo.
 """
 
 from __future__ import annotations
@@ -13,19 +14,19 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from examples.robosuite.controller import PART, VELOCITY_LIMITS
-from examples.robosuite.measures import CONTROLLERS, Arm, Episode, Job, make, run_job
+from examples.robosuite.measures import CONTROLLERS, Arm, Job, make, run_job
 from examples.robosuite.motions import TASKS, tip_pose
+from examples.robosuite.tables import COLUMNS, NAMES, ORBIT, Record, csv_text, tables
 
 MARK = "<!-- python -m examples.robosuite writes all below this line -->"
 AGREEMENT = 1e-9  # m, 1 and kg m^2: largest difference from MuJoCo
-NAMES = ("stiffgen", *CONTROLLERS[1:])
 
 
 def disagreement(robot: str) -> float:
@@ -62,30 +63,26 @@ def run_jobs(jobs: Sequence[Job], workers: int) -> dict[Job, Any]:
     return found
 
 
-def episode_table(found: dict[Job, Any], robots: Iterable[str], tasks: Iterable[str], seeds: int) -> list[str]:
-    """Return the table of episodes: means of all seeds, of the force the largest."""
-    columns: tuple[tuple[str, Callable[[list[Episode]], str]], ...] = (
-        ("success", lambda all_: f"{np.mean([each.success for each in all_]):.2f}"),
-        ("largest force [N]", lambda all_: f"{max(each.force for each in all_):.0f}"),
-        ("error of the tip [mm]", lambda all_: f"{1e3 * np.mean([each.error for each in all_]):.1f}"),
-        ("torque change [N m]", lambda all_: f"{np.mean([each.torque_change for each in all_]):.2f}"),
-    )
-    lines = ["| robot | task | " + " | ".join(name for name, _ in columns) + " |", "|---" * (2 + len(columns)) + "|"]
+def record_episodes(found: dict[Job, Any], robots: Iterable[str], tasks: Iterable[str], seeds: int) -> list[Record]:
+    """Return a record per robot, task and controller: means of all seeds, of force and orbit's work the largest."""
+    records = []
     for robot in robots:
         for task in tasks:
-            groups = [[found[robot, task, each, seed] for seed in range(1, seeds + 1)] for each in CONTROLLERS]
-            cells = [", ".join(show(group) for group in groups) for _, show in columns]
-            lines.append(f"| {robot} | {task} | " + " | ".join(cells) + " |")
-    return lines
-
-
-def orbit_table(found: dict[Job, Any], robots: Iterable[str], seeds: int) -> list[str]:
-    """Return the table of closed orbits: the largest work of all seeds."""
-    lines = ["| robot | " + " | ".join(NAMES) + " |", "|---" * (1 + len(NAMES)) + "|"]
-    for robot in robots:
-        work = [max(found[robot, None, each, seed] for seed in range(1, seeds + 1)) for each in CONTROLLERS]
-        lines.append(f"| {robot} | " + " | ".join(f"{1e3 * each:.1e}" for each in work) + " |")
-    return lines
+            for controller, name in zip(CONTROLLERS, NAMES, strict=True):
+                runs = [found[robot, task, controller, seed] for seed in range(1, seeds + 1)]
+                values = (
+                    f"{np.mean([each.success for each in runs]):.2f}",
+                    f"{max(each.force for each in runs):.0f}",
+                    f"{1e3 * np.mean([each.error for each in runs]):.1f}",
+                    f"{np.mean([each.torque_change for each in runs]):.2f}",
+                    "",
+                )
+                records.append(dict(zip(COLUMNS, (robot, task, name, *values), strict=True)))
+        for controller, name in zip(CONTROLLERS, NAMES, strict=True):
+            work = max(found[robot, None, controller, seed] for seed in range(1, seeds + 1))
+            cells = (robot, ORBIT, name, "", "", "", "", f"{1e3 * work:.1e}")
+            records.append(dict(zip(COLUMNS, cells, strict=True)))
+    return records
 
 
 def main() -> int:
@@ -95,7 +92,7 @@ def main() -> int:
     parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=list(TASKS))
     parser.add_argument("--seeds", type=int, default=3, help="number of initial states [3]")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
-    parser.add_argument("--output", type=Path, help="page whose tables are replaced")
+    parser.add_argument("--output", type=Path, help="page whose tables are replaced, with its CSV")
     options = parser.parse_args()
     worst = 0.0
     for robot in options.robots:
@@ -106,20 +103,15 @@ def main() -> int:
             for controller in CONTROLLERS for seed in range(1, options.seeds + 1)]  # fmt: skip
     found = run_jobs(jobs, options.workers)
     faults = {job[:2]: result.faults for job, result in found.items() if job[1] and result.faults}
-    lines = [
-        f"Three numbers in a cell: {', '.join(NAMES)}. {options.seeds} initial states each; faults of this "
-        f"controller: {faults or 'none'}. Largest difference from MuJoCo in frames and masses: {worst:.1e}.",
-        "",
-        *episode_table(found, options.robots, options.tasks, options.seeds),
-        "",
-        "Work that the springs put out on a closed orbit [mJ]:",
-        "",
-        *orbit_table(found, options.robots, options.seeds),
-    ]
-    text = "\n".join(lines) + "\n"
+    records = record_episodes(found, options.robots, options.tasks, options.seeds)
+    text = (
+        f"{options.seeds} initial states each; faults of this controller: {faults or 'none'}. Largest difference from "
+        f"MuJoCo in frames and masses: {worst:.1e}.\n\n{tables(records)}"
+    )
     if options.output:
         head = options.output.read_text(encoding="utf-8").partition(MARK)[0]
         options.output.write_text(f"{head}{MARK}\n\n{text}", encoding="utf-8")
+        options.output.with_suffix(".csv").write_text(csv_text(records), encoding="utf-8")
     else:
         print(text)
     return 0 if worst < AGREEMENT else 1

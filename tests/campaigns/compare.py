@@ -12,6 +12,8 @@ joints, the maker's sensors and one sample of delay. 600 N/m and 30 N m/rad unle
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import os
 import subprocess
 import sys
@@ -185,20 +187,35 @@ def measure(arm: Arm) -> dict[str, list[float]]:
     return made
 
 
-def table(measured: dict[str, dict[str, list[float]]]) -> str:
-    """Return one table in Markdown: each title once, then a row per arm."""
-    lines = [f"| | arm | {' | '.join(LAWS)} |", "|---|---|" + "---|" * len(LAWS)]
+def csv_text(measured: dict[str, dict[str, list[float]]]) -> str:
+    """Return a CSV line per situation and arm."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("situation", "arm", *LAWS))
     for title in next(iter(measured.values())):
-        for k, (name, numbers) in enumerate(measured.items()):
-            values = " | ".join(f"{value:.0f}" if value >= 1000 else f"{value:.3g}" for value in numbers[title])
-            lines.append(f"| {'' if k else title} | {name} | {values} |")
+        for name, numbers in measured.items():
+            writer.writerow((title, name, *map(_rounded, numbers[title])))
+    return text.getvalue()
+
+
+def table(text: str) -> str:
+    """Return the table of the page in Markdown, made of the CSV: of each situation and law the largest of all arms."""
+    rows = list(csv.DictReader(io.StringIO(text)))
+    lines = [f"| | {' | '.join(LAWS)} |", "|---|" + "---|" * len(LAWS)]
+    for title in dict.fromkeys(row["situation"] for row in rows):
+        largest = (_rounded(max(float(row[law]) for row in rows if row["situation"] == title)) for law in LAWS)
+        lines.append(f"| {title} | {' | '.join(largest)} |")
     return "\n".join(lines)
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", default="iiwa14,panda,ur5")
-    parser.add_argument("--output", type=Path, help="page whose table is written anew")
+    parser.add_argument("--output", type=Path, help="page whose table is written anew, with its CSV")
     parser.add_argument("--count", action="store_true", help="count the instructions of a step, too (valgrind)")
     parser.add_argument("--folder", type=Path, help="where robots are generated and compiled")
     options = parser.parse_args()
@@ -208,10 +225,11 @@ def main() -> int:
         measured = {arm.name: measure(arm) for arm in arms}
         for arm in arms if options.count else ():
             measured[arm.name]["instructions of a step"] = count_instructions(arm, folder)
-    text = table(measured)
+    text = csv_text(measured)
     if options.output:
         head, *_ = options.output.read_text(encoding="utf-8").partition(MARK)
-        options.output.write_text(head + MARK + "\n\n" + text + "\n", encoding="utf-8")
+        options.output.write_text(f"{head}{MARK}\n\n{table(text)}\n", encoding="utf-8")
+        options.output.with_suffix(".csv").write_text(text, encoding="utf-8")
     return 0
 
 
