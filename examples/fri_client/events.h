@@ -28,7 +28,7 @@ enum Event {
     EVENT_WRENCH_REFUSED = 1 << 19
 };
 
-/* Name and meaning of an event, and the client's action: printed on the terminal; docs/fri_reference.md lists the bits. */
+/* Name and meaning of an event, and the client's action: printed on the terminal. */
 struct EventText {
     std::uint32_t bit;
     const char *name, *what, *done;
