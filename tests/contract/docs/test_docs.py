@@ -19,10 +19,9 @@ import stiffgen
 from campaigns.__main__ import CAMPAIGNS
 from stiffgen.cli import main, parser
 from stiffgen.symbolic.kernels import chain_kernels
-from stiffgen.symbolic.potentials import SpringOptions
 from support.chains import chain_urdf
 from support.pages import PAGES, Block, blocks, commands
-from support.project import ROOT, URDF, Once, require_compiler, require_program
+from support.project import ROOT, require_compiler, require_program
 
 BLOCKS = {page: blocks(page) for page in PAGES}
 ALL = [block for page in PAGES for block in BLOCKS[page]]
@@ -66,18 +65,6 @@ def bare(code: str) -> str:
     """Code without comments, white space, and commas before a bracket."""
     code = re.sub(r"/\*.*?\*/|(?://|#)\s.*?$", "", code, flags=re.DOTALL | re.MULTILINE)
     return re.sub(r",(?=[)}\]])", "", re.sub(r"\s+", "", code))
-
-
-@pytest.fixture(scope="session")
-def derived(once: Once) -> Path:
-    """The iiwa 14 with derivatives and CUDA, compiled without optimisation."""
-
-    def make(output: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("CFLAGS", "-O0")
-            stiffgen.generate(URDF, springs=SpringOptions(derivatives=True), cuda=True, output=output)
-
-    return once("derived", make) / "iiwa14"
 
 
 @pages(PAGES)
