@@ -251,18 +251,14 @@ def table(records: list[dict[str, str]]) -> str:
         f"- {total(moving, 'agree')} chains agree in all quantities; {wrong} files have a chain that disagrees.",
         f"- {total(moving, 'without_masses')} chains agree without masses (`--no-masses`): their masses are refused.",
         f"- {total(moving, 'refused')} chains and {whole_files} whole files are refused.", "",
-        "| package | format | files | joints | agree | without masses | refused |", "|---|---|---|---|---|---|---|",
+        "| package | files | chains that agree | refused |", "|---|---|---|---|",
     ]  # fmt: skip
     for package in dict.fromkeys(record["package"] for record in moving):
         rows = [record for record in moving if record["package"] == package]
-        joints = [int(row[column]) for row in rows for column in ("least_joints", "most_joints") if row[column]]
         whole = sum(map(_is_refused, rows))
-        cells = (
-            package,
-            "MJCF" if package.split()[0] in MJCF else "URDF",
-            len(rows), f"{min(joints, default=0)}-{max(joints, default=0)}", total(rows, "agree"),
-            total(rows, "without_masses"), f"{total(rows, 'refused')}{f' and {whole} files' if whole else ''}",
-        )  # fmt: skip
+        agreed = total(rows, "agree") + total(rows, "without_masses")
+        refused = f"{total(rows, 'refused')}{f' and {whole} files' if whole else ''}"
+        cells = (package + (" (MJCF)" if package.split()[0] in MJCF else ""), len(rows), agreed, refused)
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     reasons = collections.Counter(_kind(record["reason"]) for record in moving if record["reason"])
     lines += [
