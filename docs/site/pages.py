@@ -48,7 +48,7 @@ CONTENTS = {
         "docs/energy", "docs/proofs", "docs/performance", "docs/threads", "docs/accuracy", "docs/targets",
         "benchmarks/RESULTS",
         "docs/robots",
-        "reference/misra",
+        "reference/hazards", "reference/misra",
         "urdf/README",
     ),
     "Reference": (
@@ -228,15 +228,28 @@ def python() -> str:
     return "\n".join(parts)
 
 
+def records(name: str) -> str:
+    """Return the table of a CSV file of docs/."""
+    with (ROOT / "docs" / name).open() as file:
+        head, *rows = csv.reader(file)
+    return table(tuple(head), (tuple(row) for row in rows))
+
+
+def hazards() -> str:
+    """Return the page of the controller's hazards."""
+    return (
+        "# Hazards of the controller\n\n"
+        "[The controller's page](../docs/controller.md#safety-case) has the rest of the safety case. Each of the "
+        f"tests exists.\n\n{records('hazards.csv')}"
+    )
+
+
 def misra() -> str:
     """Return the page of MISRA's findings: the table that the tests compare with cppcheck."""
-    with (ROOT / "docs" / "misra.csv").open() as file:
-        head, *rows = csv.reader(file)
     return (
         "# Findings of MISRA C:2012\n\n"
         "In the C of a folder, with the reason why each kind is accepted ([proofs](../docs/proofs.md#misra-c-2012)). "
-        "Numbers are the standard's rules; words are cppcheck's own checks.\n\n"
-        + table(tuple(head), (tuple(row) for row in rows))
+        f"Numbers are the standard's rules; words are cppcheck's own checks.\n\n{records('misra.csv')}"
     )
 
 
@@ -306,6 +319,6 @@ def stage(folder: Path) -> None:
     for file in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
         (folder / "notebooks" / f"{file.stem}.md").write_text(notebook(file, folder / "notebooks"))
     (folder / "reference").mkdir()
-    for page in (functions, controller, faults, cpp, python, misra, command_line):
+    for page in (functions, controller, faults, cpp, python, hazards, misra, command_line):
         (folder / "reference" / f"{page.__name__}.md").write_text(page())
     playground(folder)
