@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -38,6 +39,11 @@ def table(*columns: str, right: tuple[str, ...] = ()) -> Table:
     for column in columns:
         made.add_column(escape(column), justify="right" if column in right else "left")
     return made
+
+
+def print_note(text: str) -> None:
+    """Print a remark on standard error that changes nothing."""
+    print(f"stiffgen: note: {terminal_text(text)}", file=sys.stderr)
 
 
 class Progress:

@@ -6,15 +6,18 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import Field, fields, replace
+from pathlib import Path
 from typing import Any
 
 from stiffgen.cli.arguments import add_robot, add_tool, source_of, tool_of
-from stiffgen.cli.console import Progress, messages
+from stiffgen.cli.console import Progress, messages, print_note
+from stiffgen.emit.manifest import chain_from_manifest, read_manifest
 from stiffgen.errors import StiffgenError, printable
 from stiffgen.generate import generate_folder
 from stiffgen.loading import read_potential
 from stiffgen.lower.rounding import Ranges
 from stiffgen.options import GenerationOptions, help_of
+from stiffgen.robot.survey import missing_limits
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import AXES, KINDS, Placement
 
@@ -86,8 +89,19 @@ def run(options: argparse.Namespace) -> int:
     """Generate a folder and print its path."""
     with Progress(messages()).shown() as progress:
         folder = generate_folder(source_of(options), _generation_options(options, progress))
+    if options.controller:
+        _note_missing_limits(folder)
     print(folder)
     return 0
+
+
+def _note_missing_limits(folder: Path) -> None:
+    """Print the limits that the controller of a folder lacks."""
+    manifest = read_manifest(folder)
+    if manifest and (folder / f"{folder.name}_impedance.h").exists():
+        chain = chain_from_manifest(manifest)
+        for sentence in missing_limits(chain.source, chain.coordinates):
+            print_note(sentence)
 
 
 def _generation_options(options: argparse.Namespace, progress: Progress) -> GenerationOptions:

@@ -12,11 +12,11 @@ from rich.table import Table
 
 from stiffgen.cli.arguments import add_reading, add_robot, reading_of, source_of
 from stiffgen.cli.console import table, tables
-from stiffgen.errors import DescriptionError, StiffgenError, listed, printable
+from stiffgen.errors import DescriptionError, StiffgenError, listed, printable, terminal_text
 from stiffgen.loading import describe
 from stiffgen.names import comment
 from stiffgen.robot.description import Description, JointElement
-from stiffgen.robot.survey import TipSurvey, survey_tip
+from stiffgen.robot.survey import TipSurvey, missing_limits, survey_tip
 
 _MOST_TIPS = 100
 """Largest number of tips that ``inspect`` shows; humanoids with hands have some 40."""
@@ -56,6 +56,8 @@ def run(options: argparse.Namespace) -> int:
         print("\n".join(f"  {note}" for note in description.notes))
     if description.remarks:
         print("\n" + "\n".join(description.remarks))
+    if missing := _missing_limits(description, surveys):
+        print("\n" + "\n".join(map(terminal_text, missing)))
     if description.loops:
         print(f"\n{len(description.loops)} constraints close loops; without --close-loops they are left out:")
         print("\n".join(f"  {printable(loop.text)}" for loop in description.loops))
@@ -64,6 +66,12 @@ def run(options: argparse.Namespace) -> int:
     print(f"\n{len(description.problems)} problems; chains that a problem can affect are rejected:")
     print("\n".join(f"  {problem.text}" for problem in description.problems))
     return 1
+
+
+def _missing_limits(description: Description, surveys: list[TipSurvey]) -> list[str]:
+    """Return the limits that coordinates of the chains lack; a base that floats has no controller."""
+    names = dict.fromkeys(name for survey in surveys if not survey.floating for name in survey.coordinates)
+    return missing_limits(description.file, [description.joints[name] for name in names])
 
 
 def _tip_table(surveys: list[TipSurvey], names: int) -> Table:

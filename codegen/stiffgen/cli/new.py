@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from stiffgen.cli.arguments import add_reading, add_robot, add_tool, reading_of, source_of, tool_of
-from stiffgen.cli.console import Progress, messages
+from stiffgen.cli.console import Progress, messages, print_note
 from stiffgen.errors import StiffgenError
 from stiffgen.new.project import new_project
 from stiffgen.new.questions import CONTROLLERS, Given
@@ -56,6 +56,7 @@ def run(options: argparse.Namespace) -> int:
             ask=_ask if sys.stdin is not None and sys.stdin.isatty() else None,
             ready=ready,
             progress=progress,
+            note=print_note,
         )
     print(project)
     return 0

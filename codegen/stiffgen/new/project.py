@@ -20,6 +20,7 @@ from stiffgen.options import GenerationOptions
 from stiffgen.rendering import environment
 from stiffgen.robot.chain import Chain, Coordinate, Tool
 from stiffgen.robot.description import Description, Reading
+from stiffgen.robot.survey import missing_limits
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import spring
 
@@ -83,6 +84,7 @@ def new_project(
     ask: Ask | None = None,
     ready: Callable[[], None] = lambda: None,
     progress: Callable[[str], None] = lambda step: None,
+    note: Callable[[str], None] = lambda text: None,
 ) -> Path:
     """Write a project for the user, which builds and runs at once with a simulated robot.
 
@@ -99,6 +101,7 @@ def new_project(
         ask: function that asks for open decisions; None if nobody can answer.
         ready: called after the last question.
         progress: called with a few words before each step.
+        note: called with each sentence that the user should read and that changes nothing.
 
     Returns:
         Path of the project.
@@ -128,6 +131,9 @@ def new_project(
         generate_folder(urdf, options)
         progress("writing the project")
         _write(page, staging)
+    if answers.controller == "impedance":
+        for sentence in missing_limits(chain.source, chain.coordinates, guesses="src/control.hpp"):
+            note(sentence)
     return target
 
 

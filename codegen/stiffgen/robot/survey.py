@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Survey of the chain to a tip, for ``stiffgen inspect``: coordinates, and joints outside the chain."""
+"""Survey of a robot's file for the user: chains to tips, joints outside of them, and limits that joints lack."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from stiffgen.errors import DescriptionError, StiffgenError, listed
-from stiffgen.robot.chain import ChainOptions
+from stiffgen.robot.chain import ChainOptions, Coordinate
 from stiffgen.robot.description import MOVING_TYPES, Description, JointElement
 from stiffgen.robot.selection import Selection, carried_links, select
 
@@ -61,6 +63,35 @@ def survey_tip(description: Description, tip: str, base: str | None = None, mass
         return TipSurvey(tip, base, hindrance=reason)
     left_out = tuple(_left_out(description, selection))
     return TipSurvey(tip, base, selection.masters, left_out, hindrance, selection.floating)
+
+
+_NEEDED = {
+    "velocity": ("MJCF has no such limit", "velocity_limit and reference_velocity_limit"),
+    "effort": ("in MJCF actuatorfrcrange", "effort_limit, torque_rate_limit and limit_stiffness"),
+}
+"""Limits of a joint that the impedance controller needs: where MJCF has them, and the fields that follow from each."""
+
+
+def missing_limits(file: str, joints: Iterable[JointElement | Coordinate], guesses: str = "") -> list[str]:
+    """Return a sentence for each limit that joints lack and the impedance controller needs, with the remedy.
+
+    Args:
+        file: name of the robot's file.
+        joints: coordinates of the controller.
+        guesses: file of a project that has guesses in place of the limits; else the remedy is the configuration.
+
+    """
+    joints = list(joints)
+    sentences = []
+    for limit, (in_mjcf, fields) in _NEEDED.items():
+        names = [joint.name for joint in joints if not 0.0 < getattr(joint, limit) < math.inf]
+        if names:
+            remedy = f"replace the guesses in {guesses}" if guesses else f"set {fields} of its configuration"
+            sentences.append(
+                f'{file}: no {limit} limit, which the impedance controller needs: add {limit}="..." to the <limit> of '
+                f"{'joint' if len(names) == 1 else 'joints'} {listed(names)} ({in_mjcf}), or {remedy}"
+            )
+    return sentences
 
 
 def _joints_above(description: Description, link: str) -> list[JointElement]:
