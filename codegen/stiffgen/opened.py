@@ -103,7 +103,7 @@ class GeneratedRobot:
         """Return the SHA-256 of files of the folder, by file.
 
         Raises:
-            OutputError: one of them cannot be read.
+            OutputError: a file cannot be read.
 
         """
         try:

@@ -349,7 +349,7 @@ class Statements:
 
 
 class LoopForm(Enum):
-    """Form of the loop of a map."""
+    """Kind of loop that computes a map: what it runs over, and whether in vectors."""
 
     ONCE = "no loop"
     VECTOR = "over vectors of joints, into an array of one number per joint"
@@ -361,7 +361,7 @@ class LoopForm(Enum):
 
 @dataclass(frozen=True)
 class Loop:
-    """A body for every element of an index set; ``first``: the loop stores whole rows, the first to do so."""
+    """Body that runs for every element of an index set; ``first``: no earlier loop stores whole rows of the output."""
 
     comment: str
     form: LoopForm

@@ -162,7 +162,7 @@ def _snapped(quaternion: Sequence[Real]) -> list[Real]:
 
 
 def aligning_rotation(axis: Vector) -> Matrix:
-    """Return a rotation A, rounded, with A (0, 0, 1) = axis (unit); A aligns the z axis of a frame with a joint."""
+    """Return the rotation, rounded to doubles, that turns the z axis (0, 0, 1) into a joint's axis (of unit length)."""
     sign = 1 if axis[2] >= 0 else -1
     x, y, z = (sign * mpf(v) for v in axis)
     k = 1 / (1 + z)

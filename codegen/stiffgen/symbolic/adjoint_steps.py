@@ -109,7 +109,10 @@ def _append_map(
 
 
 def _through_sums(run: Gradients, array: Array, gradient: ca.SX) -> list[tuple[Array, ca.SX]]:
-    """Return gradients (columns) with respect to the array, or to the operands of the sparse sum that writes it."""
+    """Return the gradient with respect to an array as pairs of array and column.
+
+    If a sparse sum writes the array, the pairs are those of its operands instead.
+    """
     step = run.sparse.get(array.name)
     if step is None:
         return [(array, column(gradient))]
@@ -122,7 +125,11 @@ def _through_sums(run: Gradients, array: Array, gradient: ca.SX) -> list[tuple[A
 
 
 def _pairs(run: Gradients, step: Map) -> None:
-    """Append one sum per joint index i and j: over the other index, weighted with the gradient of the pair."""
+    """Append the reverse steps of a map over pairs (i, j) of joints.
+
+    Each operand belongs to one joint of the pair. Its gradient is a sum over the other joint, weighted with the
+    gradient of the pair's result.
+    """
     if not step.operands:
         return
     bar = run.only(step.output.array)

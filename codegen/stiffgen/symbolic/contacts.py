@@ -60,7 +60,7 @@ class _Load:
         return _Load(self.K + other.K, self.f + other.f, self.m + other.m, self.Q + other.Q)
 
     def covector(self, column: ca.SX) -> ca.SX:
-        """Return u_j of the joint with the column S_j."""
+        """Return the covector u_j (6) of the joint j whose column is S_j: Kq_ij = S_i . u_j."""
         v, w = column[:3], column[3:]
         angular = cross(v, self.f) + cross(w, self.m) / 2 + self.Q @ w
         return ca.densify(self.K @ column + ca.vertcat(ca.SX.zeros(3), angular))

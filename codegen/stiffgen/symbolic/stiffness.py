@@ -76,7 +76,7 @@ def diagonal_is_outward(representation: Representation) -> bool:
 def stiffness_covector(representation: Representation, column: ca.SX, wrench: ca.SX, corrected: ca.SX) -> ca.SX:
     """Return u_j (6) = (K + Gamma F) J_j + z_j, where ``corrected`` is the matrix K + Gamma F.
 
-    Kq_ij = J_i . u_j holds for i <= j. In body form, where dJ_i/dq_j is zero for these, it holds for i >= j.
+    One half of the joint stiffness is Kq_ij = J_i . u_j: the half i <= j, in body form the half i >= j.
     """
     return uncorrected_covector(
         representation, column, wrench, corrected @ column, outward=diagonal_is_outward(representation)

@@ -85,7 +85,10 @@ class ControllerLibrary:
         return bytes(function(error) or b"")
 
     def joint_gains(self, *arguments: Array | None) -> tuple[int, bytes]:
-        """Return the error code of joint_gains for nine arrays, and its results with the number behind each."""
+        """Call joint_gains with nine arrays; return its error code and the bytes of its three results.
+
+        Each result has one number more than the function may write, so that a write beyond its end shows.
+        """
         n = len(self.config.kp_limit)
         results = [np.zeros(n + 1) for _ in range(3)]
         pointers = [None if each is None else each.ctypes.data_as(ctypes.c_void_p) for each in (*arguments, *results)]

@@ -41,7 +41,10 @@ _AGREE = 1e-9, 1e-6
 def check_derivatives(
     kernels: Kernels, table: tuple[Kernel, ...], chain: Chain, pool: Mapping[Argument, Array]
 ) -> list[Check]:
-    """Compare every NAME_vjp of the table with differences of NAME, at the states of the pool."""
+    """Compare every NAME_vjp of the kernel table with finite differences of NAME.
+
+    The pool has the states: values of every argument.
+    """
     checks = []
     names = {kernel.qualified_name: kernel for kernel in table}
     for name, kernel in names.items():

@@ -26,9 +26,9 @@ LARGE = {"double": (1e155, 1e200, 1e306, 1.7e308), "float": (1e20, 1e28, 1e37, 3
 def check_not_finite(
     kernels: Kernels, table: tuple[Kernel, ...], pool: Mapping[Argument, Array], scalar: Scalar = DOUBLE
 ) -> list[Check]:
-    """Put NaN and infinity into every entry of every argument, single and in a stack.
+    """Check that NaN and infinity in any entry of an argument make every entry NaN that depends on it.
 
-    Dependent entries are found by changing an entry, not from a table.
+    Single calls and a stack of configurations are checked. A result depends on an entry if it changes with the entry.
     """
     with np.errstate(all="ignore"):
         return [

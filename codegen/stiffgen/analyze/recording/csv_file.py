@@ -29,7 +29,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity
 
 @dataclass(frozen=True)
 class CsvPartition:
-    """Whole lines of a file: bytes ``start`` to ``stop``; the first line is row ``row``."""
+    """Part of a file in whole lines: bytes ``start`` to ``stop``, beginning with row number ``row``."""
 
     path: Path
     start: int
