@@ -260,16 +260,8 @@ def table(records: list[dict[str, str]]) -> str:
         refused = f"{total(rows, 'refused')}{f' and {whole} files' if whole else ''}"
         cells = (package + (" (MJCF)" if package.split()[0] in MJCF else ""), len(rows), agreed, refused)
         lines.append("| " + " | ".join(map(str, cells)) + " |")
-    reasons = collections.Counter(_kind(record["reason"]) for record in moving if record["reason"])
-    lines += [
-        "",
-        "Reasons of refusals (one per file, of its first refused chain):",
-        "",
-        "| reason | files |",
-        "|---|---|",
-    ]
-    lines += [f"| {_escaped(reason)} | {count} |" for reason, count in reasons.most_common() if count > 1]
-    lines.append(f"| others, one file each: docs/robots.csv | {sum(count == 1 for count in reasons.values())} |")
+    (reason, count), *_ = collections.Counter(_kind(row["reason"]) for row in moving if row["reason"]).most_common()
+    lines += ["", f"The most frequent reason of a refusal is: {_escaped(reason)} ({count} files)."]
     return "\n".join(lines) + "\n"
 
 

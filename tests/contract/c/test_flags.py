@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Compiler flags that change floating-point arithmetic: right, refused, or found by the self-check. Nothing else.
 
-docs/performance.md has the table of all that were tried.
+docs/performance.md sums up what was tried.
 """
 
 from __future__ import annotations
