@@ -70,13 +70,22 @@ class ControllerLibrary:
         self.proposal = struct_of(chain, "Proposal", PROPOSAL)()
         self.state = (ctypes.c_double * (_STATE_SIZE // 8))()
         self.call("default_config", self.config)
+        self.state_size = self._find_state_size()
 
     def call(self, function: str, *arguments: Any) -> int:
         """Call a function; structs and arrays are passed by address, doubles by value, None as a null pointer."""
         passed = [
             each if each is None or isinstance(each, ctypes.c_double) else ctypes.byref(each) for each in arguments
         ]
-        return int(self._library[self._prefix + function](*passed))
+        return int(getattr(self._library, self._prefix + function)(*passed))
+
+    def _find_state_size(self) -> int:
+        """Return the size of a state [bytes]: init writes all of it. All memory where init fails."""
+        ctypes.memset(self.state, 0xFF, _STATE_SIZE)
+        failed = self.call("init", self.config, self.state, None)
+        doubles = -(-len(bytes(self.state).rstrip(b"\xff")) // 8)
+        ctypes.memset(self.state, 0, _STATE_SIZE)
+        return _STATE_SIZE if failed else 8 * doubles
 
     def error_text(self, error: int) -> bytes:
         """Return the text of an error code."""
@@ -111,7 +120,8 @@ class ControllerLibrary:
 
 def is_same(reference: ControllerLibrary, library: ControllerLibrary) -> bool:
     """Return whether the outputs and the states of two controllers have the same bits."""
-    return bytes(reference.output) == bytes(library.output) and bytes(reference.state) == bytes(library.state)
+    states = (ctypes.string_at(each.state, reference.state_size) for each in (reference, library))
+    return bytes(reference.output) == bytes(library.output) and next(states) == next(states)
 
 
 def set_field(config: Any, field: Field, value: float, entry: int) -> None:

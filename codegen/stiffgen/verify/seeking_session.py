@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from stiffgen.verify.controller_library import fill
-from stiffgen.verify.hostile_session import HostileSession
+from stiffgen.verify.hostile_session import HostileSession, finite
 from stiffgen.verify.result import Array
 
 
@@ -95,6 +95,6 @@ class SeekingSession(HostileSession):
     def _move(self) -> None:
         """Move the arm by a share of its distance from the controller's posture."""
         time = float(self.config.sample_time)
-        away = np.nan_to_num(np.array(self.output.reference)) - self.q
-        self.dq = np.clip(self.following * away / time, -10.0, 10.0)
+        away = finite(np.array(self.output.reference)) - self.q
+        self.dq = (self.following * away / time).clip(-10.0, 10.0)
         self.q = self.q + time * self.dq
