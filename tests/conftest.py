@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -27,6 +27,7 @@ from stiffgen import open_robot
 from stiffgen.emit import build
 from support.c_program import STRICT, language_flags
 from support.fri_session import EXACT
+from support.kept_objects import KeptObjects
 from support.plant.loop import Loop
 from support.project import ROOT, URDF, Compiled, Once, require_compiler
 
@@ -83,6 +84,15 @@ def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
         return folder
 
     return made
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kept_objects(once: Once) -> Iterator[KeptObjects]:
+    """Compile each C file of generated folders once for all workers, in the process of the tests."""
+    kept = KeptObjects(once("objects", lambda folder: None))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "_run", kept.run)
+        yield kept
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +26,7 @@ from stiffgen.verify.files import check_files, load_module
 from stiffgen.verify.verify import _steps
 from support.confined import LOADED
 from support.generated_c import kernel_files
+from support.kept_objects import KeptObjects
 from support.project import URDF
 
 C, PYTHON_C, PYTHON, CONTROLLER = "iiwa14.c", "python/iiwa14_python.c", "__init__.py", "iiwa14_impedance.c"
@@ -161,14 +163,18 @@ TEXT = "printing again"
 """The step that finds every change of a source."""
 
 
-def _verify(folder: Path, urdf: Path | None, first: str, send: Connection) -> None:
+LAST = ("certified bounds", "hostile sessions")
+"""The steps of ``verify`` that take longest."""
+
+
+def _verify(folder: Path, urdf: Path | None, first: str, kept: KeptObjects, send: Connection) -> None:
     """Send the comparisons of values of the first step of ``verify`` that has failed ones; [] if none has."""
-    build._FAST_TO_COMPILE = ("-O0",)
+    build._FAST_TO_COMPILE, build._run = ("-O0",), kept.run
     robot = open_robot(folder)
     load_module(robot)
     with tempfile.TemporaryDirectory() as scratch:
         steps = [each for each in _steps(robot, urdf, 10, 0, Path(scratch)) if each[0] != TEXT]
-        for _, step in sorted(steps, key=lambda each: (each[0] != first, each[0] == "certified bounds")):
+        for _, step in sorted(steps, key=lambda each: (each[0] != first, each[0] in LAST)):
             failed = [check for check in step() if not check.passed and check.kernel != "files"]
             if failed:
                 send.send([f"{check.kernel}: {check.oracle}" for check in failed])
@@ -176,10 +182,10 @@ def _verify(folder: Path, urdf: Path | None, first: str, send: Connection) -> No
     send.send([])
 
 
-def failures(folder: Path, urdf: Path | None = None, first: str = "") -> list[str]:
+def failed_comparisons(kept: KeptObjects, folder: Path, urdf: Path | None = None, first: str = "") -> list[str]:
     """Return failed comparisons of values, in another process: a fault may write anywhere."""
     receive, send = LOADED.Pipe(duplex=False)
-    process = LOADED.Process(target=_verify, args=(folder, urdf, first, send))
+    process = LOADED.Process(target=_verify, args=(folder, urdf, first, kept, send))
     process.start()
     send.close()
     try:
@@ -192,6 +198,11 @@ def failures(folder: Path, urdf: Path | None = None, first: str = "") -> list[st
         return [f"killed by signal {-process.exitcode}"]
     assert process.exitcode == 0 and failed is not None
     return failed
+
+
+@pytest.fixture
+def failures(kept_objects: KeptObjects) -> Callable[..., list[str]]:
+    return partial(failed_comparisons, kept_objects)
 
 
 @pytest.fixture
@@ -211,7 +222,7 @@ def test_every_fault_still_applies(fault, robot_folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.title)
-def test_no_fault_passes(fault, folder):
+def test_no_fault_passes(fault, folder, failures):
     file = place(fault, folder)
     file.write_text(corrupted(file.read_text(), fault))
     try:
@@ -224,12 +235,12 @@ def test_no_fault_passes(fault, folder):
 
 
 @pytest.mark.slow  # tests/contract/cli/test_cli.py runs the same command
-def test_the_folder_itself_passes(robot_folder):
+def test_the_folder_itself_passes(robot_folder, failures):
     assert failures(robot_folder, URDF) == []
 
 
 @pytest.mark.slow
-def test_the_folder_itself_passes_without_optimisation(folder):
+def test_the_folder_itself_passes_without_optimisation(folder, failures):
     build.build_module(folder, "iiwa14")
     assert failures(folder, URDF) == []
 
@@ -265,7 +276,7 @@ def fewer(chain: dict[str, Any]) -> None:
     [mass, *(pytest.param(spoil, marks=pytest.mark.slow) for spoil in (fewer, axis, limit, coordinate, tip))],
     ids=lambda spoil: spoil.__name__,
 )
-def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], robot_folder, tmp_path):
+def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], robot_folder, tmp_path, failures):
     folder = tmp_path / "iiwa14"
     shutil.copytree(robot_folder, folder)
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -275,7 +286,7 @@ def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], 
 
 
 @pytest.mark.slow
-def test_a_folder_of_another_urdf_needs_the_urdf(tmp_path):
+def test_a_folder_of_another_urdf_needs_the_urdf(tmp_path, failures, unoptimised):
     """Chain, code and digests agree with each other; only the robot's file shows it."""
     other = tmp_path / "iiwa14.urdf"
     text, count = re.subn(r'xyz="0 0 0\.1475" rpy', 'xyz="0 0 0.1575" rpy', URDF.read_text(), count=1)

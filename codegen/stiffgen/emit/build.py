@@ -128,11 +128,11 @@ def _sources(folder: Path, name: str, header: Path) -> dict[Path, Sequence[str]]
 
 
 def build_library(
-    folder: Path, name: str, build: Path, flags: Sequence[str] | None = None, *, more: Sequence[Path] = ()
+    folder: Path, name: str, build: Path, flags: Sequence[str] = (), *, more: Sequence[Path] = ()
 ) -> Path:
     """Compile the kernels of a generated folder, and further files, into a shared library in ``build``.
 
-    Without ``flags`` it compiles fast and runs slowly.
+    Without an optimisation in ``flags`` it compiles fast and runs slowly.
 
     Raises:
         BuildError: no compiler, or it failed; with its last lines.
@@ -140,8 +140,7 @@ def build_library(
     """
     compiler = compiler_command()
     library = build / f"{name}_kernels{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
-    chosen = _FAST_TO_COMPILE if flags is None else flags
-    command = [*compiler, "-std=gnu99", *chosen, "-fPIC", "-shared", f"-I{folder.resolve()}"]
+    command = [*compiler, "-std=gnu99", *_FAST_TO_COMPILE, *flags, "-fPIC", "-shared", f"-I{folder.resolve()}"]
     command += map(str, (*kernel_sources(folder.resolve(), name), *more))
     _run([[*command, "-o", str(library), *(["-lm"] if os.name != "nt" else [])]], compiler[0], build)
     return library

@@ -48,7 +48,7 @@ def build_widths(robot: GeneratedRobot, build: Path) -> dict[str, ctypes.CDLL]:
         folder = build / f"width_{len(libraries)}"
         folder.mkdir()
         try:
-            libraries[name] = ctypes.CDLL(str(build_library(robot.folder, robot.name, folder, ("-O1", *flags))))
+            libraries[name] = ctypes.CDLL(str(build_library(robot.folder, robot.name, folder, flags)))
         except BuildError:  # no compiler: the folder may have been compiled elsewhere
             return {}
     return libraries
