@@ -25,6 +25,7 @@ import stiffgen
 from examples.bowl_wiping.tool import PLATE
 from stiffgen import open_robot
 from stiffgen.emit import build
+from stiffgen.verify import widths
 from support.c_program import STRICT, language_flags
 from support.fri_session import EXACT
 from support.kept_objects import KeptObjects
@@ -111,6 +112,12 @@ def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compile folders without optimisation, in a third of the time: for tests that do not look at the compiler."""
     monkeypatch.setattr(build, "_FLAGS", ("-O0", "-std=gnu99", "-fPIC"))
     monkeypatch.setattr(build, "_FAST_TO_COMPILE", ("-O0",))
+
+
+@pytest.fixture
+def narrowest_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let verify build batches of one width alone: for tests that do not look at vectors."""
+    monkeypatch.setattr(widths, "WIDTHS", widths.WIDTHS[:2])
 
 
 @pytest.fixture(scope="session")

@@ -52,6 +52,7 @@ def failed(folder, count):
     return [check for check in verify(folder, count=count) if not check.passed]
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_folder_is_verified(folder):
     assert failed(folder, 30) == []
 

@@ -39,9 +39,8 @@ def found(source: Path, dump: Path) -> set[str]:
     return {kind.removeprefix("misra-c2012-") for kind in kinds}
 
 
-@pytest.mark.parametrize(
-    "file", [pytest.param(KERNELS, marks=pytest.mark.slow), CONTROLLER], ids=["kernels", "controller"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("file", [KERNELS, CONTROLLER], ids=["kernels", "controller"])
 def test_every_finding_is_argued(file: str, tmp_path: Path) -> None:
     files = [KERNELS, "iiwa14_batch.c"] if file == KERNELS else [file]
     kinds = set().union(*(found(FOLDER / each, tmp_path) for each in files))

@@ -88,7 +88,7 @@ def generated(work: Path, *options: str) -> Path:
     return work / "made"
 
 
-SLOW = ("two tips, derivatives", "floating base, tool, CUDA", "floats")
+SLOW = ("derivatives", "two tips", "two tips, derivatives", "floating base, tool, CUDA", "floats")
 
 
 @pytest.mark.parametrize(
@@ -104,6 +104,7 @@ def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["derivatives", "two tips"])
-def test_potentials_have_the_values_of_their_energies(name: str, tmp_path: Path, unoptimised: None) -> None:
+@pytest.mark.usefixtures("unoptimised", "narrowest_width")
+def test_potentials_have_the_values_of_their_energies(name: str, tmp_path: Path) -> None:
     folder = generated(tmp_path, *OPTIONS[name])
     assert [check for check in verify(folder, count=5) if not check.passed] == []

@@ -14,7 +14,7 @@ from stiffgen.emit import backend
 from stiffgen.emit.render import render
 from support.project import URDF
 
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-O1")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-O0")
 MAIN = """
 #include <stdio.h>
 #include "left_impedance.h"

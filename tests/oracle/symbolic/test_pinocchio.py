@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -18,6 +20,7 @@ FRAMES = {
 ROBOTS = ("iiwa14", "iiwa7", "med14", "med7")
 
 
+@cache
 def load(robot, tip):
     urdf = ROOT / "urdf" / f"{robot}.urdf"
     pinocchio = pin.buildModelFromUrdf(str(urdf))
