@@ -228,20 +228,25 @@ def python() -> str:
     return "\n".join(parts)
 
 
-def records(name: str) -> str:
-    """Return the table of a CSV file of docs/."""
+def records(name: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV file of docs/."""
     with (ROOT / "docs" / name).open() as file:
-        head, *rows = csv.reader(file)
-    return table(tuple(head), (tuple(row) for row in rows))
+        return list(csv.DictReader(file))
 
 
 def hazards() -> str:
-    """Return the page of the controller's hazards."""
-    return (
+    """Return the page of the controller's hazards: a section each, since names of tests are wide."""
+    parts = [
         "# Hazards of the controller\n\n"
-        "[The controller's page](../docs/controller.md#safety-case) has the rest of the safety case. Each of the "
-        f"tests exists.\n\n{records('hazards.csv')}"
-    )
+        "[The controller's page](../docs/controller.md#safety-case) has the rest of the safety case.\n"
+    ]
+    for row in records("hazards.csv"):
+        tests = ", ".join(f"`{test}`" for test in row["tests"].split())
+        parts.append(
+            f"## {row['hazard'].capitalize()}\n\n- *Cause*: {row['cause']}\n- *What the code does*: {row['control']}\n"
+            f"- *Tests*: {tests}\n- *Left to the integrator*: {row['left to the integrator']}\n"
+        )
+    return "\n".join(parts)
 
 
 def misra() -> str:
@@ -249,7 +254,8 @@ def misra() -> str:
     return (
         "# Findings of MISRA C:2012\n\n"
         "In the C of a folder, with the reason why each kind is accepted ([proofs](../docs/proofs.md#misra-c-2012)). "
-        f"Numbers are the standard's rules; words are cppcheck's own checks.\n\n{records('misra.csv')}"
+        "Numbers are the standard's rules; words are cppcheck's own checks.\n\n"
+        + table(("kind", "file", "finding", "reason"), (tuple(row.values()) for row in records("misra.csv")))
     )
 
 
