@@ -114,7 +114,7 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
 
     lanes, over, out = f.variant.joint_lanes, step.over, step.output
     storage = f.storage(out.array)
-    rows = lanes and over.is_pairs and over is not Over.ON_THE_WAY and out.count == 1
+    rows = lanes and over.is_pairs and not over.is_paths and out.count == 1
     vector = lanes and over.is_rows and len(out.array.shape) == 1
     inputs, values = f.apply(step.operands, expression, rows=rows or over.is_rows)
     if not (storage.is_result or storage.whole) and (out.at == "j" or (out.at == "" and not storage.by_joints)):
@@ -145,7 +145,7 @@ def _form(over: Over, *, rows: bool, vector: bool) -> LoopForm:
         return LoopForm.ONCE
     if over.is_rows:
         return LoopForm.JOINTS
-    return LoopForm.BRANCH if over is Over.ON_THE_WAY else LoopForm.PAIRS
+    return LoopForm.BRANCH if over.is_paths else LoopForm.PAIRS
 
 
 def _sparse_sum(f: Lowering, step: SparseSum) -> None:
@@ -224,8 +224,8 @@ def _weights(f: Lowering, step: Weights) -> None:
     m, lanes = len(f.chain.joints), f.variant.joint_lanes
     depth = step.source.size // (m * m)
     source, output, transposed = f.storage(step.source), f.storage(step.output), f.storage(step.transposed)
-    on_the_way = step.over is Over.ON_THE_WAY
-    if not lanes and not step.mirror and not on_the_way:
+    paths = step.over.is_paths
+    if not lanes and not step.mirror and not paths:
         output.layout, transposed.layout = Layout.WEIGHTS, Layout.WEIGHTS_TRANSPOSED
         output.companion = transposed.companion = source
         return
@@ -239,7 +239,7 @@ def _weights(f: Lowering, step: Weights) -> None:
             f.declare_flat(storage)
             storage.layout = Layout.WEIGHTS
     if not lanes:  # folded pairs are symmetric
-        transposed.layout = Layout.WEIGHTS_TRANSPOSED if on_the_way else Layout.WEIGHTS
+        transposed.layout = Layout.WEIGHTS_TRANSPOSED if paths else Layout.WEIGHTS
         transposed.companion = output
     into = tuple(Pointer(storage, row=0 if lanes else None) for storage in stored)
     calls = _weight_calls(f, step, source, depth, into)
@@ -249,9 +249,10 @@ def _weights(f: Lowering, step: Weights) -> None:
 
 def _weight_calls(f: Lowering, step: Weights, source: Storage, depth: int, into: tuple[Pointer, ...]) -> list[Call]:
     given, lanes, base = Pointer(source), f.variant.joint_lanes, f.chain.base_joints
-    if step.over is Over.ON_THE_WAY:
+    if step.over.is_paths:
         padded = (Count.ALLOCATED,) if lanes else ()
-        return [Call("weigh_branches", (given, Count.JOINTS, Table("parent_of"), *padded, *into))]
+        pairs = int(step.over is Over.BEYOND), int(step.mirror)
+        return [Call("weigh_branches", (given, Count.JOINTS, Table("parent_of"), *pairs, *padded, *into))]
     if not lanes:
         return [Call("fold_pairs", (given, Count.JOINTS, *into))]
     shape = Count.JOINTS, depth, Count.ALLOCATED

@@ -27,7 +27,7 @@ def axes_and_moment_rates(chain: Chain, q: ca.SX) -> Expressions:
     Rows 0..2 are the axes a_j (0 for prismatic joints), rows 3..5 are w_j. The first moment is that of all bodies about
     the base's origin.
     """
-    masses = _MovedMasses(chain, q)
+    masses = MovedMasses(chain, q)
     columns = []
     for joint, axis, mass, moment in zip(chain.joints, masses.axes, masses.masses, masses.moments, strict=True):
         is_sliding = joint.prismatic
@@ -44,9 +44,11 @@ def potential_energy(chain: Chain, first_moment: ca.SX, gravity: ca.SX, base_pos
     return Expressions(ca.SX(-ca.dot(gravity, first_moment)), ())
 
 
-def in_base_axes(base_pose: ca.SX, gravity: ca.SX) -> ca.SX:
-    """Return the acceleration of free fall in the axes of a floating base."""
-    return base_pose[:3, :3].T @ gravity
+def in_base_axes(base_pose: ca.SX, vectors: ca.SX) -> ca.SX:
+    """Return an acceleration (3), a wrench (6) or one wrench per row (tips, 6) in the axes of a floating base."""
+    rows = ca.densify(vectors).T
+    turned = base_pose[:3, :3].T @ ca.reshape(rows, 3, rows.numel() // 3)
+    return ca.reshape(turned, *rows.shape).T
 
 
 def moment_rate(column: ca.SX, gravity: ca.SX) -> ca.SX:
@@ -64,24 +66,24 @@ def second_derivative(column: ca.SX, covector: ca.SX) -> ca.SX:
     return ca.SX(ca.dot(column[:3], covector))
 
 
-class _MovedMasses:
+class MovedMasses:
     """Axis of each joint, and mass [kg] and first moment [kg m] of all bodies beyond the joint, in base axes.
 
     First moments of joints are about the joint's origin. ``first_moment`` is that of all bodies about the base's
-    origin.
+    origin. ``rotations`` are those of the joints' frames, ``offsets`` [m] lead from the parent joint's origin.
     """
 
     def __init__(self, chain: Chain, q: ca.SX) -> None:
         r = PoseRecursion(chain, q)
-        rotations: list[ca.SX] = []
-        offsets: list[ca.SX] = []  # from the parent joint's origin
+        self.rotations: list[ca.SX] = []
+        self.offsets: list[ca.SX] = []
         self.axes: list[ca.SX] = []
         for k in range(chain.base_joints):  # in the base link's axes
-            rotations.append(ca.SX.eye(3))
-            offsets.append(ca.SX.zeros(3))
+            self.rotations.append(ca.SX.eye(3))
+            self.offsets.append(ca.SX.zeros(3))
             self.axes.append(ca.SX.eye(3)[:, k % 3])
         for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
-            parent = rotations[joint.parent] if joint.parent >= 0 else ca.SX.eye(3)
+            parent = self.rotations[joint.parent] if joint.parent >= 0 else ca.SX.eye(3)
             offset, auxiliary = parent @ constant(joint.translation), parent @ r.local(index)
             axis, turn = r.axis(index, auxiliary), r.rotations[index]
             if turn is None:
@@ -90,11 +92,11 @@ class _MovedMasses:
                 auxiliary = auxiliary @ turn
             title = f"{frame_title(chain, index)}: rotation R{index}, in base axes"
             r.sections.append(Section(title, {f"R{index}_": ca.densify(auxiliary)}))
-            rotations.append(auxiliary @ r.after(index))
-            offsets.append(ca.densify(offset))
+            self.rotations.append(auxiliary @ r.after(index))
+            self.offsets.append(ca.densify(offset))
             self.axes.append(axis)
         self.masses = [joint.body.mass for joint in chain.joints]
-        self.moments = [R @ constant(j.body.moment) for R, j in zip(rotations, chain.joints, strict=True)]
+        self.moments = [R @ constant(j.body.moment) for R, j in zip(self.rotations, chain.joints, strict=True)]
         self.first_moment = ca.SX.zeros(3)
         for index in reversed(range(len(chain.joints))):
             joint, mass = chain.joints[index], self.masses[index]
@@ -103,7 +105,7 @@ class _MovedMasses:
                 point = f"joint {joint.name}'s origin" if index >= chain.base_joints else "the base link's origin"
                 title = f"first moment s{index} [kg m] of all bodies beyond {point}, about that point"
                 r.sections.append(Section(title, {f"s{index}_": moment}))
-            shifted = moment + mass * offsets[index]
+            shifted = moment + mass * self.offsets[index]
             if joint.parent >= 0:
                 self.masses[joint.parent] += mass
                 self.moments[joint.parent] += shifted

@@ -18,6 +18,7 @@ from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic import arguments, joint_potentials, programs
 from stiffgen.symbolic.arguments import POSE, Argument, configuration_arguments
 from stiffgen.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.symbolic.dynamics_kernels import dynamics_kernels
 from stiffgen.symbolic.joint_potentials import JOINT_POTENTIALS, JointPotential
 from stiffgen.symbolic.joint_potentials import Part as JointPart
 from stiffgen.symbolic.kernel import PACKED, Kernel
@@ -122,11 +123,6 @@ def _stiffness_kernels(rep: Representation, configuration: tuple[Argument, ...],
             ),
         ),
     )  # fmt: skip
-
-
-_MASS = Argument(
-    "mass_matrix", ("n", "n"), "kg m^2", "symmetric, positive definite where every joint moves a mass", symmetric=True
-)
 
 
 _ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibrium")
@@ -287,69 +283,6 @@ def _total_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, .
     return tuple(totals)
 
 
-_MASS_MATRIX = Kernel(
-    "mass_matrix", None, (arguments.Q,), (_MASS,),
-    "Joint-space mass matrix.",
-    "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
-    partial(programs.mass_matrix, result=_MASS),
-    "Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of q. Rotor "
-    "inertias are not included, since a URDF does not hold them.",
-    batch=True,
-    of_masses=True,
-)  # fmt: skip
-
-
-_BIAS = Argument(
-    "bias_forces", ("n",), "N m or N", "C(q, dq) dq + dU/dq; the sum with M ddq is the joint torque of the motion"
-)
-_GRAVITY_ENERGY = Argument.referred(
-    "energy", (), "J",
-    "potential energy U, 0 where the centre of mass of all moving links is level with the {reference}'s origin",
-)  # fmt: skip
-_GRAVITY_GRADIENT = Argument("gradient", ("n",), "N m or N", "dU/dq: torque that balances gravity")
-_GRAVITY_STIFFNESS = Argument("joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2, bitwise symmetric", symmetric=True)
-
-
-def _gravity_kernel(
-    inputs: tuple[Argument, ...], result: Argument, summary: str, equation: str, program: Callable[..., Program]
-) -> Kernel:
-    return Kernel(
-        result.name, "gravity", inputs, (result,), summary, equation, partial(program, result=result),
-        _MASS_MATRIX.note, batch=True, of_masses=True,
-    )  # fmt: skip
-
-
-def _dynamics(*, floating: bool = False) -> tuple[Kernel, ...]:
-    """Return the kernels of a robot's dynamics."""
-    configuration = configuration_arguments(runtime_tool=False, floating=floating)
-    falling = (*configuration, arguments.GRAVITY)
-    base = "; minus Gamma dU/dq in the rows and columns of the base's twist" if floating else ""
-    return (
-        _MASS_MATRIX,
-        Kernel(
-            "bias_forces", None, (*configuration, arguments.VELOCITY, arguments.GRAVITY), (_BIAS,),
-            "Bias forces: Coriolis, centrifugal and gravity forces.",
-            "C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)",
-            partial(programs.bias_forces, result=_BIAS),
-            f"Zero gravity gives the Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
-            batch=True,
-            of_masses=True,
-        ),
-        _gravity_kernel(
-            falling, _GRAVITY_ENERGY, "Potential energy of gravity.", "U = -g . sum of m_k c_k",
-            programs.gravity_energy,
-        ),
-        _gravity_kernel(
-            falling, _GRAVITY_GRADIENT, "Gravity torque: gradient of the potential energy.", "dU/dq_j = -g . w_j",
-            programs.gravity_gradient,
-        ),
-        _gravity_kernel(
-            falling, _GRAVITY_STIFFNESS, "Joint stiffness of gravity: Hessian of the potential energy.",
-            f"d2U/dq_i dq_j = a_i . (g x w_j){base}", programs.gravity_joint_stiffness,
-        ),
-    )  # fmt: skip
-
-
 def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
     energy = Argument("energy", (), "J", "energy U of the potential")
     torque = Argument("torque", ("n",), "N m or N", "-dU/dq: torque that the potential exerts on the joints")
@@ -379,7 +312,8 @@ def _serial(
     springs: tuple[Spring, ...] = (TRACE,), *, runtime_tool: bool = False, masses: bool = True, floating: bool = False
 ) -> tuple[Kernel, ...]:
     first, *others = _tip_kernels(None, springs, runtime_tool=runtime_tool, floating=floating)
-    return (first, *(_dynamics(floating=floating) if masses else ()), *others, *_OF_JOINTS)
+    dynamics = dynamics_kernels(runtime_tool=runtime_tool, floating=floating) if masses else ()
+    return (first, *dynamics, *others, *_OF_JOINTS)
 
 
 KERNELS: tuple[Kernel, ...] = _serial()
@@ -473,5 +407,5 @@ def _all_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, ...
         return _serial(springs, runtime_tool=chain.runtime_tool, masses=chain.masses, floating=chain.floating)
     options = {"runtime_tool": chain.runtime_tool, "floating": chain.floating}
     per_tip = [kernel for tip in chain.tips for kernel in _tip_kernels(tip, springs, **options)]
-    of_masses = _dynamics(floating=chain.floating) if chain.masses else ()
+    of_masses = dynamics_kernels(chain.tips, **options) if chain.masses else ()
     return (*of_masses, *per_tip, *_total_kernels(chain, springs), *_OF_JOINTS)

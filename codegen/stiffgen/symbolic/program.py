@@ -29,8 +29,8 @@ from stiffgen.robot.chain import Chain
 class Over(Enum):
     """Index set of a step: one evaluation, joints j, coordinates j of q, or pairs (i, j) of joints.
 
-    The value is the text for comments. ``ON_THE_WAY``: i is j or a joint between the base and j. ``BASE``: i and j are
-    joints of a floating base.
+    The value is the text for comments. ``ON_THE_WAY``: i is j or a joint between the base and j. ``BEYOND``: j is a
+    joint between the base and i. ``BASE``: i and j are joints of a floating base.
     """
 
     ONCE = ""
@@ -41,6 +41,7 @@ class Over(Enum):
     STRICTLY_UPPER = "i<j"
     STRICTLY_LOWER = "i>j"
     ON_THE_WAY = "i on the way to j"
+    BEYOND = "i beyond j"
     BASE = "i and j of the base"
     ALL = "all"
 
@@ -57,6 +58,11 @@ class Over(Enum):
     def is_rows(self) -> bool:
         """Whether the set consists of single joints or coordinates."""
         return self in (Over.JOINTS, Over.COORDINATES)
+
+    @property
+    def is_paths(self) -> bool:
+        """Whether the set consists of pairs of joints of which one is on the way to the other."""
+        return self in (Over.ON_THE_WAY, Over.BEYOND)
 
     @property
     def upper(self) -> bool:
@@ -82,12 +88,12 @@ class Over(Enum):
         if not self.is_pairs:
             count = {Over.ONCE: 1, Over.JOINTS: m, Over.COORDINATES: chain.dof - chain.base_joints}[self]
             yield from ((0, j) for j in range(count))
-        elif self is Over.ON_THE_WAY:
-            for j in range(m):
-                i = j
-                while i >= 0:
-                    yield i, j
-                    i = chain.joints[i].parent
+        elif self.is_paths:
+            for outer in range(m):
+                inner = outer if self is Over.ON_THE_WAY else chain.joints[outer].parent
+                while inner >= 0:
+                    yield (inner, outer) if self is Over.ON_THE_WAY else (outer, inner)
+                    inner = chain.joints[inner].parent
         elif self is Over.BASE:
             yield from itertools.product(range(chain.base_joints), repeat=2)
         else:
@@ -102,7 +108,7 @@ class Over(Enum):
 _FLIPPED = {
     Over.UPPER: Over.LOWER, Over.LOWER: Over.UPPER,
     Over.STRICTLY_UPPER: Over.STRICTLY_LOWER, Over.STRICTLY_LOWER: Over.STRICTLY_UPPER,
-    Over.ON_THE_WAY: Over.ALL,
+    Over.ON_THE_WAY: Over.ALL, Over.BEYOND: Over.ALL,
 }  # fmt: skip
 
 

@@ -38,7 +38,7 @@ def _columns(chain: Chain, representation: Representation, name: str = "J") -> t
     return StraightLine((array,), expressions, arguments, name, heading, meaning, 1, moves=representation), array
 
 
-def _over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
+def over_joints(chain: Chain, result: Argument, steps: Callable[[Array], Program], *, mirror: bool = False) -> Program:
     """Return ``steps`` that write a result [j] or [i, j] for joints, summed into coordinates where joints mimic."""
     output = result.array(chain)
     if not chain.coupled:
@@ -107,7 +107,7 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
         inner = Over.STRICTLY_UPPER if diagonal_outward else Over.UPPER
         return recursion, half(inner, False), half(outer, True), *((half(Over.BASE, False),) if chain.floating else ())
 
-    return _over_joints(chain, result, steps)
+    return over_joints(chain, result, steps)
 
 
 def _two_sided(
@@ -146,7 +146,7 @@ def kinematic_stiffness(chain: Chain, representation: Representation, result: Ar
         covector = stiffness.kinematic_covector
         return (recursion, *_two_sided(chain, J, output, representation, covector, operands, names))
 
-    return _over_joints(chain, result, steps)
+    return over_joints(chain, result, steps)
 
 
 def joint_stiffness_uncorrected(
@@ -164,7 +164,7 @@ def joint_stiffness_uncorrected(
         covector = stiffness.uncorrected_covector
         return (recursion, product, *_two_sided(chain, J, output, representation, covector, operands, names))
 
-    return _over_joints(chain, result, steps)
+    return over_joints(chain, result, steps)
 
 
 def _tangent(
@@ -210,7 +210,7 @@ def joint_stiffness(
         F, K = wrench.array(chain), task_stiffness.array(chain)
         return (recursion, *_tangent(chain, J, F, K, representation, output))
 
-    return _over_joints(chain, result, steps, mirror=True)
+    return over_joints(chain, result, steps, mirror=True)
 
 
 def joint_stiffness_total(
@@ -227,9 +227,9 @@ def joint_stiffness_total(
         arguments = tuple(argument.array(chain) for argument in inputs)
         heading = "columns S of the joints at one point; covectors u of the loads beyond each joint"
         step = StraightLine((S, u), expressions, arguments, heading=heading, columns=2)
-        return step, *_pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot)
+        return step, *pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot)
 
-    return _over_joints(chain, result, steps, mirror=True)
+    return over_joints(chain, result, steps, mirror=True)
 
 
 def spring_total(
@@ -267,10 +267,10 @@ def spring_total(
     if torque and of_joints and chain.coupled:
         program += (SumJoints(of_joints, torque.array(chain)),)
     if joint_stiffness:
-        program += _over_joints(
+        program += over_joints(
             chain,
             joint_stiffness,
-            lambda output: _pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot),
+            lambda output: pairs_on_the_way(chain, S, u, output, "Kq_ij = S_i . u_j", ca.dot),
             mirror=True,
         )
     return program
@@ -306,12 +306,12 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J, and momenta h at unit rates of the joints"
         recursion = StraightLine((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
-        return recursion, *_pairs_on_the_way(chain, J, h, output, "M_ij = J_i . h_j", ca.dot)
+        return recursion, *pairs_on_the_way(chain, J, h, output, "M_ij = J_i . h_j", ca.dot)
 
-    return _over_joints(chain, result, steps, mirror=True)
+    return over_joints(chain, result, steps, mirror=True)
 
 
-def _pairs_on_the_way(
+def pairs_on_the_way(
     chain: Chain, left: Array, right: Array, output: Array, formula: str, body: Callable[..., ca.SX]
 ) -> Program:
     """Return a symmetric output_ij = body(left_i, right_j) for every i on the way from the base to j, else 0."""
@@ -326,7 +326,7 @@ def _pairs_on_the_way(
 def bias_forces(chain: Chain, result: Argument) -> Program:
     """Return the program of the joint forces at constant rates, summed into coordinates."""
     arguments = (*configuration_arguments(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
-    return _over_joints(
+    return over_joints(
         chain,
         result,
         lambda output: (
@@ -361,43 +361,45 @@ def gravity_energy(chain: Chain, result: Argument) -> Program:
     return recursion, StraightLine((result.array(chain),), gravity.potential_energy, arguments, heading=heading)
 
 
-def _gravity_in_base_axes(chain: Chain) -> tuple[Program, Operand]:
-    """Return the steps and the operand of the acceleration of free fall in the axes of :func:`_gravity_columns`."""
-    g = Operand(GRAVITY.array(chain), "")
+def in_base_axes(chain: Chain, argument: Argument) -> tuple[Program, Array]:
+    """Return the steps and the array of an argument in base axes: gravity, a wrench or one wrench per tip."""
+    given = argument.array(chain)
     if not chain.floating:
-        return (), g
-    g_in_base = Operand(Array("g_in_base", (3,)), "")
-    operands = Operand(BASE_POSE.array(chain), ""), g
-    return (Map("gravity in base axes", Over.ONCE, g_in_base, operands, gravity.in_base_axes),), g_in_base
+        return (), given
+    turned = Array(f"{given.symbol or given.name}_in_base", given.shape)
+    operands = Operand(BASE_POSE.array(chain), ""), Operand(given, "")
+    comment = f"{given.name} in base axes"
+    return (Map(comment, Over.ONCE, Operand(turned, ""), operands, gravity.in_base_axes),), turned
 
 
 def gravity_gradient(chain: Chain, result: Argument) -> Program:
     """Return the program of dU/dq, joint by joint, summed into coordinates."""
     recursion, C, _ = _gravity_columns(chain)
-    rotation, g = _gravity_in_base_axes(chain)
+    rotation, g = in_base_axes(chain, GRAVITY)
 
     def steps(output: Array) -> Program:
-        rates = Map("dU/dq_j = -g . w_j", Over.JOINTS, Operand(output, "j"), (Operand(C, "j"), g), gravity.moment_rate)
+        operands = Operand(C, "j"), Operand(g, "")
+        rates = Map("dU/dq_j = -g . w_j", Over.JOINTS, Operand(output, "j"), operands, gravity.moment_rate)
         return recursion, *rotation, rates
 
-    return _over_joints(chain, result, steps)
+    return over_joints(chain, result, steps)
 
 
 def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
     """Return the program of d2U/dq2; on a floating base, of the covariant Hessian."""
     recursion, C, _ = _gravity_columns(chain)
-    rotation, g = _gravity_in_base_axes(chain)
-    u = Array("u", (3, len(chain.joints)))
-    covectors = Map("u_j = g x w_j", Over.JOINTS, Operand(u, "j"), (Operand(C, "j"), g), gravity.covector)
+    rotation, g = in_base_axes(chain, GRAVITY)
+    u, operands = Array("u", (3, len(chain.joints))), (Operand(C, "j"), Operand(g, ""))
+    covectors = Map("u_j = g x w_j", Over.JOINTS, Operand(u, "j"), operands, gravity.covector)
 
     def steps(output: Array) -> Program:
         def pairs(into: Array) -> Program:
-            return _pairs_on_the_way(chain, C, u, into, "Kq_ij = a_i . u_j", gravity.second_derivative)
+            return pairs_on_the_way(chain, C, u, into, "Kq_ij = a_i . u_j", gravity.second_derivative)
 
-        tau = Operand(C, "j"), g
-        return recursion, *rotation, covectors, *_with_base_connection(chain, output, pairs, tau, gravity.moment_rate)
+        connected = _with_base_connection(chain, output, pairs, operands, gravity.moment_rate)
+        return recursion, *rotation, covectors, *connected
 
-    return _over_joints(chain, result, steps, mirror=True)
+    return over_joints(chain, result, steps, mirror=True)
 
 
 def _with_base_connection(
@@ -457,13 +459,13 @@ def spring_joint_terms(
         def dot(column: ca.SX, wrench: ca.SX) -> ca.SX:
             return ca.SX(-ca.dot(column, wrench))
 
-        program += _over_joints(
+        program += over_joints(
             chain,
             torque,
             lambda output: (Map("torque_j = -J_j . F", Over.JOINTS, Operand(output, "j"), operands, dot),),
         )
     if joint_stiffness:
-        program += _over_joints(
+        program += over_joints(
             chain, joint_stiffness, lambda output: _tangent(chain, J, F, K, "hybrid", output), mirror=True
         )
     return program

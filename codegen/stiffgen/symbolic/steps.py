@@ -50,7 +50,7 @@ class StraightLine(Step):
             kernel); empty for statements within the kernel.
         heading: comment above the statements that fill the outputs.
         meaning: comment above the function.
-        columns: number of outputs, counted from the first, that have the shape (6, m) with one column per joint.
+        columns: number of outputs, counted from the first, with one column per joint: shape (6, m) or (3, m).
         moves: representation, if the outputs are Jacobian columns, the tip's pose or both; their derivatives with
             respect to q then follow from the columns.
 

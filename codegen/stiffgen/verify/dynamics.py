@@ -29,6 +29,13 @@ def _second_moments(body: Body) -> ca.DM:
     return ca.blockcat([[ca.trace(tensor) / 2 * ca.DM.eye(3) - tensor, moment], [moment.T, body.mass]])
 
 
+def potential_energy(chain: Chain, poses: Sequence[ca.SX], gravity: ca.SX) -> ca.SX:
+    """Return the potential energy of all bodies from the poses of their joints' frames."""
+    pairs = zip(chain.joints, poses, strict=True)
+    moment = sum(((pose @ _second_moments(joint.body)[:, 3])[:3] for joint, pose in pairs), ca.SX.zeros(3))
+    return ca.SX(-ca.dot(gravity, moment))
+
+
 def differentiated(
     chain: Chain, poses: Sequence[ca.SX], moves: ca.SX, q: ca.SX, base_pose: ca.SX, samples: Sequence[Array]
 ) -> dict[str, Array]:
@@ -45,12 +52,10 @@ def differentiated(
     """
     place, own = ca.vertcat(moves, q), moves.shape[0]
     rates, gravity = ca.SX.sym("dq", *place.shape), ca.SX.sym("g", 3)
-    kinetic, potential = ca.SX(0), ca.SX(0)
+    kinetic, potential = ca.SX(0), potential_energy(chain, poses, gravity)
     for joint, pose in zip(chain.joints, poses, strict=True):
-        moments = _second_moments(joint.body)
         moving = ca.jtimes(ca.vec(pose), place, rates).reshape((4, 4))
-        kinetic += ca.trace(moving @ moments @ moving.T) / 2
-        potential -= ca.dot(gravity, (pose @ moments[:, 3])[:3])
+        kinetic += ca.trace(moving @ _second_moments(joint.body) @ moving.T) / 2
     mass_matrix, momentum = ca.hessian(kinetic, rates)
     stiffness, gradient = ca.hessian(potential, place)
     forces = ca.jtimes(momentum, place, rates) - ca.gradient(kinetic, place) + gradient

@@ -29,9 +29,11 @@ from stiffgen.symbolic.model import folded
 from stiffgen.symbolic.potentials import SpringOptions
 from stiffgen.symbolic.springs import Spring
 from stiffgen.verify.dynamics import differentiated as differentiated_energies
+from stiffgen.verify.dynamics import potential_energy
 from stiffgen.verify.poses import (
     Place,
     gamma_F,
+    homogeneous,
     jacobian_of,
     joint_poses,
     product_of_poses,
@@ -176,5 +178,27 @@ def dynamics_references(chain: Chain, samples: Samples) -> dict[str, tuple[tuple
     poses = joint_poses(chain, place.q, place.base())
     expected = differentiated_energies(chain, poses, place.moves, place.q, place.base_pose, stacks)
     table = {kernel.qualified_name: kernel for kernel in chain_kernels(chain)}
-    given = {name: tuple(samples[argument.name] for argument in table[name].arguments) for name in expected}
+    expected["static_torque_derivatives"] = _static_torque_derivatives(chain, samples)
+    given = {name: tuple(map(samples.per_tip, table[name].arguments)) for name in expected}
     return {name: (given[name], reference) for name, reference in expected.items()}
+
+
+def _static_torque_derivatives(chain: Chain, samples: Samples) -> Array:
+    """Return the derivative of dU/dq - J^T F: J from differentiated poses, and the base moved twice."""
+    place, moves = Place(chain), ca.SX.sym("s", chain.base_joints)
+    gravity, count = ca.SX.sym("g", 3), len(chain.tips)
+    wrenches, tools = (ca.SX.sym(name, size, count) for name, size in (("F", 6), ("T", 16)))
+    poses, coordinates = joint_poses(chain, place.q, place.base(moves)), ca.vertcat(moves, place.q)
+    torque = ca.gradient(potential_energy(chain, poses, gravity), coordinates)
+    for k, tip in enumerate(chain.tips):
+        mounted = tools[:, k].reshape((4, 4)).T if chain.runtime_tool else ca.SX.eye(4)
+        pose = poses[tip.joint] @ homogeneous(tip.rotation, tip.translation) @ mounted
+        torque -= jacobian_of(pose, coordinates, "hybrid").T @ wrenches[:, k]
+    torque = ca.substitute(torque, moves, ca.DM.zeros(chain.base_joints))
+    derivative = ca.substitute(
+        ca.jacobian(torque, place.coordinates), place.moves, ca.DM.zeros(chain.base_joints)
+    )  # fmt: skip
+    stacks = samples.q, samples.base_pose, *(samples.of_tips(each) for each in ("wrench", "tool_pose")), samples.gravity
+    columns = [stack.reshape(len(stack), -1).T for stack in stacks]
+    symbols = [place.q, place.base_pose, ca.vec(wrenches), ca.vec(tools), gravity]
+    return evaluate_longer(symbols, derivative, columns)

@@ -117,6 +117,15 @@ class Samples:
                 return values
         return _random_parameter(argument, len(self.q), seed, self.chain)
 
+    def of_tips(self, argument: str) -> Array:
+        """Return the values of an argument for all tips: each tip takes those of another sample."""
+        return np.stack([np.roll(self[argument], k, axis=0) for k in range(len(self.chain.tips))], axis=1)
+
+    def per_tip(self, argument: Argument) -> Array:
+        """Return the values of a kernel's argument, which may hold one value per tip."""
+        singular = {"wrenches": "wrench", "tool_poses": "tool_pose"}
+        return self.of_tips(singular[argument.name]) if argument.name in singular else self[argument.name]
+
     def __getitem__(self, argument: str) -> Array:
         """Return the values of a kernel's argument by its name."""
         values: Array = getattr(self, argument)

@@ -90,9 +90,9 @@ def test_sine_and_cosine_once_a_joint(robot_folder):
         if calls:
             angles = body[body.index("angle[") : body.index("sine_cosine(")]
             assert all(angles.count(f"q[{joint}]") <= 1 for joint in range(7))
-    # The columns of three representations, those with the pose, those of gravity; mass matrix, bias forces, pose: all
-    # of them for single calls and in batches.
-    assert found == 2 * 8
+    # The columns of three representations, those with the pose, those of gravity; mass matrix, bias forces, pose and
+    # static torque: all of them for single calls and in batches.
+    assert found == 2 * 9
 
 
 def test_moved_folder_imports(robot_folder, tmp_path):

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Derivative of the static torque dU/dq - J^T F with respect to q, from two kernels, against Pinocchio's.
+"""Derivative of the static torque dU/dq - J^T F with respect to q, against Pinocchio and against differentiated poses.
 
-Pinocchio holds the wrench in the axes of the joint that carries it: the body form.
+Pinocchio holds the wrench in the axes of the joint that carries it, the function in base axes (world axes on a floating
+base). The difference is J^T (w_i x f, w_i x m) with the angular rows w_i of J.
 """
 
 from __future__ import annotations
@@ -11,7 +12,10 @@ import pinocchio as pin
 import pytest
 
 import stiffgen
-from stiffgen.verify.poses import gamma_F
+from stiffgen.symbolic.model import folded
+from stiffgen.verify.references import dynamics_references
+from stiffgen.verify.samples import Samples
+from support.chains import chain_urdf
 from support.pinocchio_oracle import with_exact_right_angles
 from support.project import ROOT, assert_close
 
@@ -24,11 +28,13 @@ ROBOTS = {
 }
 
 
+KERNEL = "static_torque_derivatives"
+
+
 @pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
 @pytest.mark.parametrize("urdf", ROBOTS, ids=lambda urdf: urdf.stem)
 @pytest.mark.filterwarnings("ignore::stiffgen.errors.DescriptionWarning")
 def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
-    """Fixed base: gravity's joint stiffness minus the kinematic stiffness; a floating base adds Gamma dU/dq."""
     file = tmp_path / urdf.name
     file.write_text(with_exact_right_angles(urdf.read_text()))
     chain = stiffgen.load_chain(file, tip=ROBOTS[urdf], floating_base=floating)
@@ -44,17 +50,46 @@ def test_derivative_of_the_static_torque_by_pinocchio(urdf, floating, tmp_path):
             at[:7] = pin.SE3ToXYZQUAT(base)
         at[[joint.idx_q for joint in joints]] = q
         model.gravity.linear = gravity
-        falling = (*([base.homogeneous] if floating else []), q, gravity)
-        found = np.array(kernels.gravity.joint_stiffness(*falling))
-        if floating:
-            gradient = np.array(kernels.gravity.gradient(*falling)).ravel()
-            found[:6, :6] += gamma_F("body", gradient[:6])
-        loads = pin.StdVec_Force()
+        pin.computeJointJacobians(model, data, at)
+        pin.updateFramePlacements(model, data)
+        loads, wrenches = pin.StdVec_Force(), random.normal(size=(len(chain.tips), 6)) * 20
         loads.extend([pin.Force.Zero() for _ in range(model.njoints)])
-        for tip in chain.tips:
-            wrench, frame = random.normal(size=6) * 20, model.frames[model.getFrameId(tip.link)]
-            loads[frame.parentJoint] += frame.placement.act(pin.Force(wrench))
-            of_tip = getattr(kernels, tip.name) if len(chain.tips) > 1 else kernels
-            found -= np.array(of_tip.body.kinematic_stiffness(q, wrench))
-        expected = pin.computeStaticTorqueDerivatives(model, data, at, loads).reshape(model.nv, model.nv)
+        held = np.zeros((model.nv, model.nv))
+        for tip, wrench in zip(chain.tips, wrenches, strict=True):
+            frame = model.getFrameId(tip.link)
+            J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            held += J.T @ np.vstack([np.cross(J[3:].T, part).T for part in (wrench[:3], wrench[3:])])
+            turned = data.oMf[frame].rotation.T @ wrench.reshape(2, 3).T
+            link = model.frames[frame]
+            loads[link.parentJoint] += link.placement.act(pin.Force(turned.T.ravel()))
+        where = (*([base.homogeneous] if floating else []), q)
+        of_tips = wrenches if len(chain.tips) > 1 else wrenches[0]
+        found = np.array(kernels.static_torque_derivatives(*where, of_tips, gravity))
+        expected = held + pin.computeStaticTorqueDerivatives(model, data, at, loads).reshape(model.nv, model.nv)
         assert_close(found, expected[np.ix_(order, order)])
+        found = np.array(kernels.static_torque_derivatives(*where, 0 * of_tips, gravity))
+        expected = pin.computeGeneralizedGravityDerivatives(model, data, at)
+        assert_close(found, np.reshape(expected, (model.nv, model.nv))[np.ix_(order, order)])
+
+
+@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+@pytest.mark.parametrize("types", ["rprrp", "prmr", "rrmrr"])
+def test_prismatic_and_mimic_joints_and_a_tool_of_run_time(types, floating, tmp_path):
+    file = tmp_path / "robot.urdf"
+    file.write_text(chain_urdf(types))
+    _compare(stiffgen.load_chain(file, floating_base=floating, runtime_tool=True))
+
+
+@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+def test_two_arms_with_a_tool_each(floating):
+    tips = ["left hand", "right-hand"]
+    _compare(stiffgen.load_chain(DATA / "dual_arm.urdf", tip=tips, floating_base=floating, runtime_tool=True))
+
+
+def _compare(chain):
+    """Compare the function with the derivative of dU/dq - J^T F, differentiated along the poses in long doubles."""
+    function = getattr(stiffgen.StiffnessModel(chain), KERNEL)
+    given, expected = dynamics_references(chain, Samples.draw(chain, 3, 8))[KERNEL]
+    for k in range(3):
+        found = function(*(np.reshape(each[k], folded(each[k].shape)) for each in given))
+        assert_close(np.array(found), expected[k])

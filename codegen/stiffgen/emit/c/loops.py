@@ -84,9 +84,12 @@ class Loops:
         if item.mirror:
             array = item.output.array
             lines = [*lines, f"{self.elements.pair(array, 'j', 'i')} = {self.elements.pair(array, 'i', 'j')};"]
+        outer, inner, start = "j", "i", "j"
+        if item.over is Over.BEYOND:
+            outer, inner, start = "i", "j", f"{self.scope.prefix}parent_of[i]"
         return [
-            f"for (int j = 0; j < {self.scope.size}; ++j) {{",
-            f"    for (int i = j; i >= 0; i = {self.scope.prefix}parent_of[i]) {{",
+            f"for (int {outer} = 0; {outer} < {self.scope.size}; ++{outer}) {{",
+            f"    for (int {inner} = {start}; {inner} >= 0; {inner} = {self.scope.prefix}parent_of[{inner}]) {{",
             *indented(lines, 2),
             "    }",
             "}",
@@ -121,7 +124,7 @@ class Loops:
     def rows_above(self, over: Over) -> tuple[str, str]:
         """Return the first i of column j and one past the last; all where weights are zero elsewhere."""
         size = self.scope.size
-        if self.variant.joint_lanes or over in (Over.ALL, Over.ON_THE_WAY):
+        if self.variant.joint_lanes or over is Over.ALL or over.is_paths:
             return "0", self.rows_of(over)
         if over.upper:
             return "0", "j + 1" if over.diagonal else "j"
