@@ -60,11 +60,6 @@ def generate_folder(urdf: str | Path, options: GenerationOptions) -> Path:
     scalar = options.number
     options.progress(f"reading {Path(urdf).name}")
     chain = read_chain(urdf, options.chain)
-    if chain.loops and options.controller:
-        raise ChainError(
-            f"{chain.source}: the impedance controller commands every joint of q, and passive joints of closed loops "
-            "have no motor; leave it out (--no-controller) and use the functions in the group motors"
-        )
     if chain.loops and scalar != DOUBLE:
         raise ChainError(
             f"--scalar {scalar.name} does not go with closed loops, whose equations need the digits of a double; leave "

@@ -102,7 +102,7 @@ except ImportError as _error:
         "iiwa14: its C module is not built for this Python; run 'stiffgen generate FILE' on the robot's file again, "
         "with the same options and without --no-build (in stiffgen's repository: make generate)"
     ) from _error
-if getattr(_c, "SOURCES", "") != "1095c9b5b4ed1707":
+if getattr(_c, "SOURCES", "") != "27e0dc7c52729a22":
     raise ImportError(
         "iiwa14: its C module was compiled from other sources than those in this folder; run 'stiffgen generate "
         "FILE' on the robot's file again (in stiffgen's repository: make generate). Restart Python if it has loaded the old module"

@@ -113,29 +113,29 @@ typedef struct {
 
 /* ---- robot: kernels at the tip ---- */
 
-static void robot_poses(const double *q, const double *tool, double *pose)
+static void robot_poses(const double *q, const memory_t *m, double *pose)
 {
-    (void)tool;
+    (void)m;
     iiwa14_forward_kinematics(q, pose + 0);
 }
 
-static void robot_jacobians(const double *q, const double *tool, double *jacobian)
+static void robot_jacobians(const double *q, const memory_t *m, double *jacobian)
 {
-    (void)tool;
+    (void)m;
     iiwa14_hybrid_jacobian(q, jacobian + 6 * N * 0);
 }
 
-static void robot_joint_stiffness(const double *q, const double *tool, const double *wrench, const double *task_stiffness,
+static void robot_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
     double *joint_stiffness)
 {
-    (void)tool;
+    (void)m;
     iiwa14_hybrid_joint_stiffness(q, wrench, task_stiffness, joint_stiffness);
 }
 
-static void robot_conventional_stiffness(const double *q, const double *tool, const double *wrench,
+static void robot_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
     const double *task_stiffness, double *joint_stiffness)
 {
-    (void)tool;
+    (void)m;
     iiwa14_hybrid_joint_stiffness_uncorrected(q, wrench, task_stiffness, joint_stiffness);
 }
 
@@ -149,22 +149,22 @@ static int robot_has_bounded_spring(void)
     return 0;
 }
 
-static double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
+static double robot_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, const double *limits)
 {
     double energy = 0.0;
-    (void)tool;
+    (void)m;
     (void)limits;
     iiwa14_spring_energy(q, equilibrium, translation_stiffness, rotation_stiffness, &energy);
     return energy;
 }
 
-static double robot_spring(const double *q, const double *tool, const double *equilibrium,
+static double robot_spring(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, const double *limits, double *wrench,
     double *torque, double *joint_stiffness)
 {
     double energy;
-    (void)tool;
+    (void)m;
     (void)limits;
     iiwa14_spring_wrench(q, equilibrium + 0,
         translation_stiffness + 0, rotation_stiffness + 0, wrench + 0);
@@ -180,16 +180,44 @@ static double robot_posture_energy(const double *q, const double *posture, const
     return energy;
 }
 
-static void robot_mass_matrix(const double *q, double *mass_matrix)
+static void robot_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
 {
+    (void)m;
     iiwa14_mass_matrix(q, mass_matrix);
 }
 
 /* Compute C(q, dq) dq: the bias forces without gravity. */
-static void robot_coriolis(const double *q, const double *velocity, double *forces)
+static void robot_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
 {
     static const double no_gravity[3] = {0.0, 0.0, 0.0};
+    (void)m;
     iiwa14_bias_forces(q, velocity, no_gravity, forces);
+}
+
+/* Closed loops: this robot has none. */
+static void robot_home(memory_t *m)
+{
+    (void)m;
+}
+
+static int robot_reaches(const double *q, const memory_t *m)
+{
+    (void)q;
+    (void)m;
+    return 1;
+}
+
+static int robot_follow(const double *q, memory_t *m)
+{
+    (void)q;
+    (void)m;
+    return 1;
+}
+
+static void robot_retract(const memory_t *m, double *q)
+{
+    (void)m;
+    (void)q;
 }
 
 static const double *robot_tool(const input_t *input)
@@ -389,7 +417,7 @@ static int check_fields(const config_t *c)
 /* Return the class of a fault's reason. */
 static int fault_of_reason(int reason)
 {
-    static const int classes[] = {0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 4, 5, 5, 5};
+    static const int classes[] = {0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 3, 4, 5, 5, 5, 1};
     return classes[reason];
 }
 
@@ -429,6 +457,8 @@ static const char *meaning_of_reason(int reason)
         return "law or spring changed while engaged (law, spring)";
     case IIWA14_REASON_STATE:
         return "the state's checksum is wrong: its memory was overwritten";
+    case IIWA14_REASON_LOOPS:
+        return "the closed loops do not close at q, or the passive joints have changed their branch";
     default:
         return "unknown reason";
     }
@@ -1032,7 +1062,7 @@ static double compute_tip_energy(const memory_t *m, const double *q, const doubl
     if (m->law == ID(LAW_PAPER)) {
         return 0.0;
     }
-    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness,
+    return robot_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
                                find_spring_limits(m));
 }
 
@@ -1373,7 +1403,7 @@ static void book_interval(step_t *s, const double *q)
 /* Strength: the tank that a wrench at the tip needs, and the wrench that the tank allows. */
 
 /* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
-static void place_posture(const config_t *c, int k, double *q)
+static void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {
     for (int i = 0; i < N; ++i) {
         const double low = fmax(c->lower_limit[i], fmin(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
@@ -1381,6 +1411,7 @@ static void place_posture(const config_t *c, int k, double *q)
         const double x = (k + 1) * (i + 1) * GOLDEN;
         q[i] = low + (high - low) * (x - (int)x);
     }
+    robot_retract(m, q);
 }
 
 /* Write the poses of tools that are none: the tips themselves. */
@@ -1436,17 +1467,16 @@ static double solve_share(double a, double b, double most)
  * Compute the tank that covers heaviest_wrench at every tip in all of POSTURES postures, as far as the effort limits of
  * the joints allow it there. A tool that is given at run time is not known yet: the lever arms are those of the tip.
  */
-static double size_tank(const config_t *c)
+static double size_tank(const config_t *c, const memory_t *m)
 {
-    double size[6], tool[16 * TIPS], most = 0.0;
-    place_no_tools(tool);
+    double size[6], most = 0.0;
     for (int k = 0; k < 6; ++k) {
         size[k] = c->heaviest_wrench[k / 3];
     }
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], J[6 * N * TIPS], sum = 0.0;
-        place_posture(c, k, q);
-        robot_jacobians(q, tool, J);
+        place_posture(c, m, k, q);
+        robot_jacobians(q, m, J);
         for (int t = 0; t < TIPS; ++t) {
             double parts[3];
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
@@ -1500,7 +1530,7 @@ static void report_force(step_t *s)
     const memory_t *const m = s->m;
     const double unit[3] = {1.0, 1.0, 1.0};
     double J[6 * N * TIPS], parts[3];
-    robot_jacobians(m->q, m->tool_pose, J);
+    robot_jacobians(m->q, m, J);
     s->out->force_available = HUGE_VAL;
     for (int t = 0; t < TIPS; ++t) {
         bound_wrench(s->c, 3, J + 6 * N * t, unit, 0, parts);
@@ -1526,9 +1556,9 @@ static void turn_to_axes(const double *pose, const double *v, double *turned)
 }
 
 /* Compute the mass matrix M at q, with the motors' inertia. */
-static void compute_inertia(const config_t *c, const double *q, double *M)
+static void compute_inertia(const config_t *c, const memory_t *m, const double *q, double *M)
 {
-    robot_mass_matrix(q, M);
+    robot_mass_matrix(q, m, M);
     for (int i = 0; i < N; ++i) {
         M[i * (N + 1)] += c->motor_inertia[i];
     }
@@ -1539,17 +1569,17 @@ static void compute_inertia(const config_t *c, const double *q, double *M)
  * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
  * positive definite.
  */
-static int measure_mobilities(const config_t *c, const double *q, const double *tool, const double *equilibrium,
+static int measure_mobilities(const config_t *c, const memory_t *m, const double *q, const double *equilibrium,
                               double *work, double *mobilities)
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
-    compute_inertia(c, q, M);
+    compute_inertia(c, m, q, M);
     const double mass = largest_entry(NN, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
     }
-    robot_jacobians(q, tool, J);
-    robot_poses(q, tool, pose);
+    robot_jacobians(q, m, J);
+    robot_poses(q, m, pose);
     memset(mobilities, 0, 18 * TIPS * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
@@ -1651,7 +1681,7 @@ static void cap_springs(step_t *s)
     memory_t *const m = s->m;
     double A[18 * TIPS], largest[2 * TIPS], most = 0.95 * largest_eigenvalue(s->c), sum = 0.0;
     m->stiffness_share = 1.0;
-    if (!m->capped || !measure_mobilities(s->c, m->q, m->tool_pose, m->equilibrium, s->scratch, A)) {
+    if (!m->capped || !measure_mobilities(s->c, m, m->q, m->equilibrium, s->scratch, A)) {
         return;
     }
     if (!s->commanded) {
@@ -1682,15 +1712,13 @@ static void cap_springs(step_t *s)
  * Return whether a stiffness at the limits of the configuration would be halved somewhere: in one of POSTURES postures
  * the sample time allows less than half of it.
  */
-static int halves_stiffness(const config_t *c, double *work)
+static int halves_stiffness(const config_t *c, const memory_t *m, double *work)
 {
-    double tool[16 * TIPS];
     int halved = 0;
-    place_no_tools(tool);
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], A[18 * TIPS], d[3], Q[9];
-        place_posture(c, k, q);
-        if (!measure_mobilities(c, q, tool, NULL, work, A)) {
+        place_posture(c, m, k, q);
+        if (!measure_mobilities(c, m, q, NULL, work, A)) {
             continue;
         }
         for (int j = 0; j < 2 * TIPS; ++j) {
@@ -1793,12 +1821,14 @@ static void start_memory(const config_t *c, state_t *state)
 {
     memory_t *const m = &state->memory;
     memset(m, 0, sizeof *m);
+    place_no_tools(m->tool_pose);
+    robot_home(m);
     for (int i = 0; i < N; ++i) {
         m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
-    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c);
+    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
     m->tank = fmax(c->tank_initial, m->sized_tank);
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
@@ -1823,11 +1853,12 @@ static int initialise(const config_t *c, state_t *state, const double *torque)
             return ID(E_TORQUE);
         }
     }
+    start_memory(c, state);
     if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && c->law == ID(LAW_POTENTIAL) &&
-        halves_stiffness(c, state->scratch)) {
+        halves_stiffness(c, &state->memory, state->scratch)) {
+        memset(state, 0, sizeof *state);
         return ID(E_STIFFNESS);
     }
-    start_memory(c, state);
     if (torque != NULL) {
         store_copies(state->torque, torque);
     }
@@ -2023,7 +2054,7 @@ static int check_joint(step_t *s, int i)
  */
 static int check_sample(step_t *s, const double *last)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
     const input_t *const in = s->input;
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
@@ -2043,6 +2074,11 @@ static int check_sample(step_t *s, const double *last)
     }
     if (!s->located) {
         return ID(REASON_JUMP);
+    }
+    if (!robot_follow(in->q, m)) {
+        s->located = 0;
+        note_finding(s, NO_JOINT, 0.0, 0.0);
+        return ID(REASON_LOOPS);
     }
     if (reason == ID(REASON_NONE) && s->c->law == ID(LAW_PAPER) &&
         (s->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
@@ -2129,7 +2165,7 @@ static int accept_pose(const double *pose, double *accepted)
 }
 
 /*
- * Accept a command that can be followed: finite positions, poses, and stiffnesses within their limits. Poses and
+ * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits. Poses and
  * stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is accepted.
  */
 static int accept_command(step_t *s)
@@ -2153,7 +2189,7 @@ static int accept_command(step_t *s)
         }
         good = good && (robot_tool(in) == NULL || accept_pose(robot_tool(in) + 16 * t, tool));
     }
-    return good;
+    return good && robot_reaches(in->q0, s->m);
 }
 
 /*
@@ -2299,8 +2335,8 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
                          double *damping)
 {
     double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
-    robot_poses(q, m->tool_pose, here);
-    robot_jacobians(q, m->tool_pose, J);
+    robot_poses(q, m, here);
+    robot_jacobians(q, m, J);
     memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
@@ -2426,7 +2462,7 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
 static void measure_inertia(step_t *s, const double *q)
 {
     double *const M = s->scratch, *const L = M + NN;
-    compute_inertia(s->c, q, M);
+    compute_inertia(s->c, s->m, q, M);
     for (int i = 0; i < N; ++i) {
         s->m->inertia[i] = DBL_MAX;
     }
@@ -2450,7 +2486,7 @@ static void measure_inertia(step_t *s, const double *q)
 static void apply_task_damping(step_t *s)
 {
     double J[6 * N * TIPS];
-    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    robot_jacobians(s->m->q, s->m, J);
     for (int k = 0; k < 36 * TIPS; ++k) {
         const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
         const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
@@ -2577,7 +2613,7 @@ static void follow_twists(step_t *s, const double *twists, double *velocity)
     if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
-    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    robot_jacobians(s->m->q, s->m, J);
     weigh_twists(L, J, weights, A);
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);
@@ -2704,7 +2740,7 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     memcpy(posture, m->posture, N * sizeof(double));
     if (by_posture) {
         add_scaled(N, T, m->posture_velocity, posture);
-        robot_poses(posture, m->tool_pose, equilibrium);
+        robot_poses(posture, m, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
@@ -2858,7 +2894,7 @@ static int push_beyond_limit(const memory_t *m, double zone)
 {
     double wrench[6 * TIPS], torque[N], stiffness[NN];
     int pushed = 0;
-    robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+    robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
                  find_spring_limits(m), wrench, torque, stiffness);
     for (int i = 0; i < N; ++i) {
         pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
@@ -2894,7 +2930,7 @@ static int update_velocities(step_t *s, int by_posture)
     int moving = 0;
     const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
     if (!by_posture) {
-        robot_poses(m->posture, m->tool_pose, here);
+        robot_poses(m->posture, m, here);
     }
     if (!by_posture && !joining) {
         const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
@@ -2960,10 +2996,10 @@ static void pay_for_travel(step_t *s)
         return;
     }
     if (by_pose && !m->by_pose) {
-        robot_poses(m->wanted_posture, m->tool_pose, m->wanted_equilibrium);
+        robot_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
     if (!by_pose && (m->by_pose || !m->joined)) {
-        robot_poses(q0, m->tool_pose, there);
+        robot_poses(q0, m, there);
         pose = there;
     }
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
@@ -2984,7 +3020,10 @@ static double work_left(const memory_t *m)
     return fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
 }
 
-/* Move the posture by itself, where the engagement can pay what its spring stores. Return the rise of its energy. */
+/*
+ * Move the posture by itself, where closed loops allow it and the engagement can pay what its spring stores. Return the
+ * rise of its energy.
+ */
 static double move_posture(step_t *s)
 {
     memory_t *const m = s->m;
@@ -2993,7 +3032,7 @@ static double move_posture(step_t *s)
     add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
     const double before = robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     const double rise = m->scale * (robot_posture_energy(m->q, posture, m->posture_stiffness) - before);
-    if (rise > work_left(m)) {
+    if (rise > work_left(m) || !robot_reaches(posture, m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         s->status |= ID(STATUS_GOVERNOR);
         return 0.0;
@@ -3128,7 +3167,7 @@ static void settle_springs(step_t *s)
     if (s->commanded) {
         adopt_command(s);
     }
-    robot_poses(m->q, m->tool_pose, m->equilibrium);
+    robot_poses(m->q, m, m->equilibrium);
     if (s->commanded && m->fault == ID(FAULT_NONE)) {
         start_engagement(s);
     }
@@ -3150,9 +3189,9 @@ static void adopt_tool(step_t *s)
     const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
     double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
     memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
-    robot_poses(m->q, m->tool_pose, before);
+    robot_poses(m->q, m, before);
     memcpy(m->tool_pose, tool, sizeof m->tool_pose);
-    robot_poses(m->q, m->tool_pose, after);
+    robot_poses(m->q, m, after);
     for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
         for (int t = 0; t < TIPS; ++t) {
             double away[6], twist[6] = {0.0};
@@ -3385,7 +3424,7 @@ static int track_tips(const step_t *s, int *moves)
     memory_t *const m = s->m;
     double J[6 * N * TIPS], twist[6] = {0.0};
     int agree = 1;
-    robot_jacobians(m->q, m->tool_pose, J);
+    robot_jacobians(m->q, m, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
         const double most = PLAN_DRIFT * (k % 6 < 3 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit);
         if (k % 6 == 0) {
@@ -3573,7 +3612,7 @@ static void press_tips(step_t *s)
         m->press_share = 0.0;
         return;
     }
-    robot_jacobians(m->q, m->tool_pose, J);
+    robot_jacobians(m->q, m, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
         add_scaled(N, s->input->wrench_command[k], J + k * N, press);
     }
@@ -3592,7 +3631,7 @@ static void compensate_coriolis(step_t *s)
 {
     double forces[N];
     if (s->c->coriolis == ID(CORIOLIS_ON) && s->m->engaged && s->m->fault == ID(FAULT_NONE)) {
-        robot_coriolis(s->m->q, s->velocity, forces);
+        robot_coriolis(s->m->q, s->m, s->velocity, forces);
         add_scaled(N, fade_with_tank(s), forces, s->carried);
     }
 }
@@ -3693,13 +3732,13 @@ static double pull_springs(step_t *s, const double *slip, double *pull)
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
         const double *const K = s->input->task_stiffness;
         if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
-            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
+            robot_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         } else {
-            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
+            robot_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         }
         multiply_vector(out->joint_stiffness, slip, pull);
     } else {
-        energy = robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+        energy = robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
                               find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
@@ -3754,7 +3793,7 @@ static void compute_torque(step_t *s, const double *last, int moved)
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
     double pull[N], slip[N], lead[N], feed[N];
-    compute_inertia(c, m->q, out->mass_matrix);
+    compute_inertia(c, m, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         slip[i] = m->posture[i] - m->q[i];
     }

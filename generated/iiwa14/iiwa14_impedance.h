@@ -178,7 +178,8 @@ enum {
     IIWA14_REASON_RESERVE = 12, /* [energy] the tank is almost empty and the springs' torque is not covered (tank_initial, torque_rate_limit) */
     IIWA14_REASON_CONFIG = 13, /* [configuration] the configuration was refused (the return value names the field) */
     IIWA14_REASON_CHANGED = 14, /* [configuration] law or spring changed while engaged (law, spring) */
-    IIWA14_REASON_STATE = 15 /* [configuration] the state's checksum is wrong: its memory was overwritten */
+    IIWA14_REASON_STATE = 15, /* [configuration] the state's checksum is wrong: its memory was overwritten */
+    IIWA14_REASON_LOOPS = 16 /* [sensor] the closed loops do not close at q, or the passive joints have changed their branch */
 };
 
 /* Parts of a proposal. */

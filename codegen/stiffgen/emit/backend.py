@@ -14,6 +14,7 @@ from stiffgen.emit.c import VariantCode, print_kernels
 from stiffgen.emit.controller import (
     BOUNDED_KERNELS,
     CONTROLLER_KERNELS,
+    LOOP_KERNELS,
     ControllerPage,
     controller_page,
     has_controller,
@@ -71,7 +72,8 @@ class Request:
         springs, groups = self.options.springs or SpringOptions(), self.options.groups
         if groups and self.has_controller:
             bounded = BOUNDED_KERNELS if "bounded" in springs.kinds else ()
-            groups = tuple(dict.fromkeys((*groups, *CONTROLLER_KERNELS, *bounded)))
+            loops = LOOP_KERNELS if self.chain.loops else ()
+            groups = tuple(dict.fromkeys((*groups, *CONTROLLER_KERNELS, *bounded, *loops)))
         return replace(springs, groups=groups, batches=self.options.batches)
 
     @property

@@ -31,6 +31,8 @@ CONTROLLER_KERNELS = (
     "spring.energy", "spring.wrench", "spring.torque", "spring.linearization", "posture.energy",
 )  # fmt: skip
 """Functions that the controller calls, besides the poses of the tips."""
+LOOP_KERNELS = ("close", *(f"motors.{name}" for name in ("jacobian", "mass_matrix", "bias_forces", "from_joints")))
+"""Functions that the controller calls in robots with closed loops, besides those of the tree."""
 BOUNDED_KERNELS = tuple(f"spring_bounded.{name}" for name in ("energy", "wrench", "torque", "linearization"))
 """Functions that the controller calls in folders with the bounded spring."""
 _FORMATS = {"double": "f8", "int": "i4", "uint32_t": "u4"}
@@ -54,7 +56,7 @@ _FIRST_FIELD_ERROR = -20
 
 def has_controller(chain: Chain, scalar: Scalar = DOUBLE) -> bool:
     """Return whether a robot can have the controller: masses, a fixed base, at most MAX_DOF coordinates, doubles."""
-    return scalar == DOUBLE and chain.masses and not chain.floating and chain.dof <= MAX_DOF
+    return scalar == DOUBLE and chain.masses and not chain.floating and len(chain.motor_coordinates) <= MAX_DOF
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,7 @@ class ControllerPage:
     """Variable ``controller`` of the templates.
 
     Attributes:
+        n: number of motors.
         interface: types and constants of the C library.
         library: functions of the C library, static.
         tool: whether the tool's pose is an argument.
@@ -115,6 +118,7 @@ class ControllerPage:
 
     """
 
+    n: int
     interface: str
     library: str
     tool: bool
@@ -149,8 +153,9 @@ def controller_page(
     """Return the template variables of a robot's controller; None without one."""
     if not has_controller(chain, scalar):
         return None
-    prefix = name.upper()
+    prefix, index = name.upper(), "motors[i]" if chain.loops else "i"
     return ControllerPage(
+        n=len(chain.motor_coordinates),
         interface=_interface(),
         library=_library(),
         tool=chain.runtime_tool,
@@ -173,7 +178,9 @@ def controller_page(
         choice_fields=[(f.name, f.choices) for f in (*CONFIG, *INPUT) if f.choices],
         infinite_fields=[field.name for field in CONFIG if math.isinf(field.most)],
         defaults=[line for f in CONFIG for line in _defaults(f, prefix)],
-        joint_defaults=[f"config->{f.name}[i] = {f.default.format(name=name)};" for f in CONFIG if f.shape == ("n",)],
+        joint_defaults=[
+            f"config->{f.name}[i] = {f.default.format(name=name, i=index)};" for f in CONFIG if f.shape == ("n",)
+        ],
         motors=_motors(chain),
         axes=(placement.translation_axes or "base", placement.rotation_axes),
         centre=", ".join(map(repr, placement.centre)),
@@ -196,7 +203,7 @@ def _library() -> str:
 
 
 def _struct(chain: Chain, prefix: str, name: str, summary: str, fields: tuple[Field, ...]) -> Struct:
-    sizes = {"n": chain.dof, "tips": len(chain.tips)}
+    sizes = {"n": len(chain.motor_coordinates), "tips": len(chain.tips)}
     members = [_member(field, sizes, prefix) for field in fields if field.when != "tool" or chain.runtime_tool]
     return Struct(name, summary, members)
 
@@ -251,7 +258,7 @@ def _member(field: Field, sizes: dict[str, int], prefix: str) -> Member:
     extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
     if field.shape[:1] == ("tips",) and sizes["tips"] == 1:
         extents = extents[1:]
-    default = f" Default: {field.default.replace('{name}_', '')}." if field.default else ""
+    default = f" Default: {field.default.replace('{name}_', '').replace('{i}', 'i')}." if field.default else ""
     bound = f" {field.rule[0].upper()}{field.rule[1:]}." if field in CONFIG or field.choices else ""
     shape = f" ({' x '.join(map(str, extents))})" if len(extents) > 1 else ""
     unit = f"[{field.unit}]{shape} " if field.unit else ""

@@ -23,7 +23,7 @@ class Field:
 
     ``shape`` is row-major; () is a scalar. ``choices`` are the words that Python accepts for an int, each a C constant
     NAME_<FIELD>_<CHOICE>. Configuration only: ``default`` is a C expression ("{name}" is the robot's prefix, i the
-    index), and every entry must lie between ``least`` and ``most`` (both allowed).
+    index, "{i}" that in q), and every entry must lie between ``least`` and ``most`` (both allowed).
     """
 
     name: str
@@ -149,7 +149,7 @@ CONFIG: tuple[Field, ...] = (
         N,
         "rad or m",
         "lower limit of the position; may be -infinity",
-        "{name}_lower[i]",
+        "{name}_lower[{i}]",
         -math.inf,
         math.inf,
     ),
@@ -158,7 +158,7 @@ CONFIG: tuple[Field, ...] = (
         N,
         "rad or m",
         "upper limit of the position; may be infinity",
-        "{name}_upper[i]",
+        "{name}_upper[{i}]",
         -math.inf,
         math.inf,
     ),
@@ -186,7 +186,7 @@ CONFIG: tuple[Field, ...] = (
         "N m/rad",
         "stiffness of the limit avoidance in the zone, up to the effort limit; softened to what torque rate and sample "
         "time can follow; 0 turns it off",
-        "{name}_effort[i]",
+        "{name}_effort[{i}]",
         0.0,
         1e6,
     ),
@@ -195,7 +195,7 @@ CONFIG: tuple[Field, ...] = (
         N,
         "rad/s or m/s",
         "velocity limit of the arm; exceeding it for overspeed_time is a limit fault",
-        "{name}_velocity[i]",
+        "{name}_velocity[{i}]",
         1e-6,
         1e3,
     ),
@@ -204,7 +204,7 @@ CONFIG: tuple[Field, ...] = (
         N,
         "rad/s or m/s",
         "velocity limit of the equilibrium, which uses 0.8 of it; from 0.9 of it on the arm's joint is braked",
-        "0.9 * {name}_velocity[i]",
+        "0.9 * {name}_velocity[{i}]",
         1e-6,
         1e3,
     ),
@@ -241,7 +241,7 @@ CONFIG: tuple[Field, ...] = (
         0.0,
         1e5,
     ),
-    Field("effort_limit", N, "N m or N", "largest torque", "{name}_effort[i]", 1e-6, 1e5),
+    Field("effort_limit", N, "N m or N", "largest torque", "{name}_effort[{i}]", 1e-6, 1e5),
     Field(
         "torque_rate_limit",
         N,

@@ -59,13 +59,13 @@ def motor_tables(chain: Chain) -> Preset:
     The file comes first, since its armature is that of the user's simulation. An armature of 0 counts as unknown.
     """
     preset = find_preset(chain.robot) or Preset("", chain.robot)
-    limits = [(c.effort, c.velocity) for c in chain.coordinates]
+    limits = [(c.effort, c.velocity) for c in chain.motor_coordinates]
     inertia, rate = preset.motor_inertia, preset.torque_rate
     inertia_source, rate_source = preset.inertia_source, preset.rate_source
     if len(inertia) != len(limits):
         inertia = tuple(_estimate(effort, velocity) for effort, velocity in limits)
         inertia_source = f"estimate: {INERTIA_TIME:g} s effort / velocity, the maker's is unknown"
-    stated = [c.motor_inertia for c in chain.coordinates]
+    stated = [c.motor_inertia for c in chain.motor_coordinates]
     if any(stated):
         inertia = tuple(own or other for own, other in zip(stated, inertia, strict=True))
         inertia_source = "armature of the file" + ("" if all(stated) else f"; where it is 0, {inertia_source}")

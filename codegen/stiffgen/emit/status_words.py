@@ -106,6 +106,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("config", "configuration", "the configuration was refused (the return value names the field)"),
     ("changed", "configuration", "law or spring changed while engaged (law, spring)"),
     ("state", "configuration", "the state's checksum is wrong: its memory was overwritten"),
+    ("loops", "sensor", "the closed loops do not close at q, or the passive joints have changed their branch"),
 )
 """Reasons for faults, NAME_REASON_<NAME> from 0 on: class, meaning, and in brackets the fields to look at."""
 

@@ -236,6 +236,11 @@ class Chain:
         return (*range(self.base_joints), *(self.base_joints + k for k in self.actuated))
 
     @property
+    def motor_coordinates(self) -> tuple[Coordinate, ...]:
+        """Entries of q that a controller commands: the actuated ones, or all without closed loops."""
+        return tuple(self.coordinates[k] for k in self.actuated) if self.loops else self.coordinates
+
+    @property
     def base_joints(self) -> int:
         """Number of joints of a floating base: 6 or 0."""
         return BASE_JOINTS if self.floating else 0

@@ -16,9 +16,9 @@ static void turn_to_axes(const double *pose, const double *v, double *turned)
 }
 
 /* Compute the mass matrix M at q, with the motors' inertia. */
-void compute_inertia(const config_t *c, const double *q, double *M)
+void compute_inertia(const config_t *c, const memory_t *m, const double *q, double *M)
 {
-    robot_mass_matrix(q, M);
+    robot_mass_matrix(q, m, M);
     for (int i = 0; i < N; ++i) {
         M[i * (N + 1)] += c->motor_inertia[i];
     }
@@ -29,17 +29,17 @@ void compute_inertia(const config_t *c, const double *q, double *M)
  * joints to the displacement of the centre of stiffness, or to the rotation. work: 2 N^2 entries. Return whether M is
  * positive definite.
  */
-static int measure_mobilities(const config_t *c, const double *q, const double *tool, const double *equilibrium,
+static int measure_mobilities(const config_t *c, const memory_t *m, const double *q, const double *equilibrium,
                               double *work, double *mobilities)
 {
     double *const M = work, *const L = work + NN, J[6 * N * TIPS], pose[16 * TIPS];
-    compute_inertia(c, q, M);
+    compute_inertia(c, m, q, M);
     const double mass = largest_entry(NN, M);
     if (factorise_cholesky(N, M, mass, 0.0, L) != 0) {
         return 0;
     }
-    robot_jacobians(q, tool, J);
-    robot_poses(q, tool, pose);
+    robot_jacobians(q, m, J);
+    robot_poses(q, m, pose);
     memset(mobilities, 0, 18 * TIPS * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {
         const double *const P = pose + 16 * t, *const E = equilibrium != NULL ? equilibrium + 16 * t : P;
@@ -141,7 +141,7 @@ void cap_springs(step_t *s)
     memory_t *const m = s->m;
     double A[18 * TIPS], largest[2 * TIPS], most = 0.95 * largest_eigenvalue(s->c), sum = 0.0;
     m->stiffness_share = 1.0;
-    if (!m->capped || !measure_mobilities(s->c, m->q, m->tool_pose, m->equilibrium, s->scratch, A)) {
+    if (!m->capped || !measure_mobilities(s->c, m, m->q, m->equilibrium, s->scratch, A)) {
         return;
     }
     if (!s->commanded) {
@@ -172,15 +172,13 @@ void cap_springs(step_t *s)
  * Return whether a stiffness at the limits of the configuration would be halved somewhere: in one of POSTURES postures
  * the sample time allows less than half of it.
  */
-int halves_stiffness(const config_t *c, double *work)
+int halves_stiffness(const config_t *c, const memory_t *m, double *work)
 {
-    double tool[16 * TIPS];
     int halved = 0;
-    place_no_tools(tool);
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], A[18 * TIPS], d[3], Q[9];
-        place_posture(c, k, q);
-        if (!measure_mobilities(c, q, tool, NULL, work, A)) {
+        place_posture(c, m, k, q);
+        if (!measure_mobilities(c, m, q, NULL, work, A)) {
             continue;
         }
         for (int j = 0; j < 2 * TIPS; ++j) {

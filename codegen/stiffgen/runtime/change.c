@@ -15,9 +15,9 @@ void adopt_tool(step_t *s)
     const double left = fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
     double before[16 * TIPS], after[16 * TIPS], equilibrium[16 * TIPS], share = 1.0, rise = HUGE_VAL;
     memcpy(equilibrium, m->equilibrium, sizeof equilibrium);
-    robot_poses(m->q, m->tool_pose, before);
+    robot_poses(m->q, m, before);
     memcpy(m->tool_pose, tool, sizeof m->tool_pose);
-    robot_poses(m->q, m->tool_pose, after);
+    robot_poses(m->q, m, after);
     for (int attempt = 0; attempt < 4 && rise > left; ++attempt) {
         for (int t = 0; t < TIPS; ++t) {
             double away[6], twist[6] = {0.0};

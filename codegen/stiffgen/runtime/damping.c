@@ -25,7 +25,7 @@ static double reduce_inertia(const double *L, double mass, double *inertia)
 void measure_inertia(step_t *s, const double *q)
 {
     double *const M = s->scratch, *const L = M + NN;
-    compute_inertia(s->c, q, M);
+    compute_inertia(s->c, s->m, q, M);
     for (int i = 0; i < N; ++i) {
         s->m->inertia[i] = DBL_MAX;
     }
@@ -49,7 +49,7 @@ void measure_inertia(step_t *s, const double *q)
 static void apply_task_damping(step_t *s)
 {
     double J[6 * N * TIPS];
-    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    robot_jacobians(s->m->q, s->m, J);
     for (int k = 0; k < 36 * TIPS; ++k) {
         const double D = (s->c->task_damping[k % 36] + s->c->task_damping[k % 6 * 6 + k / 6 % 6]) / 2.0;
         const double *const left = J + k / 6 * N, *const right = J + (k / 36 * 6 + k % 6) * N;
@@ -176,7 +176,7 @@ void follow_twists(step_t *s, const double *twists, double *velocity)
     if (factorise_cholesky(N, s->out->damping, largest_entry(NN, s->out->damping), LEAST_DAMPED, L) != 0) {
         return;
     }
-    robot_jacobians(s->m->q, s->m->tool_pose, J);
+    robot_jacobians(s->m->q, s->m, J);
     weigh_twists(L, J, weights, A);
     for (int r = 0; r < 6 * TIPS; ++r) {
         add_scaled(N, weights[r / 3 % 2] * twists[r], J + r * N, wanted);

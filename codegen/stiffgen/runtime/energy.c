@@ -13,7 +13,7 @@ double compute_tip_energy(const memory_t *m, const double *q, const double *equi
     if (m->law == ID(LAW_PAPER)) {
         return 0.0;
     }
-    return robot_spring_energy(q, m->tool_pose, equilibrium, m->translation_stiffness, m->rotation_stiffness,
+    return robot_spring_energy(q, m, equilibrium, m->translation_stiffness, m->rotation_stiffness,
                                find_spring_limits(m));
 }
 

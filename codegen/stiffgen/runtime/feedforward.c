@@ -40,7 +40,7 @@ static int track_tips(const step_t *s, int *moves)
     memory_t *const m = s->m;
     double J[6 * N * TIPS], twist[6] = {0.0};
     int agree = 1;
-    robot_jacobians(m->q, m->tool_pose, J);
+    robot_jacobians(m->q, m, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
         const double most = PLAN_DRIFT * (k % 6 < 3 ? s->c->tip_velocity_limit : s->c->tip_rotation_limit);
         if (k % 6 == 0) {
@@ -228,7 +228,7 @@ void press_tips(step_t *s)
         m->press_share = 0.0;
         return;
     }
-    robot_jacobians(m->q, m->tool_pose, J);
+    robot_jacobians(m->q, m, J);
     for (int k = 0; k < 6 * TIPS; ++k) {
         add_scaled(N, s->input->wrench_command[k], J + k * N, press);
     }
@@ -247,7 +247,7 @@ void compensate_coriolis(step_t *s)
 {
     double forces[N];
     if (s->c->coriolis == ID(CORIOLIS_ON) && s->m->engaged && s->m->fault == ID(FAULT_NONE)) {
-        robot_coriolis(s->m->q, s->velocity, forces);
+        robot_coriolis(s->m->q, s->m, s->velocity, forces);
         add_scaled(N, fade_with_tank(s), forces, s->carried);
     }
 }

@@ -47,7 +47,7 @@ static void predict_equilibrium(const step_t *s, double share, int by_posture, d
     memcpy(posture, m->posture, N * sizeof(double));
     if (by_posture) {
         add_scaled(N, T, m->posture_velocity, posture);
-        robot_poses(posture, m->tool_pose, equilibrium);
+        robot_poses(posture, m, equilibrium);
         return;
     }
     for (int t = 0; t < TIPS; ++t) {
@@ -201,7 +201,7 @@ static int push_beyond_limit(const memory_t *m, double zone)
 {
     double wrench[6 * TIPS], torque[N], stiffness[NN];
     int pushed = 0;
-    robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+    robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
                  find_spring_limits(m), wrench, torque, stiffness);
     for (int i = 0; i < N; ++i) {
         pushed |= torque[i] != 0.0 && find_depth(m, i, torque[i]) >= zone;
@@ -237,7 +237,7 @@ static int update_velocities(step_t *s, int by_posture)
     int moving = 0;
     const int joining = s->input->command == ID(COMMAND_POSITION) && !by_posture;
     if (!by_posture) {
-        robot_poses(m->posture, m->tool_pose, here);
+        robot_poses(m->posture, m, here);
     }
     if (!by_posture && !joining) {
         const double streamed = s->commanded ? pose_distance(m->wanted_equilibrium, s->goal) : 0.0;
@@ -303,10 +303,10 @@ static void pay_for_travel(step_t *s)
         return;
     }
     if (by_pose && !m->by_pose) {
-        robot_poses(m->wanted_posture, m->tool_pose, m->wanted_equilibrium);
+        robot_poses(m->wanted_posture, m, m->wanted_equilibrium);
     }
     if (!by_pose && (m->by_pose || !m->joined)) {
-        robot_poses(q0, m->tool_pose, there);
+        robot_poses(q0, m, there);
         pose = there;
     }
     const double *const moved_pose = by_pose || m->by_pose ? pose : NULL;
@@ -327,7 +327,10 @@ static double work_left(const memory_t *m)
     return fmax(m->engagement - worst_feed_work(m, m->feed, m->call_gap), 0.0);
 }
 
-/* Move the posture by itself, where the engagement can pay what its spring stores. Return the rise of its energy. */
+/*
+ * Move the posture by itself, where closed loops allow it and the engagement can pay what its spring stores. Return the
+ * rise of its energy.
+ */
 static double move_posture(step_t *s)
 {
     memory_t *const m = s->m;
@@ -336,7 +339,7 @@ static double move_posture(step_t *s)
     add_scaled(N, s->c->sample_time, m->posture_velocity, posture);
     const double before = robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     const double rise = m->scale * (robot_posture_energy(m->q, posture, m->posture_stiffness) - before);
-    if (rise > work_left(m)) {
+    if (rise > work_left(m) || !robot_reaches(posture, m)) {
         memset(m->posture_velocity, 0, sizeof m->posture_velocity);
         s->status |= ID(STATUS_GOVERNOR);
         return 0.0;
@@ -471,7 +474,7 @@ void settle_springs(step_t *s)
     if (s->commanded) {
         adopt_command(s);
     }
-    robot_poses(m->q, m->tool_pose, m->equilibrium);
+    robot_poses(m->q, m, m->equilibrium);
     if (s->commanded && m->fault == ID(FAULT_NONE)) {
         start_engagement(s);
     }

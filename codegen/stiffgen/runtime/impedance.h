@@ -102,23 +102,28 @@ typedef struct {
 
 /* ---- functions, by file ---- */
 
-/* robot.c: the robot's kernels at its tips, one after the other, and the tables of its fields */
-void robot_poses(const double *q, const double *tool, double *pose);
-void robot_jacobians(const double *q, const double *tool, double *jacobian);
-void robot_joint_stiffness(const double *q, const double *tool, const double *wrench, const double *task_stiffness,
+/* robot.c: the robot's kernels at its tips, one after the other, and the tables of its fields. m: tools of the tips, and
+ * with closed loops the joints from which they are closed */
+void robot_poses(const double *q, const memory_t *m, double *pose);
+void robot_jacobians(const double *q, const memory_t *m, double *jacobian);
+void robot_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
                            double *joint_stiffness);
-void robot_conventional_stiffness(const double *q, const double *tool, const double *wrench,
+void robot_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
                                   const double *task_stiffness, double *joint_stiffness);
-double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
+double robot_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
                            const double *translation_stiffness, const double *rotation_stiffness,
                            const double *limits);
-double robot_spring(const double *q, const double *tool, const double *equilibrium, const double *translation_stiffness,
+double robot_spring(const double *q, const memory_t *m, const double *equilibrium, const double *translation_stiffness,
                     const double *rotation_stiffness, const double *limits, double *wrench, double *torque,
                     double *joint_stiffness);
 int robot_has_bounded_spring(void);
 double robot_posture_energy(const double *q, const double *posture, const double *posture_stiffness);
-void robot_mass_matrix(const double *q, double *mass_matrix);
-void robot_coriolis(const double *q, const double *velocity, double *forces);
+void robot_mass_matrix(const double *q, const memory_t *m, double *mass_matrix);
+void robot_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces);
+void robot_home(memory_t *m);
+int robot_reaches(const double *q, const memory_t *m);
+int robot_follow(const double *q, memory_t *m);
+void robot_retract(const memory_t *m, double *q);
 const double *robot_tool(const input_t *input);
 const double *robot_translation_axes(const double *pose, const double *equilibrium);
 const double *robot_rotation_axes(const double *pose, const double *equilibrium);
@@ -151,18 +156,18 @@ int soften(const double *wanted, double share, double *K, double *cost);
 int is_positive_semidefinite(int n, const double *A, double tolerance);
 
 /* strength.c */
-void place_posture(const config_t *c, int k, double *q);
+void place_posture(const config_t *c, const memory_t *m, int k, double *q);
 void place_no_tools(double *tool);
 double solve_share(double a, double b, double most);
-double size_tank(const config_t *c);
+double size_tank(const config_t *c, const memory_t *m);
 void find_energies(step_t *s);
 void note_load(step_t *s, double energy);
 void report_force(step_t *s);
 
 /* cap.c */
-void compute_inertia(const config_t *c, const double *q, double *M);
+void compute_inertia(const config_t *c, const memory_t *m, const double *q, double *M);
 void cap_springs(step_t *s);
-int halves_stiffness(const config_t *c, double *work);
+int halves_stiffness(const config_t *c, const memory_t *m, double *work);
 
 /* state.c */
 int doubles_within(const double *x, size_t count, double least, double most);

@@ -142,8 +142,8 @@ static double sum_errors(const memory_t *m, const double *q, const double *goal,
                          double *damping)
 {
     double here[16 * TIPS], J[6 * N * TIPS], distance = 0.0, squares = 0.0;
-    robot_poses(q, m->tool_pose, here);
-    robot_jacobians(q, m->tool_pose, J);
+    robot_poses(q, m, here);
+    robot_jacobians(q, m, J);
     memset(A, 0, NN * sizeof(double));
     memset(task, 0, N * sizeof(double));
     for (int t = 0; t < TIPS; ++t) {

@@ -148,7 +148,7 @@ static int check_joint(step_t *s, int i)
  */
 static int check_sample(step_t *s, const double *last)
 {
-    const memory_t *const m = s->m;
+    memory_t *const m = s->m;
     const input_t *const in = s->input;
     int reason = ID(REASON_NONE);
     for (int i = 0; i < N; ++i) {
@@ -168,6 +168,11 @@ static int check_sample(step_t *s, const double *last)
     }
     if (!s->located) {
         return ID(REASON_JUMP);
+    }
+    if (!robot_follow(in->q, m)) {
+        s->located = 0;
+        note_finding(s, NO_JOINT, 0.0, 0.0);
+        return ID(REASON_LOOPS);
     }
     if (reason == ID(REASON_NONE) && s->c->law == ID(LAW_PAPER) &&
         (s->status & (uint32_t)ID(STATUS_WRENCH_REFUSED)) != 0u) {
@@ -254,7 +259,7 @@ int accept_pose(const double *pose, double *accepted)
 }
 
 /*
- * Accept a command that can be followed: finite positions, poses, and stiffnesses within their limits. Poses and
+ * Accept a command that can be followed: positions in the reach of closed loops, poses, and stiffnesses within limits. Poses and
  * stiffnesses are used as they are accepted, orthonormal and symmetric. Return whether the command is accepted.
  */
 int accept_command(step_t *s)
@@ -278,5 +283,5 @@ int accept_command(step_t *s)
         }
         good = good && (robot_tool(in) == NULL || accept_pose(robot_tool(in) + 16 * t, tool));
     }
-    return good;
+    return good && robot_reaches(in->q0, s->m);
 }

@@ -91,12 +91,14 @@ void start_memory(const config_t *c, state_t *state)
 {
     memory_t *const m = &state->memory;
     memset(m, 0, sizeof *m);
+    place_no_tools(m->tool_pose);
+    robot_home(m);
     for (int i = 0; i < N; ++i) {
         m->rate[i] = c->torque_rate_limit[i] * c->sample_time;
     }
     store_copies(state->rate, m->rate);
     memcpy(m->velocity_limit, c->velocity_limit, sizeof m->velocity_limit);
-    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c);
+    m->sized_tank = c->tank_initial > 0.0 ? 0.0 : size_tank(c, m);
     m->tank = fmax(c->tank_initial, m->sized_tank);
     m->calls = m->hold = c->missed_limit;
     m->fault_joint = NO_JOINT;
@@ -121,11 +123,12 @@ int initialise(const config_t *c, state_t *state, const double *torque)
             return ID(E_TORQUE);
         }
     }
+    start_memory(c, state);
     if (c->stiffness_cap == ID(STIFFNESS_CAP_REFUSE) && c->law == ID(LAW_POTENTIAL) &&
-        halves_stiffness(c, state->scratch)) {
+        halves_stiffness(c, &state->memory, state->scratch)) {
+        memset(state, 0, sizeof *state);
         return ID(E_STIFFNESS);
     }
-    start_memory(c, state);
     if (torque != NULL) {
         store_copies(state->torque, torque);
     }

@@ -2,7 +2,7 @@
 #include "impedance.h"
 
 /* Choose one of POSTURES postures, spread over the position limits (half a turn where there is none). */
-void place_posture(const config_t *c, int k, double *q)
+void place_posture(const config_t *c, const memory_t *m, int k, double *q)
 {
     for (int i = 0; i < N; ++i) {
         const double low = fmax(c->lower_limit[i], fmin(c->upper_limit[i], HALF_TURN) - 2.0 * HALF_TURN);
@@ -10,6 +10,7 @@ void place_posture(const config_t *c, int k, double *q)
         const double x = (k + 1) * (i + 1) * GOLDEN;
         q[i] = low + (high - low) * (x - (int)x);
     }
+    robot_retract(m, q);
 }
 
 /* Write the poses of tools that are none: the tips themselves. */
@@ -65,17 +66,16 @@ double solve_share(double a, double b, double most)
  * Compute the tank that covers heaviest_wrench at every tip in all of POSTURES postures, as far as the effort limits of
  * the joints allow it there. A tool that is given at run time is not known yet: the lever arms are those of the tip.
  */
-double size_tank(const config_t *c)
+double size_tank(const config_t *c, const memory_t *m)
 {
-    double size[6], tool[16 * TIPS], most = 0.0;
-    place_no_tools(tool);
+    double size[6], most = 0.0;
     for (int k = 0; k < 6; ++k) {
         size[k] = c->heaviest_wrench[k / 3];
     }
     for (int k = 0; k < POSTURES; ++k) {
         double q[N], J[6 * N * TIPS], sum = 0.0;
-        place_posture(c, k, q);
-        robot_jacobians(q, tool, J);
+        place_posture(c, m, k, q);
+        robot_jacobians(q, m, J);
         for (int t = 0; t < TIPS; ++t) {
             double parts[3];
             bound_wrench(c, 6, J + 6 * N * t, size, 1, parts);
@@ -129,7 +129,7 @@ void report_force(step_t *s)
     const memory_t *const m = s->m;
     const double unit[3] = {1.0, 1.0, 1.0};
     double J[6 * N * TIPS], parts[3];
-    robot_jacobians(m->q, m->tool_pose, J);
+    robot_jacobians(m->q, m, J);
     s->out->force_available = HUGE_VAL;
     for (int t = 0; t < TIPS; ++t) {
         bound_wrench(s->c, 3, J + 6 * N * t, unit, 0, parts);

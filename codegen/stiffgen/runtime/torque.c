@@ -95,13 +95,13 @@ static double pull_springs(step_t *s, const double *slip, double *pull)
         memcpy(out->spring_wrench, out->wrench, sizeof out->wrench);
         const double *const K = s->input->task_stiffness;
         if (c->stiffness_formula == ID(STIFFNESS_FORMULA_CONVENTIONAL)) {
-            robot_conventional_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
+            robot_conventional_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         } else {
-            robot_joint_stiffness(m->q, m->tool_pose, out->wrench, K, out->joint_stiffness);
+            robot_joint_stiffness(m->q, m, out->wrench, K, out->joint_stiffness);
         }
         multiply_vector(out->joint_stiffness, slip, pull);
     } else {
-        energy = robot_spring(m->q, m->tool_pose, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
+        energy = robot_spring(m->q, m, m->equilibrium, m->translation_stiffness, m->rotation_stiffness,
                               find_spring_limits(m), out->spring_wrench, pull, out->joint_stiffness);
         energy += robot_posture_energy(m->q, m->posture, m->posture_stiffness);
     }
@@ -156,7 +156,7 @@ void compute_torque(step_t *s, const double *last, int moved)
     m->hold = m->calls;
     const int paper = m->law == ID(LAW_PAPER), by_pose = moved && !m->joined && !paper;
     double pull[N], slip[N], lead[N], feed[N];
-    compute_inertia(c, m->q, out->mass_matrix);
+    compute_inertia(c, m, m->q, out->mass_matrix);
     for (int i = 0; i < N; ++i) {
         slip[i] = m->posture[i] - m->q[i];
     }

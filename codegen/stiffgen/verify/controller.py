@@ -137,9 +137,9 @@ class _Bench:
     def __init__(self, robot: GeneratedRobot, seed: int) -> None:
         self.robot, chain = robot, robot.chain
         self.random = np.random.default_rng(seed)
-        span = np.array([min(c.upper, 1.5) - max(c.lower, -1.5) for c in chain.coordinates])
-        lower = np.array([max(c.lower, -1.5) for c in chain.coordinates])
-        self.q = lower + span * self.random.uniform(0.35, 0.65, chain.dof)
+        lower, upper = self._bounds()
+        span = upper - lower
+        self.q = lower + span * self.random.uniform(0.35, 0.65, len(span))
         self.reach = float(min(0.1, 0.2 * np.abs(span).min()))
         tips = len(chain.tips)
         self.tools = np.broadcast_to(np.eye(4), (tips, 4, 4)).copy()
@@ -151,12 +151,39 @@ class _Bench:
         self.spring = {"translation_stiffness": Kt, "rotation_stiffness": Ko}
         self.given = {**self.spring, **({"tool_pose": self.tools} if chain.runtime_tool else {})}
 
+    def _bounds(self) -> tuple[Array, Array]:
+        """Return bounds of the motors' positions; with closed loops they are near a closed configuration."""
+        chain = self.robot.chain
+        limits = np.array([(max(c.lower, -1.5), min(c.upper, 1.5)) for c in chain.motor_coordinates])
+        if chain.loops:
+            middle = np.array(chain.start)[list(chain.actuated)]
+            return middle - 0.15, middle + 0.15
+        return limits[:, 0], limits[:, 1]
+
+    def joints(self, q: Array) -> Array:
+        """Return the positions of all joints at the motors' positions q."""
+        chain = self.robot.chain
+        return np.asarray(self.robot.kernels["close"](q, np.array(chain.start))) if chain.loops else q
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Return the motors' mass matrix: G^T M G with closed loops, G = d joints/dq by differences."""
+        M, h = np.asarray(self.robot.kernels["mass_matrix"](self.joints(q))), 1e-3
+        if not self.robot.chain.loops:
+            return M
+        columns = []
+        for step in h * np.eye(len(q)):
+            near, far = (self.joints(q + s * step) - self.joints(q - s * step) for s in (1, 2))
+            columns.append((8 * near - far) / (12 * h))
+        G = np.array(columns).T
+        return np.asarray(G.T @ M @ G)
+
     def poses(self, q: Array) -> Array:
         """Return the poses of all tips, from the kernels."""
         chain, kernels = self.robot.chain, self.robot.kernels
+        joints = self.joints(q)
         names = [""] if len(chain.tips) == 1 else [f"{tip.name}_" for tip in chain.tips]
         tools = np.reshape(self.tools, (-1, 4, 4))
-        arguments = [(q, tool) if chain.runtime_tool else (q,) for tool in tools]
+        arguments = [(joints, tool) if chain.runtime_tool else (joints,) for tool in tools]
         rows = [kernels[f"{name}forward_kinematics"](*each) for name, each in zip(names, arguments, strict=True)]
         return np.array(rows)
 
@@ -245,7 +272,7 @@ def _law(bench: _Bench) -> list[Check]:
                 continue
             slope = np.where(pushed != 0, stiff, 0.0)
             hold("tangent", out.joint_stiffness, joint_hessian(bench.poses, at, *spring) + np.diag(slope))
-            M = bench.robot.kernels["mass_matrix"](at) + 0.5 * np.eye(n)
+            M = bench.mass_matrix(at) + 0.5 * np.eye(n)
             hold("mass matrix", out.mass_matrix, M)
             expected = modal_damping(
                 out.scale * out.joint_stiffness, M, 0.7, (delay + 0.5) * PERIOD, _LARGEST_DAMPING, 0.05

@@ -36,8 +36,8 @@ def struct_of(chain: Chain, name: str, fields: Sequence[Field]) -> type[ctypes.S
 
 
 def extent_of(chain: Chain, extent: int | str) -> int:
-    """Return a fixed extent, or the number of coordinates."""
-    return chain.dof if isinstance(extent, str) else extent
+    """Return a fixed extent, or the number of motors."""
+    return len(chain.motor_coordinates) if isinstance(extent, str) else extent
 
 
 CAREFUL = ("-O1", "-fsanitize=bounds", "-fsanitize-undefined-trap-on-error", "-ftrivial-auto-var-init=pattern")

@@ -52,13 +52,13 @@ def default_of(field: Field, chain: Chain) -> Array:
         return np.array([float(entry) for entry in field.default.split(", ")])
     value, motors = np.ones(1), motor_tables(chain)
     for factor in field.default.split(" * "):
-        limit = factor.removeprefix("{name}_").removesuffix("[i]")
+        limit = factor.removeprefix("{name}_").removesuffix("[i]").removesuffix("[{i}]")
         if limit == factor:
             value = value * float(factor)
         elif hasattr(motors, limit):
             value = value * np.array(getattr(motors, limit))
         else:
-            value = value * np.array([getattr(c, limit) for c in chain.coordinates])
+            value = value * np.array([getattr(c, limit) for c in chain.motor_coordinates])
     return value
 
 
@@ -80,7 +80,7 @@ def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
             [least - 1, most + 1] if integer else [np.nextafter(least, -np.inf), np.nextafter(most, np.inf), math.nan]
         )
         beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]
-        for place in _tried_entries(field, chain.dof):
+        for place in _tried_entries(field, len(chain.motor_coordinates)):
             for value in (*inside, *beyond):
                 library.call("default_config", library.config)
                 if place < 0:

@@ -45,14 +45,15 @@ class HostileSession:
     def __init__(self, reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, random: Random) -> None:
         self.both, self.chain, self.random = (reference, library), chain, random
         self.config, self.input, self.output = reference.config, reference.input, reference.output
-        reach = [math.pi if c.type != "prismatic" else 1.0 for c in chain.coordinates]
-        self.lower = np.array([max(c.lower, -r) for c, r in zip(chain.coordinates, reach, strict=True)])
-        self.upper = np.maximum([min(c.upper, r) for c, r in zip(chain.coordinates, reach, strict=True)], self.lower)
+        motors, self.n = chain.motor_coordinates, len(chain.motor_coordinates)
+        reach = [math.pi if c.type != "prismatic" else 1.0 for c in motors]
+        self.lower = np.array([max(c.lower, -r) for c, r in zip(motors, reach, strict=True)])
+        self.upper = np.maximum([min(c.upper, r) for c, r in zip(motors, reach, strict=True)], self.lower)
         self.calm = random.random() < 0.6
         self._configure()
-        place = random.choice([0.5, 0.98, 0.02, 1.0]) if random.random() < 0.4 else random.uniform(0.1, 0.9, chain.dof)
+        place = random.choice([0.5, 0.98, 0.02, 1.0]) if random.random() < 0.4 else random.uniform(0.1, 0.9, self.n)
         self.q = self.lower + (self.upper - self.lower) * place
-        self.dq, self.load = np.zeros(chain.dof), np.zeros(chain.dof)
+        self.dq, self.load = np.zeros(self.n), np.zeros(self.n)
         self.quantum = float(self.config.position_quantum)
         self.reported = self.q, self.dq
         self._start()
@@ -111,7 +112,7 @@ class HostileSession:
         value = min(max(value, field.least), field.most)
         set_field(self.config, field, round(value) if field.type == "int" else value, -1)
         if field.shape == ("n",):
-            fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.chain.dof))
+            fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.n))
 
     def _start(self) -> None:
         """Initialise both controllers, sometimes with a nonzero torque."""
@@ -119,8 +120,8 @@ class HostileSession:
         self._copy_config()
         torque = None
         if random.random() < 0.3:
-            values = random.uniform(-0.2, 0.2, self.chain.dof) * np.array(self.config.effort_limit)
-            torque = (ctypes.c_double * self.chain.dof)(*values)
+            values = random.uniform(-0.2, 0.2, self.n) * np.array(self.config.effort_limit)
+            torque = (ctypes.c_double * self.n)(*values)
         for each in self.both:
             ctypes.memset(each.state, 0, ctypes.sizeof(each.state))
             ctypes.memset(ctypes.byref(each.output), 0, ctypes.sizeof(each.output))
@@ -130,8 +131,8 @@ class HostileSession:
         self.goal = self.q + 0.0
         self.absent = self.held = self.stuck = 0
         self.pressed = np.zeros(6 * len(self.chain.tips))
-        self.offset = np.zeros(self.chain.dof)
-        self.rate, self.stated = np.zeros(self.chain.dof), np.zeros((2, self.chain.dof))
+        self.offset = np.zeros(self.n)
+        self.rate, self.stated = np.zeros(self.n), np.zeros((2, self.n))
         self.stuck_field = "q"
         self.command = 2 if random.random() < 0.3 else 1
         self.tools = np.stack([_pose(random, 0.1) for _ in self.chain.tips])
@@ -151,9 +152,9 @@ class HostileSession:
     def _choose_plan(self) -> None:
         """Choose the rate of the goal, and what the plan states of it: the truth, something else, or nothing."""
         random, most = self.random, np.nan_to_num(np.array(self.config.velocity_limit))
-        self.rate = random.uniform(-0.3, 0.3, self.chain.dof) * most * random.integers(0, 2)
-        stated = self.rate if random.random() < 0.7 else random.uniform(-0.1, 0.1, self.chain.dof) * most
-        turn = random.uniform(-1.1, 1.1, self.chain.dof) * most / max(self.config.ramp_time, 1e-4)
+        self.rate = random.uniform(-0.3, 0.3, self.n) * most * random.integers(0, 2)
+        stated = self.rate if random.random() < 0.7 else random.uniform(-0.1, 0.1, self.n) * most
+        turn = random.uniform(-1.1, 1.1, self.n) * most / max(self.config.ramp_time, 1e-4)
         size = random.choice([0.0, 0.01, 0.3, 1.0], p=[0.4, 0.3, 0.2, 0.1])
         self.stated = np.stack([stated, size * turn]) * float(random.random() < 0.7)
 
@@ -174,7 +175,7 @@ class HostileSession:
             self._overwrite_state()
         results = [each.call("step", each.config, each.state, each.input, each.output) for each in self.both]
         if self.held > 0:
-            self.held, self.dq = self.held - 1, np.zeros(self.chain.dof)
+            self.held, self.dq = self.held - 1, np.zeros(self.n)
         else:
             self._move()
         texts = [(0, b""), (0, b"")]
@@ -187,11 +188,9 @@ class HostileSession:
         """Change command, stiffness, load, configuration; reset; start again."""
         random, rate = self.random, 0.15 if self.calm else 1.0
         if number == 5 or random.random() < 0.01:
-            self.goal = self.q + random.normal(size=self.chain.dof) * 10.0 ** random.uniform(
-                -3, -0.5 if self.calm else 0
-            )
+            self.goal = self.q + random.normal(size=self.n) * 10.0 ** random.uniform(-3, -0.5 if self.calm else 0)
         if random.random() < 0.02:
-            self.goal = self.goal + random.normal(size=self.chain.dof) * 1e-3
+            self.goal = self.goal + random.normal(size=self.n) * 1e-3
         if random.random() < 0.01:
             self._choose_stiffness()
         if random.random() < 0.02:
@@ -199,12 +198,12 @@ class HostileSession:
             self.pressed = (random.uniform(-1.0, 1.0, (len(self.chain.tips), 6)) * size).ravel()
         if random.random() < 0.01:
             share = random.choice([0.0, 0.01, 0.2, 0.9])
-            self.offset = random.normal(size=self.chain.dof) * np.array(self.config.effort_limit) * share
+            self.offset = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
         if random.random() < 0.02:
             self._choose_plan()
         if random.random() < 0.03 * rate:
             share = 0.02 if self.calm else random.choice([0, 0.3])
-            self.load = random.normal(size=self.chain.dof) * np.array(self.config.effort_limit) * share
+            self.load = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
         if random.random() < (0.08 if self.output.fault else 0.01):
             for each in self.both:
                 each.call("reset", each.state)
@@ -217,7 +216,7 @@ class HostileSession:
             self.command = 3 - self.command
         if random.random() < 0.004:  # an obstacle holds the arm, perhaps far from the goal
             self.held = int(random.integers(5, 80))
-            self.goal = self.goal + random.normal(size=self.chain.dof) * random.choice([0.0, 1.0])
+            self.goal = self.goal + random.normal(size=self.n) * random.choice([0.0, 1.0])
         if random.random() < 0.003 * rate:  # the robot's clock starts again
             self.counter = (self.counter - int(random.integers(2, 2000))) % 2**32
         if random.random() < (0.02 if self.output.fault else 0.001 * rate):
@@ -234,15 +233,13 @@ class HostileSession:
         before = bytes(self.config)
         if field.name in ("lower_limit", "upper_limit"):
             sign = -1.0 if field.name == "lower_limit" else 1.0
-            fill(getattr(self.config, field.name), self.q + sign * random.uniform(-0.2, 0.6, self.chain.dof))
+            fill(getattr(self.config, field.name), self.q + sign * random.uniform(-0.2, 0.6, self.n))
         elif field.name == "velocity_limit" and random.random() < 0.7:
-            fill(self.config.velocity_limit, 0.01 + np.abs(self.dq) * random.uniform(0.5, 2.0, self.chain.dof))
+            fill(self.config.velocity_limit, 0.01 + np.abs(self.dq) * random.uniform(0.5, 2.0, self.n))
         elif field.name == "missed_limit" and random.random() < 0.7:
             self.config.missed_limit = int(random.integers(1, 12))
         elif random.random() < 0.2:
-            set_field(
-                self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.chain.dof))
-            )
+            set_field(self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.n)))
         elif field.name not in ("task_damping", "law"):
             self._vary(field)
         self._copy_config()
@@ -251,7 +248,7 @@ class HostileSession:
             self._copy_config()
 
     def _write_input(self) -> None:
-        random, given, n = self.random, self.input, self.chain.dof
+        random, given, n = self.random, self.input, self.n
         self.counter = (self.counter + 1) % 2**32
         given.sample_valid, given.command, given.counter = 1, self.command, self.counter
         measured = np.round(self.q / self.quantum) * self.quantum if self.quantum else self.q
@@ -288,7 +285,7 @@ class HostileSession:
     def _spoil_sample(self) -> None:
         """Sometimes omit, repeat, skip or falsify samples and commands."""
         random, given = self.random, self.input
-        event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.chain.dof))
+        event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.n))
         bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
         if random.random() < 0.004:
             self.absent = int(random.integers(1, 30))
@@ -334,7 +331,7 @@ class HostileSession:
 
     def _overwrite_state(self) -> None:
         """Overwrite the same bytes of both states, such as a copy of the last torque, or two of the three."""
-        random, n = self.random, self.chain.dof
+        random, n = self.random, self.n
         place = int(random.integers(6 * n)) if random.random() < 0.7 else int(random.integers(6 * n, 40 * n))
         twice = place < n and random.random() < 0.3
         value = random.choice([math.nan, math.inf, 1e300]) if twice else None
@@ -347,7 +344,7 @@ class HostileSession:
         time = min(float(self.config.sample_time), 0.02) if self.config.sample_time > 0 else 1e-3
         self.goal = self.goal + time * self.rate
         torque = finite(np.array(self.output.torque))
-        n = self.chain.dof
+        n = self.n
         inertia = np.maximum(np.diag(np.array(self.output.mass_matrix).reshape(n, n)), 0.3)
         inertia = np.where(np.isfinite(inertia), inertia, 1.0)
         self.dq = self.dq + time * (torque + self.load - 2.0 * self.dq) / inertia

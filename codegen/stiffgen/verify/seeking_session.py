@@ -26,7 +26,7 @@ class SeekingSession(HostileSession):
 
     def _configure(self) -> None:
         """Take the defaults, with a fast equilibrium and weak springs: few steps bring the posture to its goal."""
-        config, random, n = self.config, self.random, self.chain.dof
+        config, random, n = self.config, self.random, self.n
         self.both[0].call("default_config", config)
         config.sample_time, config.ramp_time, config.limit_zone = 5e-3, 0.01, 0.02
         config.stiffness_cap = 2

@@ -20,7 +20,7 @@ from stiffgen.verify.result import Array
 
 def compare_services(reference: ControllerLibrary, library: ControllerLibrary, chain: Chain) -> list[str]:
     """Return the names of functions whose results differ: all but step."""
-    both, faults = (reference, library), []
+    both, faults, n = (reference, library), [], len(chain.motor_coordinates)
     for each in both:
         each.call("default_config", each.config)
     if bytes(reference.config) != bytes(library.config):
@@ -58,7 +58,7 @@ def compare_services(reference: ControllerLibrary, library: ControllerLibrary, c
         if reference.call(function, *arguments(reference)) != library.call(function, *arguments(library)):
             faults.append(f"{function} differs with a null pointer or without a start")
     for scale in (0.5, 2.0, math.nan):
-        torque = (ctypes.c_double * chain.dof)(*(scale * reference.config.effort_limit[i] for i in range(chain.dof)))
+        torque = (ctypes.c_double * n)(*(scale * reference.config.effort_limit[i] for i in range(n)))
         results = [each.call("init", each.config, each.state, torque) for each in both]
         if results[0] != results[1] or not is_same(reference, library):
             faults.append(f"init differs with a torque of {scale:g} of the limit")
@@ -70,7 +70,7 @@ def compare_services(reference: ControllerLibrary, library: ControllerLibrary, c
             fill(each.config.task_damping, damping)
         if reference.call("validate", reference.config) != library.call("validate", library.config):
             faults.append("validate differs at task_damping")
-    faults += _compare_joint_gains(reference, library, chain.dof)
+    faults += _compare_joint_gains(reference, library, n)
     return faults + compare_policy(reference, library, len(chain.tips))
 
 

@@ -2695,6 +2695,7 @@ static const choice outcomes[] = {
     {"reason", "config", IIWA14_REASON_CONFIG},
     {"reason", "changed", IIWA14_REASON_CHANGED},
     {"reason", "state", IIWA14_REASON_STATE},
+    {"reason", "loops", IIWA14_REASON_LOOPS},
 };
 
 /* Return a buffer that holds at least `count` structs of a size, or NULL with an exception. */
@@ -3059,7 +3060,7 @@ static int execute(PyObject *module)
     }
     PyObject *arguments = PyDict_New();
     if (arguments == NULL || PyModule_AddObjectRef(module, "ARGUMENTS", arguments) < 0
-        || PyModule_AddStringConstant(module, "SOURCES", "1095c9b5b4ed1707") < 0) {
+        || PyModule_AddStringConstant(module, "SOURCES", "27e0dc7c52729a22") < 0) {
         Py_XDECREF(arguments);
         return -1;
     }

@@ -2,9 +2,9 @@
 /* Kernels and tables of the stub robot, in closed form. */
 #include "impedance.h"
 
-void robot_poses(const double *q, const double *tool, double *pose)
+void robot_poses(const double *q, const memory_t *m, double *pose)
 {
-    (void)tool;
+    (void)m;
     memset(pose, 0, 16 * sizeof(double));
     for (int i = 0; i < 3; ++i) {
         pose[5 * i] = 1.0;
@@ -13,21 +13,21 @@ void robot_poses(const double *q, const double *tool, double *pose)
     pose[15] = 1.0;
 }
 
-void robot_jacobians(const double *q, const double *tool, double *jacobian)
+void robot_jacobians(const double *q, const memory_t *m, double *jacobian)
 {
     (void)q;
-    (void)tool;
+    (void)m;
     memset(jacobian, 0, 6 * N * sizeof(double));
     for (int i = 0; i < 3; ++i) {
         jacobian[i * (N + 1)] = 1.0;
     }
 }
 
-void robot_joint_stiffness(const double *q, const double *tool, const double *wrench, const double *task_stiffness,
+void robot_joint_stiffness(const double *q, const memory_t *m, const double *wrench, const double *task_stiffness,
                            double *joint_stiffness)
 {
     (void)q;
-    (void)tool;
+    (void)m;
     (void)wrench;
     memset(joint_stiffness, 0, NN * sizeof(double));
     for (int i = 0; i < 9; ++i) {
@@ -35,19 +35,19 @@ void robot_joint_stiffness(const double *q, const double *tool, const double *wr
     }
 }
 
-void robot_conventional_stiffness(const double *q, const double *tool, const double *wrench,
+void robot_conventional_stiffness(const double *q, const memory_t *m, const double *wrench,
                                   const double *task_stiffness, double *joint_stiffness)
 {
-    robot_joint_stiffness(q, tool, wrench, task_stiffness, joint_stiffness);
+    robot_joint_stiffness(q, m, wrench, task_stiffness, joint_stiffness);
 }
 
-double robot_spring(const double *q, const double *tool, const double *equilibrium, const double *translation_stiffness,
+double robot_spring(const double *q, const memory_t *m, const double *equilibrium, const double *translation_stiffness,
                     const double *rotation_stiffness, const double *limits, double *wrench, double *torque,
                     double *joint_stiffness)
 {
     double energy = 0.0;
     (void)limits; /* this robot has no bounded spring */
-    (void)tool;
+    (void)m;
     (void)rotation_stiffness; /* no joint turns the tip */
     memset(wrench, 0, 6 * sizeof(double));
     memset(torque, 0, N * sizeof(double));
@@ -64,12 +64,12 @@ double robot_spring(const double *q, const double *tool, const double *equilibri
     return energy;
 }
 
-double robot_spring_energy(const double *q, const double *tool, const double *equilibrium,
+double robot_spring_energy(const double *q, const memory_t *m, const double *equilibrium,
                            const double *translation_stiffness, const double *rotation_stiffness,
                            const double *limits)
 {
     double wrench[6], torque[N], tangent[NN];
-    return robot_spring(q, tool, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque, tangent);
+    return robot_spring(q, m, equilibrium, translation_stiffness, rotation_stiffness, limits, wrench, torque, tangent);
 }
 
 int robot_has_bounded_spring(void)
@@ -86,18 +86,45 @@ double robot_posture_energy(const double *q, const double *posture, const double
     return energy;
 }
 
-void robot_mass_matrix(const double *q, double *mass_matrix)
+void robot_home(memory_t *m)
+{
+    (void)m;
+}
+
+int robot_reaches(const double *q, const memory_t *m)
 {
     (void)q;
+    (void)m;
+    return 1;
+}
+
+int robot_follow(const double *q, memory_t *m)
+{
+    (void)q;
+    (void)m;
+    return 1;
+}
+
+void robot_retract(const memory_t *m, double *q)
+{
+    (void)m;
+    (void)q;
+}
+
+void robot_mass_matrix(const double *q, const memory_t *m, double *mass_matrix)
+{
+    (void)q;
+    (void)m;
     memset(mass_matrix, 0, NN * sizeof(double));
     for (int i = 0; i < N; ++i) {
         mass_matrix[i * (N + 1)] = 2.0;
     }
 }
 
-void robot_coriolis(const double *q, const double *velocity, double *forces)
+void robot_coriolis(const double *q, const memory_t *m, const double *velocity, double *forces)
 {
     (void)q;
+    (void)m;
     (void)velocity;
     memset(forces, 0, N * sizeof(double));
 }
