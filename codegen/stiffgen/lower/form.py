@@ -204,11 +204,11 @@ class Body:
 
     @property
     def reads(self) -> set[int]:
-        """Numbers of the inputs that the statements read."""
-        if self.poison:
-            return set(range(len(self.inputs)))
+        """Numbers of the inputs that the statements read; the poison reads all entries of the kernel's arguments."""
         uses = self.graph.uses([output.number for output in self.outputs])
-        return {int(self.graph.keys[number][1]) for number in uses if self.graph.keys[number][0] == "input"}
+        read = {int(self.graph.keys[number][1]) for number in uses if self.graph.keys[number][0] == "input"}
+        passed = {k for k, access in enumerate(self.inputs) if access.storage.place is not Place.LOCAL}
+        return read | passed if self.poison else read
 
 
 def make_body(

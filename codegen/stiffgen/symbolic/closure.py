@@ -16,25 +16,22 @@ difference of the kinematic stiffnesses of the two ends under the wrench F. Only
 
 All vectors are in the axes of the last link that both ends share, so that joints before that link do not enter.
 
-C_p consists of blocks, one for each set of loops that share passive joints. Every block is solved by Householder's
-reflections. They are backward stable without exchanging rows, so that the printed code has no branches: one order of
-operations in single calls, in vectors of configurations and on a GPU. Entries that are zero by structure stay out.
+C_p consists of blocks, one for each set of loops that share passive joints (:mod:`stiffgen.symbolic.factors`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from stiffgen.robot.chain import Chain, Joint, LoopEnd
+from stiffgen.symbolic.factors import Factors, Units
 from stiffgen.symbolic.kinematics import constant, cross, joint_position
-
-SINGULAR = 1e-9
-"""Distance of a column of C_p from the span of those before it, below which the results are NaN; see ``_Units``."""
-_NONE = ca.SX(0)
 
 
 @dataclass(frozen=True)
@@ -134,17 +131,26 @@ class Closure:
                     apart.append(other)
             groups = [*apart, (rows, columns)]
         return [
-            Factors(self.jacobian, sorted(rows), sorted(columns), self._units(sorted(rows))) for rows, columns in groups
+            Factors(self.jacobian, self._by_loop(sorted(rows)), sorted(columns), self._units(sorted(rows)))
+            for rows, columns in groups
         ]
 
-    def _units(self, rows: Sequence[int]) -> _Units:
+    def _by_loop(self, rows: Sequence[int]) -> list[list[int]]:
+        loops = dict.fromkeys(self.rows[row][0] for row in rows)
+        return [[row for row in rows if self.rows[row][0] == loop] for loop in loops]
+
+    def _units(self, rows: Sequence[int]) -> Units:
         types = enumerate(self.chain.coordinates, start=self.chain.base_joints)
         slides = {k for k, coordinate in types if coordinate.type == "prismatic"}
         angular = {row for row in rows if self.rows[row][1] >= 3}
-        block = self.jacobian[[row for row in rows if row not in angular], :]
-        levers = [block[:, k] for k in range(self.n) if k not in slides and block[:, k].nnz()]
-        squared = sum(map(ca.sumsqr, levers), _NONE) / len(levers) if levers else ca.SX(1)
-        return _Units(squared, frozenset(slides), frozenset(angular), has_points=len(angular) < len(rows))
+        points = [row for row in rows if row not in angular]
+        at_start, here = _jacobian_at_start(self.chain)[points, :], self.jacobian[points, :]
+        levers = [k for k in range(self.n) if k not in slides and here[:, k].nnz()]
+        typical, squared = 1.0, ca.SX(1)
+        if levers:
+            typical = float((at_start[:, levers] ** 2).sum() / len(levers))
+            squared = ca.sumsqr(here[:, levers]) / len(levers)
+        return Units(squared, float(f"{typical:.3g}"), frozenset(slides), frozenset(angular), bool(points))
 
     def motion(self) -> ca.SX:
         """Return G = dq/da; entries that are zero by structure are not stored."""
@@ -207,120 +213,11 @@ class Closure:
         return largest
 
 
-@dataclass(frozen=True)
-class _Units:
-    """Unit of length of a block: root mean square of the levers of all its hinges, those of motors included.
-
-    A lever is the displacement of an end per radian. One unit for all columns, since a column that vanishes is a
-    singularity of the motors. ``squared`` is the unit's square [m^2], ``slides`` are coordinates, ``angular`` rows.
-    """
-
-    squared: ca.SX
-    slides: frozenset[int]
-    angular: frozenset[int]
-    has_points: bool
-
-    def column(self, coordinate: int) -> ca.SX:
-        """Return the squared length of a typical column."""
-        if coordinate in self.slides:
-            return ca.SX(1)
-        return self.squared * int(self.has_points) + int(bool(self.angular))
-
-    def entry(self, row: int, coordinate: int) -> ca.SX:
-        """Return the square of the factor that frees an entry of C from its unit."""
-        factor = ca.SX(1) if row in self.angular else 1 / self.squared
-        return factor * self.squared if coordinate in self.slides else factor
-
-
-class Factors:
-    """Block of C_p as a product of Householder's reflections and a triangle; its rows are in the order of the columns.
-
-    Columns with few entries come first, so that reflections stay short.
-    """
-
-    def __init__(self, matrix: ca.SX, rows: Sequence[int], columns: Sequence[int], units: _Units) -> None:
-        def filled(column: int) -> int:
-            return sum(not matrix[row, column].is_zero() for row in rows)
-
-        order, left = sorted(columns, key=filled), list(rows)
-        self.rows: list[int] = []
-        for column in order:
-            self.rows.append(next((row for row in left if not matrix[row, column].is_zero()), left[0]))
-            left.remove(self.rows[-1])
-        self.columns = order
-        self.size = len(order)
-        self.whole, self.units = matrix, units
-        self.reflections: list[tuple[int, list[ca.SX], ca.SX]] = []
-        self.inverse_diagonal: list[ca.SX] = []
-        self.triangle = [[ca.SX(matrix[row, column]) for column in order] for row in self.rows]
-        for k in range(self.size):
-            self._eliminate(k)
-
-    def _eliminate(self, k: int) -> None:
-        A = self.triangle
-        column = [A[i][k] for i in range(k, self.size)]
-        if all(value.is_zero() for value in column[1:]):
-            pivot = column[0]
-        else:
-            norm = ca.sqrt(ca.sumsqr(ca.vertcat(*column)))
-            is_negative = column[0] < 0
-            pivot = norm * (2 * is_negative - 1)  # of the other sign than the entry: no difference of near numbers
-            v = [column[0] - pivot, *column[1:]]
-            scale = -1 / (pivot * v[0])  # 2 / v.v
-            self.reflections.append((k, v, scale))
-            for j in range(k + 1, self.size):
-                rest = _reflected(v, scale, [A[i][j] for i in range(k, self.size)])
-                for i, value in enumerate(rest, start=k):
-                    A[i][j] = value
-        distance, least = pivot * pivot, SINGULAR**2 * self.units.column(self.columns[k])
-        is_regular, is_singular = distance > least, distance <= least
-        # 0/0 at a singularity; CasADi would simplify x / pivot / x
-        self.inverse_diagonal.append(is_regular / (pivot * (1 - is_singular)))
-
-    def solve(self, right: Sequence[ca.SX]) -> list[ca.SX]:
-        """Return the solution x of A x = right, in the order of the columns."""
-        b = [ca.SX(value) for value in right]
-        for k, v, scale in self.reflections:
-            b[k:] = _reflected(v, scale, b[k:])
-        for k in reversed(range(self.size)):
-            terms = (self.triangle[k][j] * b[j] for j in range(k + 1, self.size))
-            b[k] = (b[k] - sum(terms, _NONE)) * self.inverse_diagonal[k]
-        return b
-
-    def solve_transposed(self, right: Sequence[ca.SX]) -> list[ca.SX]:
-        """Return the solution y of A^T y = right, in the order of the rows."""
-        b = [ca.SX(value) for value in right]
-        for k in range(self.size):
-            terms = (self.triangle[j][k] * b[j] for j in range(k))
-            b[k] = (b[k] - sum(terms, _NONE)) * self.inverse_diagonal[k]
-        for k, v, scale in reversed(self.reflections):
-            b[k:] = _reflected(v, scale, b[k:])
-        return b
-
-    def condition(self) -> ca.SX:
-        """Return |C| |C_p^-1| of the block without units, in Frobenius' norm, less size - 1.
-
-        This is at least 1, at least cond(C_p) - 1 in the spectral norm, and grows with G = -C_p^-1 C_a.
-        """
-        size, inverse = ca.SX(0), ca.SX(0)
-        for row in self.rows:
-            for k in range(self.whole.size2()):
-                value = self.whole[row, k]
-                if not value.is_zero():
-                    size += self.units.entry(row, k) * value * value
-        for unit, row in enumerate(self.rows):
-            solution = self.solve([ca.SX(int(i == unit)) for i in range(self.size)])
-            for k, value in zip(self.columns, solution, strict=True):
-                inverse += value * value / self.units.entry(row, k)
-        return ca.sqrt(size * inverse) - (self.size - 1)
-
-
-def _reflected(v: list[ca.SX], scale: ca.SX, b: list[ca.SX]) -> list[ca.SX]:
-    """Return b - scale v (v . b)."""
-    product = sum((x * y for x, y in zip(v, b, strict=True)), _NONE) * scale
-    if product.is_zero():
-        return b
-    return [y if x.is_zero() else y - product * x for x, y in zip(v, b, strict=True)]
+@cache
+def _jacobian_at_start(chain: Chain) -> NDArray[np.float64]:
+    """Return C where the chain starts."""
+    q = ca.SX.sym("q", len(chain.coordinates))
+    return np.array(ca.Function("C", [q], [ca.densify(Closure(chain, q).jacobian)])(chain.start))
 
 
 def motor_gradient(chain: Chain, q: ca.SX, gradient: ca.SX) -> ca.SX:

@@ -107,7 +107,15 @@ def bias_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
     ``arguments`` are the base pose (floating base only), q, velocity and gravity. The rates of a floating base are its
     body twist; its forces are a wrench at the base link's origin in the base link's axes.
     """
-    *configuration_arguments, velocity, gravity = arguments
+    return joint_forces(chain, *arguments, ca.SX(chain.dof, 1))
+
+
+def joint_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
+    """Return the joint forces of a motion; the arguments are those of ``bias_forces``, and the joints' acceleration.
+
+    The rate of a floating base's twist is zero.
+    """
+    *configuration_arguments, velocity, gravity, acceleration = arguments
     configuration = Configuration.of(chain, configuration_arguments)
     q, (base_rotation, _), base_joints = configuration.q, configuration.base, chain.base_joints
     links, base_link = _links(chain)
@@ -133,14 +141,15 @@ def bias_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
             continue
         angular, angular_rate, linear = motions[joint.parent] if joint.parent >= 0 else (zero, zero, upward)
         shift, relative = _shift(chain, joint, link, q), rate * _ALONG
+        own = joint.multiplier * acceleration[joint.coordinate] * _ALONG
         linear = linear + cross(angular_rate, shift) + cross(angular, cross(angular, shift))
         angular, angular_rate, linear = (
             _into_link(each, link.rotation, turn) for each in (angular, angular_rate, linear)
         )
         if joint.prismatic:
-            linear = linear + 2 * cross(angular, relative)
+            linear = linear + 2 * cross(angular, relative) + own
         else:
-            angular, angular_rate = angular + relative, angular_rate + cross(angular, relative)
+            angular, angular_rate = angular + relative, angular_rate + cross(angular, relative) + own
         motion = ca.densify(angular), ca.densify(angular_rate), ca.densify(linear)
         title = f"link of joint {joint.name}: angular velocity w{index} and its rate e{index}, acceleration a{index}"
         letters = zip(("w", "e", "a"), motion, strict=True)

@@ -141,15 +141,13 @@ def _of_wrench(chain: Chain) -> tuple[Kernel, ...]:
             *programs.jacobian(chain, "hybrid", columns)[:1],
             *motor_programs.wrench_gradient(chain, wrench.array(chain), gradient),
         )
-        return motor_programs.reduction(chain, tree, gradient, None, (_TORQUE,), "T", moved_only=True)
+        return motor_programs.reduction(chain, tree, gradient, None, (_TORQUE,), "T")
 
     def stiffness(chain: Chain) -> Program:
         gradient, hessian = _TREE["gradient"].array(chain), _TREE["joint_stiffness"]
         tree = programs.joint_stiffness(chain, "hybrid", hessian, wrench, task)
         tree += motor_programs.wrench_gradient(chain, wrench.array(chain), gradient)
-        return motor_programs.reduction(
-            chain, tree, gradient, hessian.array(chain), (_STIFFNESS,), "K", moved_only=True
-        )
+        return motor_programs.reduction(chain, tree, gradient, hessian.array(chain), (_STIFFNESS,), "K")
 
     return (
         _kernel(
@@ -171,12 +169,12 @@ def _of_spring(chain: Chain, spring: Spring) -> tuple[Kernel, ...]:
 
     def torque(chain: Chain) -> Program:
         tree = programs.spring_joint_terms(chain, spring, torque=_TREE["torque"])
-        return _from_torque(chain, tree, None, (_TORQUE,), "T", moved_only=True)
+        return _from_torque(chain, tree, None, (_TORQUE,), "T")
 
     def stiffness(chain: Chain) -> Program:
         hessian = _TREE["joint_stiffness"]
         tree = programs.spring_joint_terms(chain, spring, torque=_TREE["torque"], joint_stiffness=hessian)
-        return _from_torque(chain, tree, hessian, (_STIFFNESS,), "K", moved_only=True)
+        return _from_torque(chain, tree, hessian, (_STIFFNESS,), "K")
 
     return (
         _kernel(
@@ -192,18 +190,12 @@ def _of_spring(chain: Chain, spring: Spring) -> tuple[Kernel, ...]:
 
 
 def _from_torque(
-    chain: Chain,
-    tree: Program,
-    hessian: Argument | None,
-    results: tuple[Argument, ...],
-    parts: str,
-    *,
-    moved_only: bool = False,
+    chain: Chain, tree: Program, hessian: Argument | None, results: tuple[Argument, ...], parts: str
 ) -> Program:
     """Return the reduction of a program that writes -dU/dq as torque of the tree."""
     torque = _TREE["torque"].array(chain)
     of_tree = hessian.array(chain) if hessian else None
-    return motor_programs.reduction(chain, tree, torque, of_tree, results, parts, sign=-1, moved_only=moved_only)
+    return motor_programs.reduction(chain, tree, torque, of_tree, results, parts, sign=-1)
 
 
 def _joint_potential(potential: JointPotential) -> tuple[Kernel, ...]:
@@ -250,8 +242,8 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
 
     def bias_program(chain: Chain) -> Program:
         forces = Argument("forces", ("n",), "", "")
-        tree = (*programs.bias_forces(chain, forces), *programs.mass_matrix(chain, tree_mass))
-        return motor_programs.bias_forces(chain, tree, _VELOCITY, bias)
+        tree = partial(programs.bias_forces, chain, forces)
+        return motor_programs.bias_forces(chain, tree, forces.array(chain), _VELOCITY, bias)
 
     def gravity(chain: Chain) -> Program:
         tree = programs.gravity_gradient(chain, _TREE["gradient"])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import casadi as ca
 
@@ -11,7 +12,7 @@ from stiffgen.robot.chain import Chain
 from stiffgen.symbolic.arguments import VELOCITY, Argument, Q
 from stiffgen.symbolic.closure import Closure
 from stiffgen.symbolic.kinematics import Expressions, Section
-from stiffgen.symbolic.program import Array, Operand, Over, Program
+from stiffgen.symbolic.program import Array, Operand, Over, Program, Step
 from stiffgen.symbolic.steps import ClosedLoops, Map, StraightLine, SumJoints
 from stiffgen.symbolic.stiffness import symmetric_from_upper
 
@@ -70,28 +71,67 @@ def reduction(
     parts: str,
     *,
     sign: int = 1,
-    moved_only: bool = False,
 ) -> Program:
     """Return ``tree`` and the step that turns its gradient and Hessian into those of the motors.
 
     ``parts`` has one letter per result: "G" dU/da, "T" -dU/da, "K" d2U/da2. ``sign`` is -1 if the array ``gradient``
-    holds -dU/dq. With ``moved_only``, U depends on the coordinates of the chain's joints alone.
+    holds -dU/dq.
     """
+    tree, first = _of_joints(tree, gradient)
+    second = hessian
+    if hessian:
+        tree, second = _of_joints(tree, hessian)
 
     def expressions(chain: Chain, q: ca.SX, *values: ca.SX) -> Expressions:
         closure = Closure(chain, q)
-        moved = {joint.coordinate for joint in chain.joints} if moved_only else set(range(chain.dof))
-        gradient = ca.vertcat(*(sign * values[0][k] if k in moved else ca.SX(0) for k in range(chain.dof)))
-        forces = closure.multipliers(gradient)
-        of_motors = {"G": lambda: closure.gradient(gradient, forces), "T": lambda: -closure.gradient(gradient, forces)}
-        of_motors["K"] = lambda: _congruence(closure, _upper(values[1], moved) - closure.stiffness(forces))
+        of_tree = sign * _summed(chain, values[0], of_joints=first != gradient)
+        forces = closure.multipliers(of_tree)
+        of_motors = {"G": lambda: closure.gradient(of_tree, forces), "T": lambda: -closure.gradient(of_tree, forces)}
+        of_motors["K"] = lambda: _congruence(
+            closure, _summed(chain, values[1], of_joints=second != hessian) - closure.stiffness(forces)
+        )
         return _expressions(closure, ca.vertcat(*(ca.vec(of_motors[part]().T) for part in parts)))
 
     names = {"G": "dU/da = dU/dq_a - C_a^T lambda", "T": "-dU/da = -(dU/dq_a - C_a^T lambda)"}
     names["K"] = "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G"
     heading = "; ".join(names[part] for part in parts)
-    inputs = (Q.array(chain), gradient, *((hessian,) if hessian else ()))
+    inputs = (Q.array(chain), first, *((second,) if second else ()))
     return *tree, StraightLine(tuple(each.array(chain) for each in results), expressions, inputs, heading=heading)
+
+
+def _of_joints(tree: Program, array: Array) -> tuple[Program, Array]:
+    """Return ``tree`` without the sum of an array over joints, and the array of joints; else both as they are.
+
+    Coordinates that no joint moves are zeros of the sum, and the reduction leaves them out. It reads the upper triangle
+    of symmetric matrices alone.
+    """
+    sums = [step for step in tree if isinstance(step, SumJoints) and step.output == array]
+    source = sums[0].source if sums else array
+
+    def triangle(step: Step) -> Step:
+        if isinstance(step, Map) and step.output.array == source and step.over in (Over.UPPER, Over.ON_THE_WAY):
+            return replace(step, mirror=False)
+        return step
+
+    return tuple(triangle(step) for step in tree if step not in sums), source
+
+
+def _summed(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:
+    """Return a gradient, or a symmetric matrix from its upper triangle, summed over the joints of each coordinate."""
+    is_matrix = values.size2() > 1
+    if not of_joints:
+        return symmetric_from_upper(values) if is_matrix else values
+    result = ca.SX(chain.dof, chain.dof if is_matrix else 1)
+    for a, outer in enumerate(chain.joints):
+        if not is_matrix:
+            result[outer.coordinate] += outer.multiplier * values[a]
+            continue
+        for b, inner in enumerate(chain.joints[a:], start=a):
+            value = outer.multiplier * inner.multiplier * values[a, b]
+            result[outer.coordinate, inner.coordinate] += value
+            if a != b:
+                result[inner.coordinate, outer.coordinate] += value
+    return result
 
 
 def wrench_gradient(chain: Chain, wrench: Array, output: Array) -> Program:
@@ -105,41 +145,45 @@ def wrench_gradient(chain: Chain, wrench: Array, output: Array) -> Program:
 
 def mass_matrix(chain: Chain, tree: Program, mass: Array, result: Argument) -> Program:
     """Return ``tree`` and the step G^T M G."""
+    tree, source = _of_joints(tree, mass)
 
-    def expressions(chain: Chain, q: ca.SX, mass: ca.SX) -> Expressions:
+    def expressions(chain: Chain, q: ca.SX, values: ca.SX) -> Expressions:
         closure = Closure(chain, q)
-        return _expressions(closure, _congruence(closure, symmetric_from_upper(mass)))
+        return _expressions(closure, _congruence(closure, _summed(chain, values, of_joints=source != mass)))
 
-    step = StraightLine((result.array(chain),), expressions, (Q.array(chain), mass), heading="G^T M G")
+    step = StraightLine((result.array(chain),), expressions, (Q.array(chain), source), heading="G^T M G")
     return *tree, step
 
 
-def bias_forces(chain: Chain, tree: Program, velocity: Argument, result: Argument) -> Program:
-    """Return the program of G^T (M dG/dt da + h): rates and accelerations of the tree, ``tree``, and their reduction.
+def bias_forces(
+    chain: Chain, tree: Callable[[Array], Program], forces: Array, velocity: Argument, result: Argument
+) -> Program:
+    """Return the program of G^T (M dG/dt da + h): rates and accelerations of the tree, its forces, their reduction.
 
-    ``tree`` computes the arrays "forces" and "mass_matrix_of_tree" from the tree's rates.
+    ``tree`` returns the steps that compute ``forces`` from the tree's rates and an array of its accelerations.
     """
-    n = chain.dof
+    n, motors = chain.dof, chain.motors
+    passive = [k for k in range(n) if k not in motors]
     rates, acceleration = VELOCITY.array(chain), Array("acceleration", (n,))
-    forces, matrix = Array("forces", (n,)), Array("mass_matrix_of_tree", (n, n))
+    G_p = Array("G", (len(passive), len(motors)))
+    steps, source = _of_joints(tree(acceleration), forces)
 
     def motion(chain: Chain, q: ca.SX, velocity: ca.SX) -> Expressions:
         closure = Closure(chain, q)
-        rates = closure.motion() @ velocity
-        passive = closure.passive_rates(closure.acceleration(rates))
-        return _expressions(closure, ca.vertcat(ca.densify(rates), passive))
+        G = closure.motion()
+        rates = G @ velocity
+        accelerations = closure.passive_rates(closure.acceleration(rates))
+        stacked = ca.vertcat(ca.densify(rates), accelerations, ca.vec(ca.densify(G[passive, :].T)))
+        return _expressions(closure, stacked)
 
-    def reduced(chain: Chain, q: ca.SX, acceleration: ca.SX, forces: ca.SX, mass: ca.SX) -> Expressions:
-        closure = Closure(chain, q)
-        total = symmetric_from_upper(mass) @ acceleration + forces
-        return _expressions(closure, closure.gradient(total, closure.multipliers(total)))
+    def reduced(chain: Chain, G_p: ca.SX, values: ca.SX) -> Expressions:
+        total = _summed(chain, values, of_joints=source != forces)
+        return Expressions(ca.densify(total[list(motors)] + G_p.T @ total[passive]), ())
 
-    q = Q.array(chain)
-    heading = "rates G da and accelerations dG/dt da of the tree"
-    first = StraightLine((rates, acceleration), motion, (q, velocity.array(chain)), heading=heading)
-    arguments = q, acceleration, forces, matrix
-    last = StraightLine((result.array(chain),), reduced, arguments, heading="G^T (M dG/dt da + h)")
-    return first, *tree, last
+    heading = "rates G da and accelerations dG/dt da of the tree; passive rows of G"
+    first = StraightLine((rates, acceleration, G_p), motion, (Q.array(chain), velocity.array(chain)), heading=heading)
+    last = StraightLine((result.array(chain),), reduced, (G_p, source), heading="G^T (M dG/dt da + h)")
+    return first, *steps, last
 
 
 def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -> Program:
@@ -191,15 +235,6 @@ def _placed(chain: Chain, actuated: ca.SX, q: ca.SX) -> ca.SX:
     for k, joint in enumerate(chain.actuated):
         values[joint] = actuated[k]
     return ca.vertcat(*values)
-
-
-def _upper(matrix: ca.SX, moved: set[int]) -> ca.SX:
-    """Return a symmetric matrix from its upper triangle; rows and columns of other coordinates are not stored."""
-    whole, result = symmetric_from_upper(matrix), ca.SX(*matrix.shape)
-    for i in moved:
-        for j in moved:
-            result[i, j] = whole[i, j]
-    return result
 
 
 def _congruence(closure: Closure, matrix: ca.SX) -> ca.SX:

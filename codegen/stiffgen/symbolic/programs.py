@@ -323,17 +323,18 @@ def pairs_on_the_way(
     return zeros, Map(f"{formula} for {over}, mirrored", over, Operand(output, "ij"), operands, body, mirror=True)
 
 
-def bias_forces(chain: Chain, result: Argument) -> Program:
-    """Return the program of the joint forces at constant rates, summed into coordinates."""
+def bias_forces(chain: Chain, result: Argument, acceleration: Array | None = None) -> Program:
+    """Return the program of the joint forces at constant rates or with an acceleration, summed into coordinates."""
     arguments = (*configuration_arguments(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
+    arrays = [argument.array(chain) for argument in arguments]
     return over_joints(
         chain,
         result,
         lambda output: (
             StraightLine(
                 (output,),
-                dynamics.bias_forces,
-                tuple(argument.array(chain) for argument in arguments),
+                dynamics.joint_forces if acceleration else dynamics.bias_forces,
+                (*arrays, *((acceleration,) if acceleration else ())),
                 heading="joint forces: components along the joints' axes",
             ),
         ),

@@ -57,7 +57,7 @@ def print_body(
     writer.sine_calls = sine_calls
     # A choice by a comparison with NaN is a number: what depends on choices is NaN wherever an input is.
     if body.poison:
-        total = " + ".join(writer.inputs)
+        total = " + ".join(writer.inputs[k] for k in sorted(body.reads))
         writer.poison_line(f"{variant.scalar.constant(0.0)} * ({total})", wide=any(a.wide for a in body.inputs))
     writer.sines_and_cosines(of_level=0)
     for group in body.groups:
