@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -54,11 +55,15 @@ LOAD = np.array([0, 0, 400.0, 0, 0, 0])  # wrench of the ground on the sole [N, 
 GROUND = np.diag([0.0, 0.0, 0.0, 20.0, 20.0, 0.0])  # N m/rad of a soft ground
 
 
-def model(links: list[Link], tip: str, loops: list[str], actuated: list[str]) -> stiffgen.StiffnessModel:
-    """Return the functions of a linkage."""
+def model(
+    links: list[Link], tip: str, loops: list[str], actuated: list[str], sliding: Sequence[str] = ()
+) -> stiffgen.StiffnessModel:
+    """Return the functions of a linkage; joints are hinges, except those that are ``sliding``."""
+    kinds = dict.fromkeys(sliding, "prismatic") | {name: "fixed" for name, _, _, axis in links if not axis}
     text = "".join(
-        f'<link name="{name}"/><joint name="{name}" type="{"continuous" if axis else "fixed"}">'
-        f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{xyz}"/><axis xyz="{axis or "0 0 1"}"/></joint>'
+        f'<link name="{name}"/><joint name="{name}" type="{kinds.get(name, "continuous")}"><parent link="{parent}"/>'
+        f'<child link="{name}"/><origin xyz="{xyz}"/><axis xyz="{axis or "0 0 1"}"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
         for name, parent, xyz, axis in links
     )
     with tempfile.TemporaryDirectory() as folder:
@@ -78,9 +83,11 @@ def ankle() -> stiffgen.StiffnessModel:
     return model(ANKLE, "sole", ANKLE_LOOPS, ["left", "right"])
 
 
-def stiffnesses(robot: stiffgen.StiffnessModel, motors: Array, wrench: Array, task: Array) -> tuple[Array, Array]:
+def stiffnesses(
+    robot: stiffgen.StiffnessModel, motors: Array, wrench: Array, task: Array, start: Array | None = None
+) -> tuple[Array, Array]:
     """Return the stiffness of the motors with and without the closure's term, at each row of motor positions."""
-    whole, without, q = [], [], np.array(robot.chain.start)
+    whole, without, q = [], [], np.array(robot.chain.start) if start is None else start
     for motor in motors:
         q = np.array(robot.close(motor, q)).ravel()
         G, Kq = np.array(robot.motors.jacobian(q)), np.array(robot.hybrid.joint_stiffness(q, wrench, task))

@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""The example of closed loops: stiffness as the change of the torque, and the committed figure."""
+"""The examples of closed loops: closed forms, geometry with 40 digits, the page's numbers, the committed figures."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import product
+from types import ModuleType
 from xml.etree import ElementTree
 
+import casadi as ca
 import numpy as np
 import pytest
+from mpmath import mp, mpf
 
 from examples import closed_loops as example
+from examples import parallel_robots
 from support.project import ROOT
 
 
@@ -32,11 +38,127 @@ def test_numbers_of_the_page() -> None:
     assert round(example.four_bar_results()[1][0], 1) == -4.1
 
 
+def compare_with_energy(loaded: parallel_robots.Loaded, starts: np.ndarray, point: ca.SX, a: ca.SX) -> None:
+    """Compare with the Hessian of U = F . p + (p - p0) . K (p - p0) / 2 at p = p0, where p(a) is a closed form."""
+    F, K, rest = loaded.wrench[:3], loaded.task[:3, :3], ca.SX.sym("p0", 3)
+    energy = ca.dot(F, point) + ca.bilin(K, point - rest, point - rest) / 2
+    exact = ca.Function("exact", [a, rest], [ca.hessian(energy, a)[0], point])
+    q, robot = loaded.start, loaded.robot
+    for motors in starts:
+        q = np.array(robot.close(motors, q)).ravel()
+        place = np.array(robot.forward_kinematics(q))[:3, 3]
+        hessian, reached = map(np.array, exact(motors, place))
+        np.testing.assert_allclose(place, reached.ravel(), atol=1e-12)
+        stiffness = np.array(robot.motors.joint_stiffness(q, loaded.wrench, loaded.task))
+        np.testing.assert_allclose(stiffness, hessian, rtol=0, atol=1e-11 * np.abs(hessian).max())
+
+
+def test_five_bar_against_the_intersection_of_two_circles() -> None:
+    a = ca.SX.sym("a", 2)
+    left = 0.2 * ca.vertcat(ca.cos(a[0]), ca.sin(a[0]))
+    across = ca.vertcat(0.3, 0) + 0.2 * ca.vertcat(ca.cos(a[1]), ca.sin(a[1])) - left
+    height = ca.sqrt(0.35**2 / ca.sumsqr(across) - 0.25)
+    point = ca.vertcat(left + across / 2 + height * ca.vertcat(-across[1], across[0]), 0)
+    x = np.linspace(-0.05, 0.35, 9)
+    motors = parallel_robots.five_bar_motors(x, 0.4)
+    compare_with_energy(parallel_robots.five_bar(), motors, point, a)
+    on_line = np.array([ca.Function("p", [a], [point])(each) for each in motors])[:, :2, 0]
+    np.testing.assert_allclose(on_line, np.stack([x, np.full_like(x, 0.4)], axis=1), atol=1e-12)
+
+
+def test_delta_against_the_intersection_of_three_spheres() -> None:
+    a = ca.SX.sym("a", 3)
+    reach = 0.12 + 0.3 * ca.cos(a)
+    centres = [
+        ca.vertcat(reach[k] * np.cos(turn), reach[k] * np.sin(turn), -0.3 * ca.sin(a[k]))
+        for k, turn in enumerate(parallel_robots.ARMS)
+    ]
+    normals = ca.vertcat(*((2 * (centre - centres[0])).T for centre in centres[1:]))
+    right = ca.vertcat(*(ca.sumsqr(centre) - ca.sumsqr(centres[0]) for centre in centres[1:]))
+    flat, slope = ca.solve(normals[:, :2], right), -ca.solve(normals[:, :2], normals[:, 2])
+    line, away = ca.vertcat(slope, 1), ca.vertcat(flat, 0) - centres[0]
+    A, B, C = ca.sumsqr(line), ca.dot(line, away), ca.sumsqr(away) - 0.7**2
+    point = centres[0] + away - line * (B + ca.sqrt(B**2 - A * C)) / A
+    equal = np.stack(3 * [np.linspace(-0.9, 1.0, 5)], axis=1)
+    compare_with_energy(parallel_robots.delta(), np.concatenate([equal, equal * [0.5, 1.0, 0.8]]), point, a)
+
+
+def leg_geometry() -> Callable[..., list[mp.matrix]]:
+    """Return a function of joint angles: sole and the ends of both rods, with 40 digits, from the MJCF file alone."""
+    world = ElementTree.parse(parallel_robots.LEG).getroot().find("worldbody")
+
+    def vector(element: ElementTree.Element, name: str, default: str) -> mp.matrix:
+        return mp.matrix([mpf(x) for x in element.get(name, default).split()])
+
+    def turned(axis: mp.matrix, angle: mpf) -> mp.matrix:
+        x, y, z = axis / mp.norm(axis)
+        cross = mp.matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        return mp.eye(3) + mp.sin(angle) * cross + (1 - mp.cos(angle)) * cross * cross
+
+    def point(at: dict[str, mpf], body: str, place: mp.matrix) -> mp.matrix:
+        path = [each for each in world.iter("body") if any(inner.get("name") == body for inner in each.iter("body"))]
+        for each in reversed(path):
+            for joint in reversed(each.findall("joint")):
+                place = turned(vector(joint, "axis", "0 -1 0"), at.get(joint.get("name"), mpf(0))) * place
+            place = vector(each, "pos", "0 0 0") + place
+        return place
+
+    sites = {site.get("name"): vector(site, "pos", "") for site in world.iter("site")}
+    anchors = [vector(each, "anchor", "") for each in ElementTree.parse(parallel_robots.LEG).iter("connect")]
+    zero: dict[str, mpf] = {}
+    rods = [("achilles_rod", "heel", anchors[0]), ("plantar_rod", "foot", anchors[1])]
+    fixed = []  # the far end of each rod in the body that it holds
+    for rod, body, anchor in rods:
+        away = point(zero, rod, anchor) - point(zero, body, mp.zeros(3, 1))
+        fixed.append((rod, body, away, mp.norm(anchor)))
+
+    def gaps(**at: mpf) -> list[mpf]:
+        """Return the sole, and by how much each rod is too long."""
+        ends = [
+            mp.norm(point(at, body, away) - point(at, rod, mp.zeros(3, 1))) - length
+            for rod, body, away, length in fixed
+        ]
+        return [point(at, "foot", sites["sole"]), *ends]
+
+    return gaps
+
+
 @pytest.mark.slow
-def test_figure_is_that_of_the_page() -> None:
+def test_leg_against_rods_of_constant_length() -> None:
+    """Tarsus and foot follow from the rods' lengths with 40 digits; U = F . p is differentiated twice."""
+    pytest.importorskip("mujoco")
+    loaded, step = parallel_robots.leg(), mpf(10) ** -10
+    robot, names = loaded.robot, [each.name for each in loaded.robot.chain.coordinates]
+    motors = [names[k] for k in robot.chain.actuated]
+    with mp.workdps(40):
+        geometry = leg_geometry()
+        for knee in (0.1, -1.0, -2.0):
+            start = np.array([{"knee": knee, "heel_spring": 0.1, "crank": -1.34}[name] for name in motors])
+            q = np.array(robot.close(start, robot.chain.start)).ravel()
+            near = [float(q[names.index(name)]) for name in ("tarsus", "foot")]
+
+            def energy(*moved: mpf, start: np.ndarray = start, near: list[float] = near) -> mpf:
+                at = {name: mpf(x) + d for name, x, d in zip(motors, start, moved, strict=True)}
+                tarsus = mp.findroot(lambda x: geometry(**at, tarsus=x)[1], near[0])
+                foot = mp.findroot(lambda x: geometry(**at, tarsus=tarsus, foot=x)[2], near[1])
+                return loaded.wrench[2] * geometry(**at, tarsus=tarsus, foot=foot)[0][2]
+
+            stiffness = np.array(robot.motors.joint_stiffness(q, loaded.wrench, loaded.task))
+            for i, j in ((0, 0), (0, 1), (1, 1), (0, 2)):
+                total = mpf(0)
+                for one, other in product((1, -1), repeat=2):
+                    moved = [one * step * (k == i) + other * step * (k == j) for k in range(3)]
+                    total += one * other * energy(*moved)
+                assert abs(float(total / (4 * step**2)) - stiffness[i, j]) < 1e-9 * np.abs(stiffness).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("module", "file"), [(example, "loops.svg"), (parallel_robots, "parallel_robots.svg")])
+def test_figure_is_that_of_the_page(module: ModuleType, file: str) -> None:
     """Text; coordinates may differ in the last digits from machine to machine."""
     pytest.importorskip("matplotlib")
-    drawn, committed = example.figure(), (ROOT / "docs" / "figures" / "loops.svg").read_text()
+    pytest.importorskip("mujoco")
+    drawn, committed = module.figure(), (ROOT / "docs" / "figures" / file).read_text()
 
     def words(svg: str) -> list[str]:
         return [
