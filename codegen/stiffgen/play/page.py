@@ -17,6 +17,7 @@ from stiffgen._version import __version__
 from stiffgen.errors import OutputError, printable
 from stiffgen.folder import write_atomically
 from stiffgen.opened import GeneratedRobot, open_robot
+from stiffgen.play.linkage import drawn_joints
 from stiffgen.play.wasm import compile_wasm
 from stiffgen.robot.chain import Chain, Tip
 from stiffgen.symbolic.arguments import Argument
@@ -36,7 +37,13 @@ KERNELS = (
 """Functions that the page calls for each tip: qualified names without the tip. The kernel table has the shapes."""
 
 MASSES = ("mass_matrix", "bias_forces")
-"""Functions of the whole tree that the page calls where the robot has masses."""
+"""Functions of the whole tree that the page calls where the robot has masses and no closed loops."""
+
+OF_LOOPS = ("close", "motors_jacobian")
+"""Functions of the whole robot that the page calls where the robot has closed loops."""
+
+OF_MOTORS = ("motors_torque", "motors_joint_stiffness")
+"""Functions that the page calls for each tip of a robot with closed loops."""
 
 SCRIPTS = (
     "algebra.js", "kernels.js", "chain.js", "mechanics.js", "swing.js", "solids.js", "figures.js", "panels.js",
@@ -115,12 +122,13 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
     """
     chain = robot.chain
     table = {kernel.qualified_name: kernel for kernel in robot.table}
-    masses = {name: f"{robot.name}_{name}" for name in MASSES if all(each in table for each in MASSES)}
-    functions = {called: _arrays(table[name], chain) for name, called in masses.items()}
+    whole = OF_LOOPS if chain.loops else tuple(name for name in MASSES if all(each in table for each in MASSES))
+    of_robot = {name: f"{robot.name}_{name}" for name in whole}
+    functions = {called: _arrays(table[name], chain) for name, called in of_robot.items()}
     tips = []
     for tip in chain.tips:
-        names = dict(masses)
-        for role in KERNELS:
+        names = dict(of_robot)
+        for role in (*KERNELS, *(OF_MOTORS if chain.loops else ())):
             qualified = f"{tip.name}_{role}" if tip.name else role
             if qualified not in table:
                 raise OutputError(
@@ -130,24 +138,13 @@ def page_data(robot: GeneratedRobot) -> dict[str, Any]:
             functions[names[role]] = _arrays(table[qualified], chain)
         tips.append(_tip(tip) | {"kernels": names})
     placement = robot.springs
+    joints, ends = drawn_joints(chain)
     return {
         "name": robot.name,
         "functions": functions,
         "tips": tips,
-        "joints": [
-            {
-                "name": joint.name,
-                "prismatic": joint.prismatic,
-                "parent": joint.parent,
-                "coordinate": joint.coordinate - chain.base_joints,  # negative: a floating base's own
-                "multiplier": joint.multiplier,
-                "offset": joint.offset,
-                "rotation": joint.rotation,
-                "translation": joint.translation,
-                "axis": joint.axis,
-            }
-            for joint in chain.joints
-        ],
+        "joints": joints,
+        "loops": {"actuated": chain.actuated, "start": chain.start, "ends": ends} if chain.loops else None,
         "coordinates": [
             {
                 "name": each.name,

@@ -23,7 +23,8 @@ _MATH = ("sin", "cos", *LIBM)
 """Functions of one number that the module may import; fabs, sqrt and copies in memory are instructions."""
 
 _HEADERS = {
-    "math.h": "".join(f"double {name}(double);\n" for name in _MATH)
+    "math.h": "#define INFINITY __builtin_inf()\n"
+    + "".join(f"double {name}(double);\n" for name in _MATH)
     + "".join(f"double {name}(double, double);\n" for name in LIBM_OF_TWO),
     "string.h": "#include <stddef.h>\nvoid *memcpy(void *, const void *, size_t);\nvoid *memset(void *, int, size_t);\n"
     "void *memmove(void *, const void *, size_t);\n",

@@ -375,3 +375,80 @@ def test_other_robots(browser, name: str, tmp_path: Path) -> None:  # type: igno
     assert abs(works["corrected"]) < 1e-10
     assert page.errors == []
     page.do("Page.close")
+
+
+GAPS = "playground.ends().flatMap(([a, b]) => a.map((x, i) => Math.abs(x - b[i])))"
+
+
+@pytest.fixture(scope="module")
+def four_bar(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of the four-bar of docs/loops.md, with a shoulder before it so that the loop is cut off base."""
+    require_wasm()
+    folder = tmp_path_factory.mktemp("four_bar")
+    links = [("arm", "ground", "0.1 0 0.2"), ("crank", "arm", "0.1 0 0"), ("coupler", "crank", "0.25 0 0")]
+    links += [("rocker", "arm", "0.4 0 0"), ("tip", "coupler", "0.2 0.1 0")]
+    text = "".join(
+        f'<link name="{name}"/><joint name="{name}" type="{"fixed" if name == "tip" else "continuous"}">'
+        f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{xyz}"/><axis xyz="0 0 1"/></joint>'
+        for name, parent, xyz in links
+    )
+    urdf = folder / "fourbar.urdf"
+    urdf.write_text(f'<robot name="fourbar"><link name="ground"/>{text}</robot>')
+    loop = ["coupler:0.35,0,0=rocker:0.25,0,0"]
+    made = stiffgen.generate(
+        urdf, output=folder, tip="tip", masses=False, loop=loop, actuated=["crank"], controller=False, build=False
+    )
+    return write_page(made, folder / "play.html")
+
+
+def test_a_four_bar_stays_closed_while_it_is_dragged(browser, four_bar: Path) -> None:  # type: ignore[no-untyped-def]
+    """Slider, tip and link; what the motors feel against the unrolled functions; a crank that the loop stops at 0."""
+    page = browser.page()
+    page.window(1280, 900)
+    page.open(four_bar)
+    assert page.js("document.querySelectorAll('#joints input[type=range]').length") == 2
+    assert page.js("document.getElementById('matrix-title').checkVisibility()") is False
+    model = stiffgen.StiffnessModel(open_robot(four_bar.parent / "fourbar").chain)
+    names = [each.name for each in model.chain.coordinates]
+    crank = names.index("crank")
+
+    def check(before: np.ndarray) -> np.ndarray:
+        page.settle()
+        q = np.array(page.js("Array.from(playground.state.q)"))
+        assert np.abs(q - before).max() > 0.01
+        assert max(page.js(GAPS)) < 1e-12
+        assert np.abs(np.array(model.motors.residual(q))).max() < 1e-12
+        wrench, K, motors = page.js(
+            "[playground.state.wrench, playground.now.matrices.K, playground.now.motors.stiffness]"
+            ".map(x => Array.from(x))"
+        )
+        right = np.array(model.motors.joint_stiffness(q, wrench, np.reshape(K, (6, 6))))
+        assert_close(np.reshape(motors, right.shape), right)
+        return q
+
+    q = np.array(page.js("Array.from(playground.state.q)"))
+    focus(page, f"joint {crank + 1}, crank")
+    page.press("ArrowRight", 200)
+    q = check(q)
+    x, y = seen_tip(page)
+    page.drag([(x, y), (x - 8, y - 5), (x - 20, y - 8), (x - 35, y - 10)])
+    q = check(q)
+    x, y = page.js(
+        "(() => { const box = document.getElementById('arm').getBoundingClientRect(), [[a]] = playground.ends();"
+        " const [x, y] = playground.view.seen(a); return [box.left + x, box.top + y]; })()"
+    )
+    page.drag([(x, y), (x + 6, y + 6), (x + 14, y + 14)])
+    q = check(q)
+    torque, whole, without = page.js(
+        "[...document.querySelectorAll('#motors tr:last-child td')].map(cell => cell.textContent)"
+    )
+    assert torque.endswith("N m") and whole.endswith("N m/rad") and without.endswith("N m/rad") and whole != without
+    page.js(
+        "(() => { const boxes = document.querySelectorAll('#joints input[type=number]'), box = boxes[boxes.length - 1];"
+        " box.value = 0; box.dispatchEvent(new Event('input')); })()"
+    )
+    page.settle()
+    assert "do not close with crank" in page.js("document.getElementById('closed').textContent")
+    np.testing.assert_allclose(page.js("Array.from(playground.state.q)"), q, atol=1e-15)
+    assert page.errors == []
+    page.do("Page.close")

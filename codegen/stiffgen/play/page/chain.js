@@ -22,6 +22,12 @@ export function jointFrames(robot, q) {
   return frames;
 }
 
+/** Return the two ends of each closed loop, in base axes [m]; [x, y, z] each. */
+export function loopEnds(robot, frames) {
+  const at = ({ joint, point }) => (joint < 0 ? point : Array.from(placed(frames[joint], point)));
+  return robot.loops ? robot.loops.ends.map((pair) => pair.map(at)) : [];
+}
+
 /** Return the tip's frame {rotation, origin}; the pose of a tool at run time, [R p; 0 1] (16), is applied last. */
 export function tipFrame(robot, tip, frames, tool = null) {
   const joint = frames[tip.joint];

@@ -2,7 +2,7 @@
 // The page: its state, the values computed from the state, and the drawing.
 
 import { eigen, largest, multiply, plus, transpose } from "./algebra.js";
-import { reach, within } from "./chain.js";
+import { loopEnds, jointFrames, reach } from "./chain.js";
 import { LAPS, cellAt, drawMatrix, drawWork, number, scales, shade, theme, workAt } from "./figures.js";
 import { startKernels } from "./kernels.js";
 import {
@@ -44,7 +44,11 @@ async function start() {
   const bytes = Uint8Array.from(atob($("wasm").textContent), (letter) => letter.charCodeAt(0));
   const kernels = await startKernels(bytes, robot.functions, `${robot.name}_self_check`);
   const tips = robot.tips.map((_, k) => new Tip(robot, k, kernels)), n = robot.coordinates.length;
-  const home = robot.paper ? Float64Array.from(robot.paper) : bentPosture(robot);
+  const known = robot.loops?.start ?? robot.paper;
+  let home = known ? Float64Array.from(known) : bentPosture(robot);
+  if (robot.loops) home = tips[0].movedTo(home, home); // closed to the last digit
+  for (const each of document.querySelectorAll(".of-tree")) each.hidden = Boolean(robot.loops);
+  $("motors-panel").hidden = !robot.loops;
 
   const state = {
     tip: tips[0], q: home, wrench: Float64Array.from(WRENCH), gains: GAINS.slice(), chosen: false,
@@ -56,7 +60,12 @@ async function start() {
   // Values computed from the state. All calls of kernels are here.
   function compute() {
     const begun = performance.now(), { tip, q, wrench, gains } = state;
-    const matrices = stiffnesses(tip, q, wrench, gains, state.chosen), loop = closedLoop(tip, q, state.loop);
+    const matrices = stiffnesses(tip, q, wrench, gains, state.chosen);
+    if (robot.loops) {
+      now = { matrices, motors: tip.motors(q, wrench, matrices.K), path: null, marker: () => null, works: {}, time: performance.now() - begun };
+      return;
+    }
+    const loop = closedLoop(tip, q, state.loop);
     const works = loopWork(tip, q, wrench, matrices, loop);
     // The loop is drawn through the tip, or through a point beside the tip where the tip only turns.
     const pose = tip.pose(q), arm = [0, 0, 0];
@@ -95,12 +104,14 @@ async function start() {
     last = state.going || swing.going ? time : null;
     if (waiting.compute) {
       compute();
-      showMatrices();
+      if (robot.loops) showMotors();
+      else showMatrices();
       showEllipsoids();
     }
     waiting.compute = false;
     view?.draw();
-    showLoop();
+    if (!robot.loops) showLoop();
+    $("timing").textContent = `Kernels of this picture: ${now.time.toFixed(1)} ms.`;
     swing.show(colours);
     markPresets();
     if (!performance.getEntriesByName("first picture").length) performance.mark("first picture");
@@ -174,6 +185,31 @@ async function start() {
     $("energy").textContent = spring ? `The spring that bears this wrench here stores ${number(energy)} J.` : "No spring with these gains bears this wrench.";
   }
 
+  // ---- the motors of closed loops
+  function showMotors() {
+    const { a, torque, stiffness, without } = now.motors, first = state.tip.base;
+    const cell = (text) => Object.assign(document.createElement("td"), { textContent: text });
+    const row = (matrix, k) => Array.from(matrix.slice(a * (first + k) + first, a * (first + k + 1)), (x) => number(x)).join(", ");
+    $("motors").replaceChildren(...robot.loops.actuated.map((joint, k) => {
+      const line = document.createElement("tr"), { name, prismatic } = robot.coordinates[joint];
+      const title = Object.assign(document.createElement("th"), { scope: "row", textContent: name });
+      const per = prismatic ? "N/m" : "N m/rad";
+      line.append(title, cell(`${number(torque[first + k])} ${prismatic ? "N" : "N m"}`), cell(`${row(stiffness, k)} ${per}`), cell(`${row(without, k)} ${per}`));
+      return line;
+    }));
+    const passive = robot.coordinates.flatMap(({ name, prismatic }, k) =>
+      robot.loops.actuated.includes(k) ? [] : [`${name} ${prismatic ? `${number(state.q[k] * 1000)} mm` : `${number(state.q[k] * degrees)} deg`}`]);
+    $("passive").textContent = passive.length ? `Passive joints follow: ${passive.join(", ")}.` : "";
+  }
+
+  /** Return q with joint k at a value; passive joints of closed loops follow, or q stays where no loop closes. */
+  function withJoint(k, value) {
+    const q = state.tip.movedTo(state.q, state.q.map((other, i) => (i === k ? value : other)));
+    const isStuck = robot.loops && q === state.q;
+    $("closed").textContent = isStuck ? `The loops do not close with ${robot.coordinates[k].name} there; the joints stay.` : "";
+    return q;
+  }
+
   // ---- the loop
   for (const law of LAWS) {
     const row = document.createElement("tr");
@@ -192,7 +228,6 @@ async function start() {
     $("lap").textContent = `${state.lap.toFixed(2)} laps, put out so far: ${done.join(", ")}.${smaller}`;
     $("go").textContent = state.going ? "Stop" : calm.matches ? "An eighth of a lap on" : state.lap >= LAPS ? "Go round again" : "Go round";
     $("reverse").setAttribute("aria-pressed", state.loop.reversed);
-    $("timing").textContent = `Kernels of this picture: ${now.time.toFixed(1)} ms.`;
   }
 
   $("go").addEventListener("click", () => {
@@ -219,14 +254,16 @@ async function start() {
   const sliders = { joints: [], wrench: [], gains: [] };
   const degrees = 180 / Math.PI;
   robot.coordinates.forEach(({ name, prismatic, lower, upper }, k) => {
+    if (robot.loops && !robot.loops.actuated.includes(k)) return;
     const scale = prismatic ? 1000 : degrees, ends = [lower ?? (prismatic ? -1 : -Math.PI), upper ?? (prismatic ? 1 : Math.PI)];
     const text = document.createElement("i");
     text.textContent = name;
     sliders.joints.push({
+      k,
       ...slider($("joints"), {
         label: `joint ${k + 1}, ${name}`, shown: text.innerHTML, unit: prismatic ? "mm" : "deg", min: ends[0] * scale, max: ends[1] * scale, step: 0.1,
         value: state.q[k] * scale, colour: shade(k), limited: true,
-        changed: (value) => posture(state.q.map((q, i) => (i === k ? within(robot, state.q.map(() => value / scale))[k] : q)), k),
+        changed: (value) => posture(withJoint(k, value / scale), k),
       }),
       scale,
     });
@@ -292,7 +329,7 @@ async function start() {
     const back = state.lap !== 0;
     [state.lap, state.going] = [0, false];
     if (back) sliders.lap.set(0);
-    sliders.joints.forEach(({ set, scale }, k) => k !== by && set(q[k] * scale));
+    sliders.joints.forEach(({ k, set, scale }) => k !== by && set(q[k] * scale));
     update({ q });
   }
   const stand = (q) => {
@@ -321,16 +358,17 @@ async function start() {
     setLap(0);
     update();
   }
-  let near = null;
+  let near = null, homeName = robot.paper ? "Paper's posture" : "Bent posture";
+  if (robot.loops) homeName = "Start";
   const same = (a, b) => b !== null && a.every((value, k) => Math.abs(value - b[k]) < 1e-9);
-  const gives = () => same(state.wrench, MOMENT) && state.loop.radius === 0.3 && now.works.conventional.at(-1) > 0;
+  const gives = () => !robot.loops && same(state.wrench, MOMENT) && state.loop.radius === 0.3 && now.works.conventional.at(-1) > 0;
   const presets = [
-    [robot.paper ? "Paper's posture" : "Bent posture", () => { stand(home); load(WRENCH); stiff(GAINS); }, () => same(state.q, home) && same(state.wrench, WRENCH) && same(state.gains, GAINS)],
+    [homeName, () => { stand(home); load(WRENCH); stiff(GAINS); }, () => same(state.q, home) && same(state.wrench, WRENCH) && same(state.gains, GAINS)],
     ["Moment at the tip", () => load(MOMENT), () => same(state.wrench, MOMENT) && !gives()],
-    ["Energy out of nothing", giveEnergy, gives],
+    ["Energy out of nothing", giveEnergy, gives, true],
     ["No load", () => load([0, 0, 0, 0, 0, 0]), () => same(state.wrench, [0, 0, 0, 0, 0, 0])],
-    ["Near singular", () => { near = nearSingular(state.tip, home); stand(near); }, () => same(state.q, near)],
-  ].map(([text, act, holds]) => {
+    ["Near singular", () => { near = nearSingular(state.tip, home); stand(near); }, () => same(state.q, near), true],
+  ].filter(([, , , needsTree]) => !(needsTree && robot.loops)).map(([text, act, holds]) => {
     const button = Object.assign(document.createElement("button"), { type: "button", textContent: text });
     button.addEventListener("click", act);
     return { button, holds };
@@ -366,7 +404,7 @@ async function start() {
   calm.addEventListener("change", redraw);
   update();
   // Access from the console and from tests.
-  window.playground = { robot, kernels, tips, state, view, compute, swing, get now() { return now; } };
+  window.playground = { robot, kernels, tips, state, view, compute, swing, ends: () => loopEnds(robot, jointFrames(robot, state.q)), get now() { return now; } };
 }
 
 start().catch((error) => fail(`This page cannot start: ${error.message}`));

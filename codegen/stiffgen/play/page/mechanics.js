@@ -112,12 +112,52 @@ export class Tip {
     return Math.min(...eigen(K, 6).values) > 0 ? spring : null;
   }
 
-  /** Return the joint step (without the base) for a twist or velocity `way`, J (rows x n); damped least squares. */
-  stepTowards(J, way, damping) {
-    const rows = way.length, n = J.length / rows, T = transpose(J, rows, n);
-    const A = multiply(J, T, rows, n, rows);
+  /**
+   * Return the joint step (without the base) from q for a twist or velocity `way`, J (rows x n); damped least squares.
+   * Passive joints of closed loops follow the motors.
+   */
+  stepTowards(q, J, way, damping) {
+    const rows = way.length, M = this.ofMotors(q, J), n = M.length / rows, T = transpose(M, rows, n);
+    const A = multiply(M, T, rows, n, rows);
     for (let k = 0; k < rows; ++k) A[k * rows + k] += damping ** 2;
-    return multiply(T, solve(A, way), n, rows, 1);
+    const step = multiply(T, solve(A, way), n, rows, 1);
+    return this.robot.loops ? multiply(this.motion(q), step, this.coordinates, n, 1) : step;
+  }
+
+  /** Return joint positions with the motors at others (all joints of q): closed from q; q itself where nothing closes. */
+  movedTo(q, wanted) {
+    const inside = within(this.robot, wanted), { loops } = this.robot;
+    if (!loops) return inside;
+    const closed = this.call("close", { actuated: loops.actuated.map((k) => inside[k]), start: q });
+    return closed.every(Number.isFinite) ? closed : q;
+  }
+
+  /** Return the columns dq/da of the motors (coordinates x motors), without the base. */
+  motion(q) {
+    const a = this.robot.loops.actuated.length, kept = [], all = this.call("motors_jacobian", { q });
+    for (let i = this.base; i < this.n; ++i) kept.push(...all.slice(i * (this.base + a) + this.base, (i + 1) * (this.base + a)));
+    return Float64Array.from(kept);
+  }
+
+  /** Return the columns of the motors of a Jacobian of the joints (rows x n); without closed loops the Jacobian. */
+  ofMotors(q, J) {
+    const { loops } = this.robot, n = this.coordinates;
+    return loops ? multiply(J, this.motion(q), J.length / n, n, loops.actuated.length) : J;
+  }
+
+  /**
+   * Return what the motors feel under a wrench and a task stiffness: torque, stiffness (a x a) with and without the
+   * kinematic stiffness of the closure. On a floating base the first six are the base's.
+   */
+  motors(q, wrench, K) {
+    const G = this.call("motors_jacobian", { q }), a = G.length / this.n, given = { q, wrench };
+    const Kq = this.jointStiffness(q, wrench, K, true);
+    return {
+      a,
+      torque: this.call("motors_torque", given),
+      stiffness: this.call("motors_joint_stiffness", { ...given, task_stiffness: K }),
+      without: multiply(transpose(G, this.n, a), multiply(Kq, G, this.n, this.n, a), a, this.n, a),
+    };
   }
 
   /** Return the Jacobian's columns of the joints, without the base. */
@@ -156,7 +196,7 @@ export function loopDirections(tip, q, loop) {
   const unit = (n, k) => Float64Array.from({ length: n }, (_, i) => (i === k ? 1 : 0));
   if (loop.kind === "joints") return loop.joints.map((k) => unit(tip.coordinates, k));
   const J = tip.jointColumns(tip.jacobian(q)), first = loop.kind === "turn" ? 3 : 0;
-  return loop.axes.map((k) => tip.stepTowards(J, unit(6, first + k), 1e-4));
+  return loop.axes.map((k) => tip.stepTowards(q, J, unit(6, first + k), 1e-4));
 }
 
 export const POINTS = 120; // of a loop
@@ -248,11 +288,11 @@ const LONGEST = 0.12; // step of a joint [rad or m]
  * arm is stretched out, where the elbow could come back on its other side. `place(q)` gives the Jacobian (3 x n) of the
  * point that is moved: the determinant of old times new changes its sign where it passes through a loss of rank.
  */
-export function guardedStep(robot, q, step, place) {
-  const n = q.length, few = Math.min(3, n), old = place(q);
+export function guardedStep(tip, q, step, place) {
+  const old = place(q), n = old.length / 3, few = Math.min(3, n);
   let factor = Math.min(1, LONGEST / (largest(step) || 1));
   for (let tries = 0; tries < 6; ++tries, factor /= 2) {
-    const next = within(robot, plus(q, step, factor)), J = place(next);
+    const next = tip.movedTo(q, plus(q, step, factor)), J = place(next);
     const square = n < 3 ? multiply(transpose(old, 3, n), J, n, 3, n) : multiply(old, transpose(J, 3, n), 3, n, 3);
     if (determinant(square, few) >= -1e-12 * (norm(old) * norm(J)) ** few) return next; // rounding, where no rank is full
   }
@@ -270,7 +310,7 @@ export function follow(tip, q, place, orientation) {
     const weighted = J.map((value, k) => value * weight[Math.floor(k / n)]);
     const shorten = Math.min(1, 0.1 / (norm(off) || 1));
     const way = Float64Array.from([...off.map((x) => x * shorten), ...turned], (x, k) => x * weight[k]);
-    q = guardedStep(tip.robot, q, tip.stepTowards(weighted, way, 0.03), (at) => tip.jointColumns(tip.jacobian(at)).slice(0, 3 * n));
+    q = guardedStep(tip, q, tip.stepTowards(q, weighted, way, 0.03), (at) => tip.ofMotors(at, tip.jointColumns(tip.jacobian(at)).slice(0, 3 * n)));
   }
   return q;
 }

@@ -2,7 +2,7 @@
 // The arm as solids, the camera, and the actions of pointer and keys.
 
 import { cross, dot, eigen, multiply, norm, plus, transpose } from "./algebra.js";
-import { jointFrames, placed, pointJacobian, reach, tipFrame } from "./chain.js";
+import { jointFrames, loopEnds, placed, pointJacobian, reach, tipFrame } from "./chain.js";
 import { shade, theme } from "./figures.js";
 import { follow, guardedStep, originOf, rotationOf } from "./mechanics.js";
 import { Solids, flattened, model } from "./solids.js";
@@ -72,7 +72,7 @@ export class View {
   /** Look at the middle of the arm, from a place where all of it and the drawings about the tip are visible. */
   fit() {
     const { tip, q, loop } = this.state(), { links, tip: hand } = this.parts(tip, q), about = 0.36 * this.size;
-    const points = [...links.flatMap(({ from, to }) => [from, to]), ...loop];
+    const points = [...links.flatMap(({ from, to }) => [from, to]), ...(loop ?? [])];
     points.push(plus(hand.origin, [1, 1, 1], about), plus(hand.origin, [1, 1, 1], -about));
     const ends = [0, 1, 2].map((k) => points.map((point) => point[k])).map((x) => [Math.min(0, ...x), Math.max(0, ...x)]);
     this.target = ends.map(([low, high]) => (low + high) / 2);
@@ -137,6 +137,11 @@ export class View {
     const tips = this.robot.tips.map((each) => tipFrame(this.robot, each, frames, this.robot.runtimeTool ? tip.tool : null));
     this.robot.tips.forEach((each, k) => {
       links.push({ from: frames[each.joint].origin, to: tips[k].origin, radius: slim(each.joint) * 0.8, joint: each.joint });
+    });
+    loopEnds(this.robot, frames).forEach((pair, k) => {
+      this.robot.loops.ends[k].forEach(({ joint }, i) => {
+        links.push({ from: joint < 0 ? [0, 0, 0] : frames[joint].origin, to: pair[i], radius: slim(joint) * 0.6, joint });
+      });
     });
     return { frames, links, tip: tips[this.robot.tips.indexOf(tip.tip)], slim };
   }
@@ -285,9 +290,9 @@ export class View {
       const frames = jointFrames(this.robot, q), point = placed(frames[this.drag.joint], this.drag.local);
       const J = pointJacobian(this.robot, frames, this.drag.joint, point), off = plus(goal, point, -1);
       const way = Float64Array.from(scaled(off, Math.min(1, (0.1 * this.size) / (norm(off) || 1))));
-      q = guardedStep(this.robot, q, tip.stepTowards(J, way, 0.05 * this.size), (at) => {
+      q = guardedStep(tip, q, tip.stepTowards(q, J, way, 0.05 * this.size), (at) => {
         const moved = jointFrames(this.robot, at);
-        return pointJacobian(this.robot, moved, this.drag.joint, placed(moved[this.drag.joint], this.drag.local));
+        return tip.ofMotors(at, pointJacobian(this.robot, moved, this.drag.joint, placed(moved[this.drag.joint], this.drag.local)));
       });
     }
     return q;
