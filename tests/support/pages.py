@@ -10,7 +10,8 @@ Every block is fenced and says its language. A comment of HTML before a block ca
     <!-- not run: REASON -->                   nobody does
 
 and one that begins with a language has code that is run with the page's but not shown: what a reader has at hand, and
-what is to come out.
+what is to come out. `<!-- unseen python -->` takes the next cell of tests/contract/docs/unseen/PAGE.txt, where cells
+end at `# ---`.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ PAGES = (
 _PARTS = re.compile(
     r"^<!-- (?P<marker>held by|quoted from|edit|not run:) (?P<what>[^\n]*) -->$"
     r"|^<!-- (?P<unseen>python|cpp|c)\n(?P<given>.*?)^-->$"
+    r"|^<!-- unseen (?P<kept>python) -->$"
     r"|^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<code>.*?)^(?P=indent)```$",
     re.MULTILINE | re.DOTALL,
 )
@@ -57,6 +59,7 @@ def blocks(page: Path) -> list[Block]:
     """Return the blocks of a page in their order."""
     text = page.read_text()
     found: list[Block] = []
+    cells = iter(_cells(page))
     marker, what = "", ""
     for part in _PARTS.finditer(text):
         line = text.count("\n", 0, part.start()) + 1
@@ -64,6 +67,8 @@ def blocks(page: Path) -> list[Block]:
             marker, what = part["marker"], part["what"]
             following = text[part.end() :].lstrip("\n")
             assert re.match(" *```", following), f"{page}:{line}: a marker stands before a block"
+        elif part["kept"]:
+            found.append(Block(page, line, part["kept"], next(cells), shown=False))
         elif part["unseen"]:
             found.append(Block(page, line, part["unseen"], part["given"], shown=False))
         else:
@@ -71,7 +76,16 @@ def blocks(page: Path) -> list[Block]:
             prints = text[: part.start()].rstrip().endswith("prints")
             found.append(Block(page, line, part["language"], code, prints=prints, marker=marker, what=what))
             marker, what = "", ""
+    assert next(cells, None) is None, f"{page}: a cell of unseen code without a comment"
     return found
+
+
+def _cells(page: Path) -> list[str]:
+    """Return the cells of unseen code of a page."""
+    file = ROOT / "tests" / "contract" / "docs" / "unseen" / f"{page.stem}.txt"
+    if not file.exists():
+        return []
+    return file.read_text().partition("# ---\n")[2].split("# ---\n")
 
 
 def commands(block: Block) -> list[str]:
